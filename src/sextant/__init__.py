@@ -10,7 +10,7 @@ from typing import Any
 
 __version__ = "0.1.0"
 APPLICATIONS = ("ExampleDetector", "ImageClassifier", "Localizer", "PhotoCalibrator", "PlaceMap")
-#: what is imported when it is asked for, and from where
+#: what is imported on first use, and from where
 LAZY = {
     **dict.fromkeys(APPLICATIONS, "sextant.applications"),
     **dict.fromkeys(("run", "sweep", "evaluate"), "sextant.lifecycle.library"),
@@ -19,7 +19,7 @@ LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    """``sextant.Localizer``, ``sextant.run`` and others, imported when they are asked for."""
+    """``sextant.Localizer``, ``sextant.run`` and others, imported on first use."""
     if name in LAZY:
         return getattr(import_module(LAZY[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

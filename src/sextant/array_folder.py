@@ -1,8 +1,8 @@
-"""Folders of arrays with a header that says what they are: how they are recognised, checked and refused.
+"""Folders of arrays with a header that describes them: how they are recognised, checked and rejected.
 
-The header is a JSON file that is written last, so that a folder in which writing was broken off has none; the arrays
-are ``.npy`` files, which are mapped into memory and never unpickled. The header has the hash of each array and one of
-itself; older headers have none of themselves.
+The header is a JSON file that is written last, so an interrupted write leaves a folder without one. The arrays are
+``.npy`` files, which are memory-mapped and never unpickled. The header holds the hash of each array and one of itself;
+older headers lack the latter.
 """
 
 import hashlib
@@ -23,9 +23,9 @@ class FolderFormat:
     """One kind of folder.
 
     Attributes:
-        what: it holds, with its article: ``a map``.
-        format, version: that its header must have.
-        header: name of that file.
+        what: what the folder holds, with its article: ``a map``.
+        format, version: what its header must state.
+        header: file name of the header.
     """
 
     what: str
@@ -39,11 +39,11 @@ class FolderFormat:
         return self.what.partition(" ")[2]
 
     def write_header(self, folder: Path, header: Mapping[str, Any]) -> None:
-        """Make one of this kind of a folder in which everything else lies.
+        """Write the header of a folder in which everything else has been written.
 
         Args:
-            folder: that it is written into.
-            header: but for format and version; of each array it has the hash.
+            folder: folder to write into.
+            header: its content without format and version; it holds the hash of each array.
 
         Raises:
             OSError: the folder cannot be written.
@@ -51,10 +51,11 @@ class FolderFormat:
         write_sealed_json(folder / self.header, {"format": self.format, "version": self.version, **header})
 
     def read_header(self, folder: Path) -> dict[str, Any]:
-        """The header of a folder.
+        """Read the header of a folder.
 
         Raises:
-            UserError: there is no such folder, no header in it, one of another format or version, or an altered one.
+            UserError: there is no such folder or no header in it, or the header has another format or version or was
+                altered.
         """
         path = folder / self.header
         if not path.is_file():
@@ -79,36 +80,36 @@ class FolderFormat:
     def open_array(
         self, folder: Path, path: Path, mapped: Literal["r", "c"] | None, *, sha256: str | None, size: int | None = None
     ) -> ndarray:
-        """An array of a folder, once it is known to be the one that the header was written for.
+        """Open an array of a folder, once it is known to be the one that the header was written for.
 
         Args:
-            folder: for the message.
-            path: of the file.
-            mapped: into memory, to be read only or copied where it is written to; None reads it.
-            sha256: of the file; None not to read it all.
-            size: of the file in bytes, if it is known.
+            folder: the folder, for error messages.
+            path: the array's file.
+            mapped: memory-map the file, read-only (``r``) or copy-on-write (``c``); None reads it into memory.
+            sha256: expected hash of the file; None skips this check, which reads the whole file.
+            size: expected size of the file in bytes, if it is known.
 
         Raises:
-            UserError: the file is missing, is another one, or holds no array.
+            UserError: the file is missing, is not the expected one, or holds no array.
         """
         try:
             if size is not None and path.stat().st_size != size:
                 raise self.damaged(folder, f"{path} has {path.stat().st_size} bytes; {size} were written")
-            if sha256 is not None and file_sha256(path) != sha256:  # before anything of it is interpreted
+            if sha256 is not None and file_sha256(path) != sha256:  # before any of its content is interpreted
                 raise self.damaged(folder, f"{path} is not the file that {self.header} was written for")
             return np.asanyarray(np.load(path, mmap_mode=mapped, allow_pickle=False))
         except (OSError, ValueError, TypeError, EOFError) as error:
             raise self.damaged(folder, f"{path} cannot be read: {error}") from error
 
     def damaged(self, folder: Path, how: str) -> UserError:
-        """What to raise of a folder that was one once."""
+        """The error to raise for a folder that was valid once."""
         return UserError(
             f"the {self.noun} in {folder} is damaged: {how}", "Rebuild it from its images, or copy it again."
         )
 
 
 def file_sha256(path: Path) -> str:
-    """The hash of a file, read in pieces.
+    """Hash a file, reading it in pieces.
 
     Raises:
         OSError: it cannot be read.

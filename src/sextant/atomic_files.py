@@ -1,4 +1,4 @@
-"""Files that are either wholly there or not at all."""
+"""Files that are written completely or not at all."""
 
 import csv
 import hashlib
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
-#: key of the hash of a JSON file's other keys
+#: key in a JSON file of the hash of all its other keys
 SEAL = "seal"
 
 
@@ -40,20 +40,20 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def write_sealed_json(path: Path, value: Mapping[str, Any]) -> None:
-    """Like :func:`write_json`, with the hash of what is written under ``seal``; :func:`seal_holds` compares it."""
+    """Like :func:`write_json`, with the hash of the content under ``seal``; :func:`seal_holds` checks it."""
     plain = {key: inner for key, inner in _finite(dict(value)).items() if key != SEAL}
     write_json(path, plain | {SEAL: _sha256(plain)})
 
 
 def seal_holds(content: Mapping[str, Any]) -> bool:
-    """Whether what was read is what :func:`write_sealed_json` wrote; one without a seal is believed."""
+    """Whether content that was read is what :func:`write_sealed_json` wrote; content without a seal is accepted."""
     return SEAL not in content or content[SEAL] == _sha256({k: v for k, v in content.items() if k != SEAL})
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write a table with a head, atomically; what a row lacks is left empty, truth is written as true or false.
+    """Write a table with a header line, atomically; missing values are left empty, booleans become true or false.
 
-    Bytes of a file's name that are no UTF-8 are escaped.
+    Bytes of a file name that are not UTF-8 are escaped.
     """
     table = io.StringIO()
     writer = csv.DictWriter(table, columns, extrasaction="ignore", restval="")
@@ -72,7 +72,7 @@ def read_json(path: Path) -> Any | None:
 
 
 def _sha256(content: Mapping[str, Any]) -> str:
-    """Of plain values, however a file that holds them is laid out."""
+    """Hash plain values, independently of the layout of the file that holds them."""
     plain = json.loads(json.dumps(content))  # as a file gives them back
     return hashlib.sha256(json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 

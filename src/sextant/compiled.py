@@ -1,4 +1,4 @@
-"""Loops that tensors cannot express well, as machine code for the CPU."""
+"""Loops that tensors cannot express well, compiled to machine code for the CPU."""
 
 from typing import Any
 
@@ -6,14 +6,14 @@ import numba
 
 
 def compiled(function: Any, **options: Any) -> Any:
-    """``function`` as machine code without the interpreter's lock, kept on disk where that is possible.
+    """Compile ``function`` to machine code that runs without the interpreter's lock; cache it on disk where possible.
 
     Args:
-        function: in what Numba compiles.
-        options: further ones of ``numba.njit``, such as ``fastmath``.
+        function: written in the subset of Python that Numba compiles.
+        options: further options of ``numba.njit``, such as ``fastmath``.
     """
     options = {"nogil": True, "error_model": "numpy", **options}
     try:
         return numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # nowhere to keep it: compile in every process
+    except RuntimeError:  # no place for a cache: compile in every process
         return numba.njit(**options)(function)

@@ -1,4 +1,4 @@
-"""Exceptions that the user sees as one message."""
+"""Exceptions that are shown to the user as one message."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -26,11 +26,11 @@ class UserError(Exception):
 class ArgumentError(UserError):
     """A wrong argument of a part of the functional core, which names arguments as Python does: ``margin=0``.
 
-    Whoever built the part from a config knows which group it is of, and says so with :meth:`within`.
+    Code that built the part from a config knows its group, and adds it with :meth:`within`.
 
     Args:
-        problem, fix: as for :class:`UserError`, arguments written ``name=value``.
-        of: the part, or its class's name, where the mistake shows long after it was built.
+        problem, fix: as for :class:`UserError`, with arguments written ``name=value``.
+        of: the part or its class's name, for a mistake that shows long after the part was built.
     """
 
     def __init__(self, problem: str, fix: str | None = None, *, of: object = None):
@@ -41,19 +41,19 @@ class ArgumentError(UserError):
         return partial(type(self), of=self.of), (self.problem, self.fix)
 
     def within(self, group: str, arguments: Iterable[str]) -> UserError:
-        """The same mistake in the terms of a config: ``margin=0`` becomes ``loss.margin=0`` within ``loss``.
+        """The same mistake in terms of a config: ``margin=0`` becomes ``loss.margin=0`` within ``loss``.
 
         Args:
-            group: of the config.
-            arguments: that are keys of it.
+            group: group of the config.
+            arguments: the arguments that are keys of this group.
         """
         return self.named({argument: f"{group}.{argument}" for argument in arguments})
 
     def named(self, keys: Mapping[str, str]) -> UserError:
-        """The same mistake with each argument called by its key of a config.
+        """The same mistake with each argument called by its key in a config.
 
-        An argument is what stands before ``=``, also with a part of it named (``frames.train=``), and what a message
-        begins with: ``frames.train is``, ``folder: ``.
+        An argument is what stands before ``=``, also when followed by the name of one of its parts (``frames.train=``),
+        or what a message begins with: ``frames.train is``, ``folder: ``.
         """
         if not keys:
             return UserError(self.problem, self.fix)
@@ -64,7 +64,7 @@ class ArgumentError(UserError):
 
 
 class LossNotFiniteError(UserError):
-    """The training loss became infinite or not a number: going on would only spoil the weights."""
+    """The training loss became infinite or not a number; further training would only spoil the weights."""
 
     @classmethod
     def at(cls, step: int, value: float) -> "LossNotFiniteError":

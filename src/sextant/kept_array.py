@@ -1,4 +1,4 @@
-"""Arrays in the cache: written whole or not at all, with their hash in a file of its own, and not opened if altered."""
+"""Arrays in the cache: written completely or not at all, hashed in a separate file, and not opened if altered."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,16 +12,16 @@ from sextant.atomic_files import write_atomically
 
 
 def open_kept(path: Path, shape: tuple[int | None, ...], dtype: type[np.generic]) -> ndarray | None:
-    """A kept array, mapped into memory.
+    """Open an array of the cache, memory-mapped.
 
     Args:
-        path: of the ``.npy`` file.
-        shape: that the array must have; None stands for any length.
-        dtype: that the array must have.
+        path: the ``.npy`` file.
+        shape: shape that the array must have; None stands for any length.
+        dtype: dtype that the array must have.
 
     Returns:
-        None if there is no such file, or it is not as it was written. Files written before there were hashes are
-        believed if they are whole.
+        The array, or None if there is no such file or it is not as it was written. Files from before hashes were
+        stored are accepted if they are complete.
     """
     try:
         found = np.load(path, mmap_mode="r", allow_pickle=False)
@@ -39,9 +39,9 @@ def keep_array(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Let ``write`` write an array in the ``.npy`` format, and keep it with its hash.
 
     Raises:
-        OSError: the disk is full or not writable; there is no half file.
+        OSError: the disk is full or not writable; no partial file is left.
     """
-    _seal(path).unlink(missing_ok=True)  # a kill in between leaves a whole file without hash
+    _seal(path).unlink(missing_ok=True)  # a kill in between leaves a complete file without a hash
     write_atomically(path, write)
     digest = file_sha256(path)
     write_atomically(_seal(path), lambda file: file.write(f"{digest}\n".encode()))

@@ -1,11 +1,12 @@
-"""One process at a time, on one host or on several that share a disk.
+"""Mutual exclusion of processes, on one host or on several that share a disk.
 
-A lease is a file, numbered; the highest number holds. It is made by linking a finished file to its name, which one
-process can do, over NFS too, where file locks may not reach other hosts. Who holds it touches it now and then. It is
-free once it is deleted, once its process has died, if that ran on this host, or once it was not touched for as long as
-it says: both times are the disk's, no host's clock is asked.
+A lease is a numbered file; the highest number holds it. The file is finished first and then linked to its name. Only
+one process can succeed in that, also over NFS, where file locks may not reach other hosts. The holder touches its file
+now and then. The lease is free once its file is deleted, once the holder's process has died (if it ran on this host),
+or once the file has not been touched for as long as it states. Both times are the disk's; no host's clock is used.
 
-Not flufl.lock: its locks expire by the hosts' clocks, nothing touches them by itself, and they need hard links.
+flufl.lock was not used: its locks expire by the hosts' clocks, nothing renews them automatically, and they need hard
+links.
 """
 
 import ctypes
@@ -22,29 +23,29 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
-#: for how long a lease that is not touched is believed, in seconds
+#: how long a lease that is not touched remains valid, in seconds
 LEASE_S = 60.0
-BEATS = 6  # within that time
-#: for how long a file that cannot be understood may still be being written, in seconds
+BEATS = 6  # touches within that time
+#: how long a file that cannot be parsed may still be in the middle of being written, in seconds
 WRITING_S = 5.0
 POLL_S = 0.05
-#: of a file that another host has deleted
+#: errors for a file that another host has deleted
 GONE = (errno.ENOENT, errno.ESTALE)
-PROC = Path("/proc")  # of Linux
-ONE_TIME = {"LC_ALL": "C", "TZ": "UTC"}  # so that two processes read the same time as the same words
+PROC = Path("/proc")  # Linux only
+ONE_TIME = {"LC_ALL": "C", "TZ": "UTC"}  # so that two processes print the same time in the same words
 NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
 
 
 @dataclass(frozen=True)
 class Holder:
-    """Who holds, or held, a lease.
+    """The process that holds, or held, a lease.
 
     Attributes:
-        host: its name.
-        place: what tells apart the hosts, and containers on a host, whose process ids mean different processes.
-        process: its id there.
-        began: when it began, in the ticks of its host's clock; process ids come round again.
-        lease_s: for how many seconds the lease lasts that is not touched.
+        host: name of its host.
+        place: identifies the host, or the container on a host, to which the process id belongs.
+        process: process id there.
+        began: start of the process, in ticks of its host's clock, since process ids are reused.
+        lease_s: how long the lease lasts without being touched, in seconds.
     """
 
     host: str
@@ -58,7 +59,7 @@ class Holder:
 
     @property
     def here(self) -> bool:
-        """Whether it would be found among the processes of this host."""
+        """Whether the process, if alive, would be among the processes of this host."""
         return self.place == _place()
 
 
@@ -66,8 +67,8 @@ class Lease:
     """A lease that this process holds; see :func:`take`.
 
     Attributes:
-        lost: another process took it over, since this one was not heard of for too long. What it protects must not be
-            written to any more; the thread that took the lease gets a ``KeyboardInterrupt``.
+        lost: another process took the lease over, since this one had been silent for too long. What the lease protects
+            must not be written to any more; the thread that took the lease gets a ``KeyboardInterrupt``.
     """
 
     def __init__(self, path: Path, lease_s: float):
@@ -78,7 +79,7 @@ class Lease:
         self._thread.start()
 
     def release(self) -> None:
-        """Give it back."""
+        """Give the lease back."""
         self._released.set()
         self._thread.join()
         if not self.taken_over():
@@ -86,13 +87,13 @@ class Lease:
                 self.path.unlink()
 
     def taken_over(self) -> bool:
-        """Look whether another process has it now."""
+        """Check whether another process holds the lease now."""
         successor = self.path.with_name(str(int(self.path.name) + 1))
         try:
             self.lost = self.lost or successor.exists() or self.path.stat().st_mtime == 0
-        except FileNotFoundError:  # removed by one of those that came after, unless somebody deleted the whole folder
+        except FileNotFoundError:  # removed by a later holder, unless somebody deleted the whole folder
             self.lost = self.path.parent.is_dir()
-        except OSError:  # the disk cannot be reached: what was known before stands
+        except OSError:  # the disk cannot be reached: keep what was known before
             return self.lost
         return self.lost
 
@@ -107,11 +108,11 @@ class Lease:
 
 
 def take(folder: Path, lease_s: float = LEASE_S) -> Lease | Holder:
-    """Take the lease that lies in ``folder``, or say who holds it.
+    """Take the lease in ``folder``, or return who holds it.
 
     Args:
-        folder: of this lease alone; made if it is not there.
-        lease_s: for how many seconds it lasts if this process, or its host, is not heard of any more.
+        folder: folder for this lease alone; created if it does not exist.
+        lease_s: how long the lease lasts, in seconds, once this process or its host falls silent.
 
     Raises:
         OSError: the folder cannot be written to.
@@ -132,10 +133,10 @@ def take(folder: Path, lease_s: float = LEASE_S) -> Lease | Holder:
         mine = folder / str(number + 1)
         if not _made(mine, Holder(socket.gethostname(), _place(), os.getpid(), _began(os.getpid()), lease_s)):
             continue
-        if max(_numbers(folder)) != number + 1:  # what was read above was old: others have come and gone
+        if max(_numbers(folder)) != number + 1:  # what was read above is outdated: others have come and gone
             mine.unlink(missing_ok=True)
             continue
-        if number:  # so that it knows when it wakes up, whatever has become of its successor by then
+        if number:  # so that the former holder knows when it wakes up, whatever has become of its successor by then
             with suppress(OSError):
                 os.utime(folder / str(number), (0, 0))
         for older in _numbers(folder):
@@ -145,7 +146,7 @@ def take(folder: Path, lease_s: float = LEASE_S) -> Lease | Holder:
 
 
 def look(folder: Path) -> tuple[Holder, bool] | None:
-    """Who held the lease in ``folder`` last, and whether that still does; None if it was given back, or never taken."""
+    """The last holder of the lease in ``folder`` and whether it still holds; None if never taken or given back."""
     if not folder.is_dir():
         return None
     number, holder = _latest(folder)
@@ -157,18 +158,18 @@ def _numbers(folder: Path) -> list[int]:
 
 
 def _latest(folder: Path) -> tuple[int, Holder | None]:
-    """The highest number, 0 for none, and who made it."""
+    """The highest number, 0 if there is none, and who wrote it."""
     for number in reversed(_numbers(folder)):
         try:
             return number, _read(folder / str(number))
-        except OSError as error:  # given back meanwhile; what cannot be read for another reason may well be held
+        except OSError as error:  # given back meanwhile; if unreadable for another reason, it may well be held
             if error.errno not in GONE:
                 raise
     return 0, None
 
 
 def _read(file: Path) -> Holder | None:
-    """Who made a file; None if it is damaged, and so held by nobody."""
+    """The holder named in a file; None if the file is damaged, so that nobody holds it."""
     while True:
         try:
             return Holder(**json.loads(file.read_text()))
@@ -188,14 +189,14 @@ def _alive(file: Path, holder: Holder) -> bool:
 
 
 def _silent_s(file: Path) -> float:
-    """For how long nobody has touched a file."""
-    with file.open() as opened:  # NFS asks the server how old it is when a file is opened
+    """How long a file has not been touched, in seconds."""
+    with file.open() as opened:  # NFS asks the server for a file's age when the file is opened
         touched = os.fstat(opened.fileno()).st_mtime
     return _disk_time(file.parent) - touched
 
 
 def _disk_time(folder: Path) -> float:
-    """What the clock of the disk says now."""
+    """The current time by the disk's clock."""
     probe = folder / f".now.{uuid.uuid4().hex}"
     try:
         probe.touch()
@@ -205,13 +206,13 @@ def _disk_time(folder: Path) -> float:
 
 
 def _made(path: Path, holder: Holder) -> bool:
-    """Make a file that nobody else has made, with its whole content at once."""
+    """Create a file with its whole content at once; false if another process has created it."""
     temporary = path.with_name(f".{uuid.uuid4().hex}")
     text = json.dumps(asdict(holder))
     temporary.write_text(text)
     try:
         os.link(temporary, path)
-    except FileExistsError:  # or NFS says so of a link that it made when it was asked for the first time
+    except FileExistsError:  # NFS may also report this for a link that it made on the first request
         return temporary.stat().st_nlink == 2
     except OSError as error:
         if error.errno not in NO_LINKS:
@@ -227,7 +228,7 @@ def _made(path: Path, holder: Holder) -> bool:
 
 @cache
 def _place() -> str:
-    """What tells apart hosts, and containers on a host, whose process ids mean different processes."""
+    """Identifies the host, or the container on a host, to which process ids belong."""
     try:
         boot = (PROC / "sys/kernel/random/boot_id").read_text().strip()
         return f"{boot} {os.readlink(PROC / 'self/ns/pid')}"

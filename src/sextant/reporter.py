@@ -1,26 +1,26 @@
-"""What long work says while it goes on, to whoever started it: handed in, and silent unless somebody listens."""
+"""Progress messages of long work for its caller: passed in as an argument, silent by default."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 
-#: called with how much is done, and with all there is
+#: called with how much is done and the total
 Advance = Callable[[int, int], None]
-#: given what is done and the unit of what is counted, a context whose value is an :data:`Advance`
+#: given what is done and the unit that is counted, a context whose value is an :data:`Advance`
 Progress = Callable[[str, str], AbstractContextManager[Advance]]
 
 
 class Reporter:
-    """Listens to long work. This one shows nothing; the command line's writes to the terminal."""
+    """Receives messages from long work. This one shows nothing; that of the command line writes to the terminal."""
 
     def say(self, text: str) -> None:
-        """A remark worth a line."""
+        """Report a remark that is worth a line."""
 
     def progress(self, what: str, unit: str) -> AbstractContextManager[Advance]:
-        """A context whose value is called with how far the work is.
+        """A context whose value is called with the progress of the work.
 
         Args:
-            what: is done, such as ``rendering``.
-            unit: of what is counted, such as ``images``.
+            what: what is being done, such as ``rendering``.
+            unit: what is counted, such as ``images``.
         """
         return nullcontext(lambda done, total: None)
 

@@ -1,9 +1,9 @@
-"""Files of ``torch.save``: ours carry their own digest, and of all others as much is checked as they allow.
+"""Files of ``torch.save``: ours carry their own digest, and all others are checked as far as they allow.
 
-A file that is sealed ends in a zip comment, ``sextant sha256`` and the hash of every byte before it. Contents and
-digest are one file, which is renamed into place at once: no kill comes between them, and a copy takes both. Any program
-that reads files of ``torch.save`` reads it. A zip without the comment (older, or another program's) has the CRC of each
-part, which torch itself does not look at; a legacy pickle has nothing.
+A sealed file ends in a zip comment: ``sextant sha256`` and the hash of every byte before it. Content and digest are one
+file, which is renamed into place at once, so a kill cannot separate them and a copy takes both. Any program that reads
+files of ``torch.save`` can read it. A zip without the comment (older, or from another program) has the CRC of each
+part, which torch itself does not check; a legacy pickle has nothing.
 """
 
 import hashlib
@@ -21,52 +21,53 @@ from sextant.errors import UserError
 SEAL = b"sextant sha256 "
 DIGITS = 64
 BLOCK = 1 << 20
-#: the record that ends a zip: its signature, and its length with an empty comment, whose length is told last
+#: the record that ends a zip: its signature, and its length when the comment is empty; the last field is the comment's
+#: length
 END, END_BYTES = b"PK\x05\x06", 22
 FIX = "Copy it again from where it came from; a checkpoint of a run without a copy can only be recreated by training."
 
 
 def save_sealed(value: Any, file: BinaryIO) -> None:
-    """Write what ``torch.save`` does, and the digest of it.
+    """Write what ``torch.save`` writes, followed by its digest.
 
     Args:
         value: tensors and plain containers.
-        file: open for writing, and empty.
+        file: an empty file, open for writing.
 
     Raises:
         OSError, RuntimeError: the disk is full; torch wraps the former in the latter.
     """
     sealing = _Sealing(file)
-    torch.save(value, sealing)  # type: ignore[arg-type]  # it asks for write and flush alone
+    torch.save(value, sealing)  # type: ignore[arg-type]  # it needs only write and flush
     sealing.finish()
 
 
 def load_verified(path: Path) -> Any:
-    """What a file of ``torch.save`` holds, on the CPU, once nothing in it is known to be damaged.
+    """Load a file of ``torch.save`` to the CPU, once nothing in it is known to be damaged.
 
-    Nothing in it is executed: anything but tensors and plain containers is refused by torch.
+    Nothing in it is executed: torch refuses anything but tensors and plain containers.
 
     Raises:
         FileNotFoundError: there is no such file.
-        UserError: its contents do not match its digest, or a part not its CRC.
-        Exception: of any kind, from a file that torch cannot read.
+        UserError: the content does not match its digest, or a part does not match its CRC.
+        Exception: any kind, from a file that torch cannot read.
     """
-    with path.open("rb") as file:  # opened once: what is verified is what is read, also if another takes its place
+    with path.open("rb") as file:  # opened once: what is verified is what is read, even if another file replaces it
         _verify(path, file)
         file.seek(0)
         return torch.load(file, map_location="cpu", weights_only=True)
 
 
 def require_finite(tensors: Mapping[str, Any], path: Path, known: Container[str] | None = None) -> None:
-    """Whether weights are numbers.
+    """Check that weights are finite.
 
     Args:
-        tensors: by name; what is no tensor of floating point is passed over.
-        path: of the file that they come from.
-        known: names of those that are considered; None for all.
+        tensors: tensors by name; anything but floating-point tensors is ignored.
+        path: the file that they come from.
+        known: names of those to check; None for all.
 
     Raises:
-        UserError: one holds nan or infinity.
+        UserError: a tensor contains nan or infinity.
     """
     looked_at = [name for name in tensors if known is None or name in known]
     bad = [name for name in looked_at if isinstance(tensors[name], Tensor) and not _is_finite(tensors[name])]
@@ -91,15 +92,15 @@ def _verify(path: Path, file: BinaryIO) -> None:
         return
     file.seek(0)
     if file.read(4) != b"PK\x03\x04" and not zipfile.is_zipfile(file):
-        return  # a legacy pickle, or no file of torch.save at all, as it will tell
-    if end[-END_BYTES:][:4] != END or end[-2:] != b"\0\0":  # so that a damaged seal is not taken for none
+        return  # a legacy pickle, or not a file of torch.save at all; torch will report that
+    if end[-END_BYTES:][:4] != END or end[-2:] != b"\0\0":  # so that a damaged seal is not taken for a missing one
         raise UserError(f"{path} is damaged: it does not end as a file of torch.save does", FIX)
     if (bad := _bad_part(file)) is not None:
         raise UserError(f"{path} is damaged: {bad}", FIX)
 
 
 def _sha256(file: BinaryIO, length: int) -> bytes:
-    """Of the first bytes of a file, in hexadecimal."""
+    """Hash the first bytes of a file, in hexadecimal."""
     digest = hashlib.sha256()
     file.seek(0)
     while length > 0 and (block := file.read(min(BLOCK, length))):
@@ -109,7 +110,7 @@ def _sha256(file: BinaryIO, length: int) -> bytes:
 
 
 def _bad_part(file: BinaryIO) -> str | None:
-    """What is wrong with a zip, None if nothing is."""
+    """What is wrong with a zip; None if nothing is."""
     try:
         with zipfile.ZipFile(file) as archive:
             bad = archive.testzip()
@@ -137,10 +138,10 @@ class _Sealing:
         return len(data)
 
     def flush(self) -> None:
-        """Nothing: the end is not written yet."""
+        """Do nothing: the end is not written yet."""
 
     def finish(self) -> None:
-        """Announce the comment in the last record, and write it."""
+        """Announce the comment in the last record, and write both."""
         assert self._held[:4] == END
         assert self._held[-2:] == b"\0\0"
         self._emit(self._held[:-2] + (len(SEAL) + DIGITS).to_bytes(2, "little"))

@@ -1,6 +1,6 @@
-"""What a person does with a trained model: classify images, localize a robot, calibrate, match and detect.
+"""What users do with a trained model: classify images, localize a robot, calibrate, match and detect.
 
-No console, and neither Hydra, Lightning nor MLflow. Errors are raised as :class:`sextant.errors.UserError`.
+No console, and no imports of Hydra, Lightning or MLflow. Errors are raised as :class:`sextant.errors.UserError`.
 """
 
 from importlib import import_module
@@ -26,7 +26,7 @@ __all__ = list(_HERE)
 
 
 def __getattr__(name: str) -> Any:
-    """An application, imported when it is asked for."""
+    """An application, imported on first use."""
     if name in _HERE:
         return getattr(import_module(_HERE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Checks of arguments that users of several applications give; imports nothing heavy."""
+"""Argument checks shared by several applications; imports nothing heavy."""
 
 from collections.abc import Iterable
 from numbers import Integral
@@ -9,7 +9,7 @@ from sextant.errors import ArgumentError
 
 
 def check_whole(argument: str, value: Any, least: int, fix: str, most: int | None = None) -> None:
-    """Raise an ``ArgumentError`` if a value is no whole number, below ``least`` or above ``most``."""
+    """Raise an ``ArgumentError`` if a value is not a whole number, below ``least`` or above ``most``."""
     limit = 2**63 - 1 if most is None else most
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= limit:
         up_to = "" if most is None else f" and at most {most}"
@@ -17,13 +17,13 @@ def check_whole(argument: str, value: Any, least: int, fix: str, most: int | Non
 
 
 def check_kind(argument: str, value: Any, kind: type, fix: str) -> None:
-    """Raise an ``ArgumentError`` if a value is given, and is of another class than ``kind``."""
+    """Raise an ``ArgumentError`` if a value is given, but is not a ``kind``."""
     if value is not None and not isinstance(value, kind):
         raise ArgumentError(f"{argument}={value!r:.60} must be of the class {kind.__name__}", fix)
 
 
 def check_several(argument: str, given: Any) -> None:
-    """Raise an ``ArgumentError`` if one path, or something else that is not several, was given in place of several."""
+    """Raise an ``ArgumentError`` if one path, or another single thing, was given in place of several."""
     if isinstance(given, Path | str):
         raise ArgumentError(
             f"{argument}={given} is one path; several {argument} are expected",

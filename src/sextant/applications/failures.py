@@ -1,4 +1,4 @@
-"""Photos that could not be used, among many."""
+"""Photos among many that could not be used."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from sextant.applications.arguments import check_several
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import ArgumentError, UserError
 
-#: what becomes of photos that fail: an error that names them, or an entry for each among the results
+#: treatment of photos that fail: an error that names them, or an entry for each among the results
 Errors = Literal["raise", "return"]
 Photo = TypeVar("Photo")
 Result = TypeVar("Result")
@@ -21,8 +21,8 @@ class FailedPhoto:
     """A photo that could not be used.
 
     Attributes:
-        name: its file, or the place of its array.
-        error: why.
+        name: its file, or the position of its array.
+        error: the reason.
     """
 
     name: str
@@ -34,10 +34,10 @@ class FailedPhoto:
 
 
 class FailedPhotosError(UserError):
-    """Photos that could not be used, each named with the reason.
+    """Several photos could not be used; each is named with the reason.
 
     Attributes:
-        failed: the photos.
+        failed: the photos that could not be used.
     """
 
     failed: tuple[FailedPhoto, ...] = ()
@@ -47,10 +47,10 @@ class FailedPhotosError(UserError):
         """The error for some or all of ``count`` photos.
 
         Args:
-            failed: the photos.
-            count: of all photos.
+            failed: the photos that could not be used.
+            count: number of all photos.
             done: what they could not be, such as ``calibrated``.
-            rest: what to do about the others, if there are some.
+            rest: what to do to get the others, if there are any.
         """
         none = len(failed) == count
         problem = f"none of {count:,} photos could be {done}"
@@ -65,24 +65,24 @@ class FailedPhotosError(UserError):
 
 
 def attempted(name: str, work: Callable[..., Result], *given: Any) -> Result | FailedPhoto:
-    """What ``work`` makes of a photo; why it failed, where its numbers cannot be used, so that other photos go on.
+    """Apply ``work`` to a photo; if it fails, return the reason instead, so that other photos go on.
 
     Args:
-        name: of the photo.
-        work: on it alone.
-        given: to ``work``.
+        name: name of the photo.
+        work: works on this photo only.
+        given: arguments of ``work``.
     """
     try:
         return work(*given)
     except UserError as error:
         return FailedPhoto(name, error)
-    except (ArithmeticError, ValueError, cv2.error) as error:  # ValueError: of NumPy and SciPy too
+    except (ArithmeticError, ValueError, cv2.error) as error:  # NumPy and SciPy raise ValueError too
         problem = f"{name} could not be calibrated ({type(error).__name__}: {error})"
         return FailedPhoto(name, UserError(problem, "Leave it out, and report this with the photo."))
 
 
 def several(photos: Iterable[Photo], errors: Errors, argument: str = "photos") -> Iterable[Photo]:
-    """The photos as they are, if they are several.
+    """Check that several photos are given, and return them as they are.
 
     Args:
         photos: files or arrays.
@@ -90,7 +90,7 @@ def several(photos: Iterable[Photo], errors: Errors, argument: str = "photos") -
         argument: what the caller calls the photos.
 
     Raises:
-        ArgumentError: what was given is not several photos, or ``errors`` is not one of :data:`Errors`.
+        ArgumentError: it is not a collection of photos, or ``errors`` is not one of :data:`Errors`.
     """
     check_errors(errors)
     check_several(argument, photos)

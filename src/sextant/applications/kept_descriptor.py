@@ -1,7 +1,8 @@
-"""The descriptor of a map, kept beside it: what gives an image its vector, wherever the folder is moved.
+"""The descriptor of a map, saved beside it, so that images can be described wherever the folder is moved.
 
-``descriptor.json`` tells a class of :mod:`sextant.baselines` with its arguments, or the config of a trained network;
-``descriptor.safetensors`` holds the arrays it learnt. Nothing is pickled, and the header has the hash of the arrays.
+``descriptor.json`` names a class of :mod:`sextant.baselines` with its arguments, or holds the config of a trained
+network; ``descriptor.safetensors`` holds the arrays that it learned. Nothing is pickled, and the header has the hash of
+the arrays.
 """
 
 import copy
@@ -27,26 +28,26 @@ from sextant.errors import ArgumentError, UserError
 HEADER, ARRAYS = "descriptor.json", "descriptor.safetensors"
 FORMAT, VERSION = "sextant.map_descriptor", 1
 BASELINES: dict[str, type[PlaceDescriptor]] = {c.__name__: c for c in (Hog, PatchNormalised, Pixels, WhitenedPCA)}
-WHITENER = "whitener of the map"  # no module has a name with blanks
+WHITENER = "whitener of the map"  # the name of a module cannot contain spaces
 COMPONENTS = ("components_", "mean_", "explained_variance_")
 
 
 class Describes(Protocol):
-    """Gives images their vectors."""
+    """Anything that computes descriptors of images."""
 
     def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
-        """Descriptors of a few images."""
+        """The descriptors of a few images."""
 
 
 @dataclass(frozen=True, eq=False)
 class KeptDescriptor:
-    """A descriptor with all that is needed to make it again.
+    """A descriptor with all that is needed to recreate it.
 
     Attributes:
-        describer: that it is; None where vectors come from elsewhere.
-        facts: how it is made again, as plain values; of ``kind`` baseline, network, or none: it cannot be.
-        arrays: what it learnt.
-        whitener: that vectors are multiplied by before they are compared; None for none.
+        describer: the descriptor; None if vectors come from elsewhere.
+        facts: how it is recreated, as plain values; ``kind`` is baseline, network, or none if it cannot be.
+        arrays: what it learned.
+        whitener: matrix by which vectors are multiplied before they are compared; None for none.
     """
 
     describer: Describes | None = None
@@ -56,12 +57,12 @@ class KeptDescriptor:
 
     @property
     def identity(self) -> str:
-        """Changes when descriptors would."""
+        """A hash that changes when descriptors would."""
         return _identity(self.facts, self._packed())
 
     @property
     def model(self) -> str:
-        """What tells it from those whose vectors cannot be compared with its: of a network, its checkpoint's hash."""
+        """Identifies those whose vectors can be compared with its own: for a network, its checkpoint's hash."""
         own = self.facts.get("checkpoint_sha256") or getattr(self.describer, "model", None)
         return str(own or (type(self.describer).__qualname__ if self.facts["kind"] == "none" else self.identity))
 
@@ -69,7 +70,7 @@ class KeptDescriptor:
         from safetensors.torch import save
 
         arrays = dict(self.arrays) if self.whitener is None else {**self.arrays, WHITENER: self.whitener}
-        # clones: views of one storage, which networks have, would be refused
+        # clones, because safetensors refuses views of one storage, which networks have
         return save({name: tensor.detach().cpu().clone().contiguous() for name, tensor in sorted(arrays.items())})
 
     def save(self, folder: Path) -> None:
@@ -86,7 +87,7 @@ class KeptDescriptor:
 
 
 def kept_baseline(descriptor: Describes) -> KeptDescriptor:
-    """A training-free descriptor, fitted to the map; or one of the user's own, which cannot be kept."""
+    """A training-free descriptor, fitted to the map; or a user-defined one, which cannot be saved."""
     name = type(descriptor).__name__
     if BASELINES.get(name) is not type(descriptor):
         return KeptDescriptor(descriptor)
@@ -94,27 +95,27 @@ def kept_baseline(descriptor: Describes) -> KeptDescriptor:
     arrays: dict[str, Tensor] = {}
     if isinstance(descriptor, WhitenedPCA):
         arrays = {key: torch.from_numpy(np.array(getattr(descriptor.pca_, key), order="C")) for key in COMPONENTS}
-        descriptor = copy.copy(descriptor)  # in the very layout that a file will give it: sums then round alike
+        descriptor = copy.copy(descriptor)  # in the same memory layout as when loaded, so that sums round alike
         descriptor.pca_ = _pca(arrays)
     return KeptDescriptor(descriptor, {"kind": "baseline", "class": name, "arguments": arguments}, arrays)
 
 
 def baseline_names() -> str:
-    """Those that a user can give, in a line."""
+    """The names that a user can give, in a line."""
     return ", ".join(sorted(BASELINES))
 
 
 def find_baseline(name: str) -> type[PlaceDescriptor] | None:
-    """The training-free descriptor of a name, in any spelling: ``Hog``, ``whitened_pca``, ``patch-normalised``."""
+    """The training-free descriptor of that name, in any spelling: ``Hog``, ``whitened_pca``, ``patch-normalised``."""
     plain = re.sub(r"[^a-z]", "", name.lower())
     return next((kind for known, kind in BASELINES.items() if known.lower() == plain), None)
 
 
 def named_baseline(name: str) -> PlaceDescriptor:
-    """The training-free descriptor of a name, with its defaults.
+    """The training-free descriptor of a given name, with its defaults.
 
     Raises:
-        ArgumentError: there is none of that name.
+        ArgumentError: there is no descriptor of that name.
     """
     kind = find_baseline(name)
     if kind is None:
@@ -123,15 +124,15 @@ def named_baseline(name: str) -> PlaceDescriptor:
 
 
 def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, trust: bool = False) -> KeptDescriptor:
-    """The network of a run of place recognition.
+    """The network of a place-recognition run.
 
     Args:
-        checkpoint: its file.
-        content: of the file, if it was read.
-        trust: build parts of the user's own that the checkpoint names.
+        checkpoint: file of the checkpoint.
+        content: content of the file, if it was read already.
+        trust: build user-defined parts that the checkpoint names.
 
     Raises:
-        UserError: the checkpoint cannot be read or is of another task, or needs code of the user's own.
+        UserError: the checkpoint cannot be read or is of another task, or needs user-defined code.
     """
     from sextant.runs.checkpoint import KEY
     from sextant.trained.content import read_trained
@@ -145,10 +146,10 @@ def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, 
 
 
 def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
-    """What :meth:`KeptDescriptor.save` wrote.
+    """Load what :meth:`KeptDescriptor.save` wrote.
 
     Raises:
-        UserError: a file is missing or damaged, or the network needs code of the user's own and ``trust`` is false.
+        UserError: a file is missing or damaged, or the network needs user-defined code and ``trust`` is false.
     """
     from safetensors import SafetensorError
     from safetensors.torch import load
@@ -158,7 +159,7 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
         raise _damaged(folder, f"{HEADER} is missing, or is not the header of a descriptor")
     try:
         packed, facts = (folder / ARRAYS).read_bytes(), header["facts"]
-        if hashlib.sha256(packed).hexdigest() != header["sha256"]:  # before anything of it is interpreted
+        if hashlib.sha256(packed).hexdigest() != header["sha256"]:  # before any of its content is interpreted
             raise _damaged(folder, f"{ARRAYS} is not the file that {HEADER} was written for")
         if _identity(facts, packed) != header["identity"]:
             raise _damaged(folder, f"{HEADER} was changed")
@@ -197,7 +198,7 @@ def _pca(arrays: Mapping[str, Tensor]) -> Any:
 
 
 def _identity(facts: Mapping[str, Any], packed: bytes) -> str:
-    told = json.dumps(json.loads(json.dumps(facts, default=str)), sort_keys=True).encode()  # as a file would tell it
+    told = json.dumps(json.loads(json.dumps(facts, default=str)), sort_keys=True).encode()  # as read back from a file
     return hashlib.sha256(told + b"\0" + hashlib.sha256(packed).digest()).hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""Images from wherever they come: files, arrays, lists and pictures of Pillow, as bytes of the size that is needed."""
+"""Images from any source (files, arrays, lists, Pillow images) as bytes of the required size."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,19 +15,19 @@ from sextant.data.upright import upright_size
 from sextant.errors import UserError
 
 Size = tuple[int, int, int]
-#: a file, an array of bytes, nested lists of them, or a picture of Pillow
+#: a file, an array of bytes, nested lists of them, or a Pillow image
 AnyImage = Path | str | ndarray | Image.Image | Sequence[Any]
 
 
 def checked_pixels(image: UInt8[ndarray, "h w *c"], size: Size) -> UInt8[ndarray, "h w c"]:
-    """An image with an axis of channels.
+    """Check an image, and give it an axis of channels.
 
     Args:
         image: bytes.
         size: height, width and channels that it must have.
 
     Raises:
-        UserError: it is no array of bytes of this size.
+        UserError: it is not an array of bytes of this size.
     """
     pixels = image[..., None] if image.ndim == 2 else image
     if pixels.dtype != np.uint8 or pixels.shape != size:
@@ -36,15 +36,15 @@ def checked_pixels(image: UInt8[ndarray, "h w *c"], size: Size) -> UInt8[ndarray
 
 
 def as_pixels(image: AnyImage, size: Size | None = None) -> UInt8[ndarray, "h w c"]:
-    """An image as bytes, stretched to a size as files are; one that has it keeps its values.
+    """An image as bytes, stretched to a size as files are; an image that has the size keeps its values.
 
     Args:
-        image: what it is. Whole numbers in [0, 255] of any type are bytes; a picture is turned upright by its EXIF
+        image: the image. Whole numbers in [0, 255] of any type are bytes; a Pillow image is turned upright by its EXIF
             block, and grey becomes colour or colour grey where that is needed.
-        size: height, width and channels that are needed; None for its own.
+        size: required height, width and channels; None for its own.
 
     Raises:
-        UserError: it is no image, or its values may mean several things, as those of floating-point arrays do.
+        UserError: it is not an image, or its values are ambiguous, as those of floating-point arrays are.
     """
     if isinstance(image, Path | str):
         path = Path(image).expanduser()
@@ -75,10 +75,10 @@ def as_pixels(image: AnyImage, size: Size | None = None) -> UInt8[ndarray, "h w 
 def several_pixels(
     images: Sequence[AnyImage] | UInt8[ndarray, "n h w c"], size: Size | None = None
 ) -> UInt8[ndarray, "n h w c"]:
-    """Images of one size, that of the first unless it is given.
+    """Images of one size, by default that of the first.
 
     Raises:
-        UserError: there is none, or one is no image; it is counted from 0.
+        UserError: there are none, or one is not an image; the message gives its number, from 0.
     """
     if isinstance(images, ndarray) and images.ndim == 4 and images.dtype == np.uint8 and len(images):
         return images
@@ -101,7 +101,7 @@ def _own_size(path: Path) -> Size:
             width, height = upright_size(image)
             return height, width, 3
     except OSError:
-        return 4, 4, 3  # decoding then says what is wrong
+        return 4, 4, 3  # decoding then reports what is wrong
 
 
 def _bytes(image: Any, size: Size | None) -> UInt8[ndarray, "h w c"]:

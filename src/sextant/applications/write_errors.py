@@ -1,4 +1,4 @@
-"""What is reported when the disk refuses what is written into the folder ``output``."""
+"""The message when the disk refuses what is written into the folder ``output``."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from sextant.errors import UserError
 
 @contextmanager
 def telling_write_errors(folder: Path) -> Iterator[None]:
-    """Turn what the disk refuses inside into one message. Nothing that reads belongs inside.
+    """Turn write errors in the block into one message. Nothing that reads belongs inside the block.
 
     Raises:
         UserError: the disk is full, or ``folder`` cannot be written to.

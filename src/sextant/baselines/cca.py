@@ -16,8 +16,8 @@ class CCA(PairedDescriptor):
        A = C_{aa}^{-1/2} U R^{\alpha}, \quad B = C_{bb}^{-1/2} V R^{\alpha},
 
     R holds the canonical correlations, largest first, of which ``dimensions`` are kept. α = 1/2 is the posterior mean
-    of the latent variable of probabilistic CCA; α = 0 weights all alike. Inverse roots are by Cholesky factors. The
-    descriptor is scaled to norm one.
+    of the latent variable of probabilistic CCA; α = 0 weights all alike. Inverse roots are taken by Cholesky factors.
+    The descriptor is scaled to norm one.
 
     Sources: H. Hotelling, Biometrika 1936; H. D. Vinod, "Canonical ridge", Journal of Econometrics 1976; F. Bach and
     M. Jordan, "A probabilistic interpretation of canonical correlation analysis", 2005.
@@ -48,7 +48,7 @@ class CCA(PairedDescriptor):
         self.shrinkage, self.weighting = shrinkage, weighting
 
     def learn_maps(self, reference: ndarray, query: ndarray) -> tuple[ndarray, ndarray]:
-        """Canonical directions of either condition; ``correlations_`` are those of the lifted covariances."""
+        """Canonical directions of each condition; ``correlations_`` are those of the lifted covariances."""
         from scipy.linalg import solve_triangular, svd
 
         if not self.shrinkage > 0 or not self.weighting >= 0:

@@ -14,11 +14,11 @@ CHUNK = 512
 
 
 class PlaceDescriptor(ABC):
-    """A vector for each image; images of one place should be alike in it.
+    """Maps each image to a vector that should be similar for images of one place.
 
     Attributes:
-        similarity: what compares two descriptors. Cosine for all here: a flat image or patch carries no structure and
-            becomes zeros, which by Euclidean distance would be the nearest neighbour of every hard query.
+        similarity: how two descriptors are compared. Cosine for all here: a flat image or patch carries no structure
+            and becomes zeros, which by Euclidean distance would be the nearest neighbour of every hard query.
 
     Args:
         height, width: size in pixels at which the images are described.
@@ -34,7 +34,7 @@ class PlaceDescriptor(ABC):
         return self
 
     def describe(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
-        """One descriptor a row.
+        """One descriptor per row.
 
         Raises:
             ValueError: the images are not what ``grey_images`` takes, or a parameter does not fit their size.

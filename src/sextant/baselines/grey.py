@@ -19,7 +19,7 @@ def grey_images(images: UInt8[ndarray, "n h w c"], height: int, width: int) -> F
 
     Args:
         images: one or three channels.
-        height, width: of the result, in pixels, at least 1.
+        height, width: size of the result in pixels, at least 1.
 
     Raises:
         ValueError: there is no image, or they are not uint8 with one or three channels.

@@ -17,7 +17,7 @@ class Hog(PlaceDescriptor):
 
     Args:
         height, width: size in pixels at which the images are described; multiples of ``rows`` and ``columns``.
-        rows, columns: of the grid of cells.
+        rows, columns: size of the grid of cells.
         bins: orientations, at least 1.
 
     Example:

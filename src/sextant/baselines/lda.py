@@ -6,9 +6,9 @@ from sextant.baselines.paired_descriptor import PairedDescriptor, ridge
 
 
 class LDA(PairedDescriptor):
-    r"""The directions in which places differ most against how much one place differs between two conditions.
+    r"""The directions in which places differ most relative to how much one place differs between two conditions.
 
-    With components :math:`a_i, b_i` of place i in either condition, each of mean 0,
+    With components :math:`a_i, b_i` of place i in the two conditions, each of mean 0,
 
     .. math:: W = \tfrac{1}{4n} \sum_i (a_i - b_i)(a_i - b_i)^\top, \quad
        B = \tfrac{1}{4n} \sum_i (a_i + b_i)(a_i + b_i)^\top, \qquad B v = \lambda (W + \gamma \bar W I) v,

@@ -1,4 +1,4 @@
-"""A linear support vector machine over feature vectors, one class against the rest."""
+"""A linear one-against-the-rest support vector machine over feature vectors."""
 
 import warnings
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from numpy import ndarray
 Scaling = Literal["all", "each", "unit"]
 #: checkpoints store their indices: new ones come last
 SCALINGS: tuple[Scaling, ...] = get_args(Scaling)
-#: of the dual problem's solver
+#: tolerance of the dual problem's solver
 TOLERANCE = 0.01
 #: with this many times fewer images than features the SVM is fitted in the span of the images
 FEWER = 2
@@ -19,11 +19,11 @@ FEWER = 2
 
 @dataclass(frozen=True)
 class LinearSVM:
-    """Scores ``x @ weights.T + bias``, the largest of which wins; with scaling ``unit`` of x scaled to norm 1.
+    """Scores ``x @ weights.T + bias``, of which the largest wins; with scaling ``unit``, x is first scaled to norm 1.
 
     Attributes:
         c: the C that it was fitted with, the weight of an error.
-        scaling: of the features.
+        scaling: scaling of the features.
     """
 
     weights: Float[ndarray, "k d"]
@@ -41,19 +41,19 @@ class LinearSVM:
         seed: int = 0,
         scaling: Scaling = "all",
     ) -> "LinearSVM":
-        """Fit to ``labels`` in [0, count); classes of which there is no image never win.
+        """Fit to ``labels`` in [0, count); classes without any image never win.
 
         Features are first centred and images scaled to a mean squared norm of 1, which the weights absorb: C then
-        means the same whatever the features' unit and number.
+        means the same whatever the unit and number of the features.
 
         Args:
-            features, labels: of images.
-            count: of classes.
+            features, labels: those of the images.
+            count: number of classes.
             c: C, the weight of an error.
-            seed: of the order in which the solver visits images.
-            scaling: ``all`` features are divided by one number, so that those that hardly vary stay small; ``each`` is
-                standardised, for features of several units; ``unit``: as ``all``, after scaling images to norm 1,
-                so that only the direction of their features counts.
+            seed: seed of the order in which the solver visits images.
+            scaling: ``all``: all features are divided by one number, so that those that hardly vary stay small;
+                ``each``: each is standardised, for features of several units; ``unit``: as ``all``, after scaling
+                images to norm 1, so that only the direction of their features counts.
 
         Raises:
             ValueError: all images are of one class.
@@ -94,10 +94,10 @@ class LinearSVM:
         seed: int = 0,
         scalings: tuple[Scaling, ...] = ("all",),
     ) -> "LinearSVM":
-        """The SVM with most correct validation images; of equals that of the first scaling and the lowest C.
+        """The SVM with most correct validation images; ties go to the first scaling and the lowest C.
 
         Raises:
-            ValueError: there is something to choose and no validation image, or all images are of one class.
+            ValueError: there is no validation image, or all images are of one class.
         """
         features, labels = validation
         if not len(labels):
@@ -124,7 +124,7 @@ def _at_unit_length(features: Float[ndarray, "n d"]) -> Float[ndarray, "n d"]:
 
 @dataclass(frozen=True)
 class _Scaled:
-    """Images as an SVM sees them: centred and scaled, by their coordinates in ``basis`` where they are few."""
+    """Images as an SVM sees them: centred and scaled, and if they are few, by their coordinates in ``basis``."""
 
     seen: Float[ndarray, "n k"]
     basis: Float[ndarray, "d k"] | None

@@ -1,9 +1,9 @@
-r"""A layer of a network that was trained for something else, as a descriptor of places.
+r"""A layer of a network that was trained for another task, as a place descriptor.
 
-What a network for objects computes half way up survives changes of light better than pixels do, without having been
-trained for it: N. Sünderhauf et al., "On the performance of ConvNet features for place recognition", IROS 2015, take
-``conv3`` of AlexNet. Here the map of the layer is averaged over the cells of a grid first, so that the descriptor is
-short, then flattened, whitened if so wished, and brought to unit length.
+Intermediate features of an object network survive changes of light better than pixels do, without having been trained
+for it: N. Sünderhauf et al., "On the performance of ConvNet features for place recognition", IROS 2015, take ``conv3``
+of AlexNet. Here the layer's map is first averaged over the cells of a grid, so that the descriptor is short, then
+flattened, optionally whitened, and scaled to unit length.
 """
 
 from typing import Self
@@ -30,10 +30,11 @@ class NetworkLayer(PlaceDescriptor):
         height, width: size in pixels to which images are brought first.
         channels: 1 or 3; grey images are repeated for 3, colours are averaged for 1.
         grid: rows and columns of cells; at most those of the map are used.
-        dimensions: of whitened principal components, learnt by ``fit`` from reference images; None keeps all numbers.
+        dimensions: number of whitened principal components, learnt by ``fit`` from reference images; None keeps all
+            numbers.
 
     Attributes:
-        pca_: the fitted ``sklearn.decomposition.PCA``, if there are ``dimensions``.
+        pca_: the fitted ``sklearn.decomposition.PCA``, if ``dimensions`` is given.
 
     Raises:
         ValueError: channels are neither 1 nor 3, or the grid is empty.
@@ -71,7 +72,7 @@ class NetworkLayer(PlaceDescriptor):
         return self
 
     def describe(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
-        """One descriptor a row.
+        """One descriptor per row.
 
         Raises:
             NotFittedError: there is a whitening, and ``fit`` was not called.
@@ -84,8 +85,8 @@ class NetworkLayer(PlaceDescriptor):
         return self._finish(np.concatenate(parts))
 
     def _rows(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
-        """Averages over the cells of the grid, one image a row."""
-        writable = (np.require(part, requirements=("C", "W")) for part in _batches(images))  # torch warns of others
+        """Averages over the cells of the grid, one image per row."""
+        writable = (np.require(part, requirements=("C", "W")) for part in _batches(images))  # torch warns about others
         bytes_of = (torch.from_numpy(part).permute(0, 3, 1, 2) for part in writable)
         return np.concatenate([self._pooled(part.float() / 255) for part in bytes_of])
 

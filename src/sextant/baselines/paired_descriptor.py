@@ -1,4 +1,4 @@
-"""What descriptors share that learn from pairs of images: the same places, seen in two conditions."""
+"""The base of descriptors that learn from pairs of images: the same places, seen in two conditions."""
 
 from abc import abstractmethod
 from typing import Self
@@ -14,13 +14,13 @@ from sextant.baselines.whitening import SMALLEST_SHARE
 
 
 class PairedDescriptor(PlaceDescriptor):
-    """A linear map of standardised pixels that is learnt from pairs, one for each of the two conditions.
+    """Linear maps of standardised pixels, one for each of two conditions, that are learnt from pairs.
 
     ``describe`` is for images of the reference's condition and ``describe_query`` for those of the query's: each
-    condition has a mean image of its own, which is taken off first.
+    condition has its own mean image, which is subtracted first.
 
-    Pixels are reduced to principal components first, those of both conditions about their means: there are fewer pairs
-    than pixels, and what the images do not vary in cannot be learnt.
+    Pixels are first reduced to the principal components of both conditions, each about its mean: there are fewer pairs
+    than pixels, and directions in which the images do not vary cannot be learnt.
 
     Args:
         height, width: size in pixels at which the images are described.
@@ -29,8 +29,8 @@ class PairedDescriptor(PlaceDescriptor):
 
     Attributes:
         basis_: principal components (pixels, components).
-        reference_mean_, query_mean_: of standardised pixels.
-        reference_map_, query_map_: from components to descriptors (components, dimensions).
+        reference_mean_, query_mean_: means of standardised pixels.
+        reference_map_, query_map_: maps from components to descriptors (components, dimensions).
     """
 
     def __init__(self, height: int = 32, width: int = 64, dimensions: int = 128, components: int = 256):
@@ -65,10 +65,10 @@ class PairedDescriptor(PlaceDescriptor):
 
     @abstractmethod
     def learn_maps(self, reference: ndarray, query: ndarray) -> tuple[ndarray, ndarray]:
-        """Maps of the components (n, p) of either condition, whose mean is 0, to descriptors: two (p, dimensions)."""
+        """Two maps (p, dimensions) from the components (n, p) of each condition, whose mean is 0, to descriptors."""
 
     def describe_query(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
-        """One descriptor a row, of images of the query's condition.
+        """One descriptor per row, for images of the query's condition.
 
         Raises:
             NotFittedError: ``fit_pairs`` was not called.

@@ -20,8 +20,8 @@ class WhitenedPCA(PlaceDescriptor):
 
     Args:
         height, width: size in pixels at which the images are described.
-        dimensions: length of a descriptor at most; of reference images that span fewer directions, as many as these.
-        most_images: fit uses at most so many images, evenly spaced; bounds the memory at ``4 height width`` bytes each.
+        dimensions: largest length of a descriptor; reference images that span fewer directions give fewer.
+        most_images: most images that ``fit`` uses, evenly spaced; bounds the memory, ``4 height width`` bytes each.
 
     Attributes:
         pca_: the fitted ``sklearn.decomposition.PCA``.

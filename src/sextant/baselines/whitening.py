@@ -16,13 +16,13 @@ def whitening(rows: Float32[ndarray, "n d"], dimensions: int, *, or_fewer: bool 
     """``y = Λ^(-1/2) Vᵀ (x - m)`` with the mean, leading eigenvectors and eigenvalues of the covariance of ``rows``.
 
     Args:
-        rows: one descriptor of a reference image a row.
-        dimensions: components that are kept.
-        or_fewer: keep as many as the rows span where these are fewer.
+        rows: descriptors of reference images, one per row.
+        dimensions: number of components kept.
+        or_fewer: if the rows span fewer directions, keep as many as they span.
 
     Raises:
         ValueError: there are no more rows than ``dimensions``, or they span fewer directions; with ``or_fewer``,
-            there is one.
+            there is only one row.
 
     Example:
         >>> import numpy as np
@@ -39,7 +39,7 @@ def whitening(rows: Float32[ndarray, "n d"], dimensions: int, *, or_fewer: bool 
         raise ValueError(f"dimensions={dimensions} needs more reference images than that; got {len(rows)}")
     if dimensions > rows.shape[1]:
         raise ValueError(f"dimensions={dimensions}, but a descriptor has only {rows.shape[1]} numbers")
-    # the covariance of rows that are fewer than their numbers takes far longer than the rows themselves
+    # with fewer rows than numbers in a row, the covariance takes far longer than the rows themselves
     solver = "full" if len(rows) < rows.shape[1] else "covariance_eigh"
     pca = PCA(dimensions, whiten=True, svd_solver=solver).fit(rows)
     variance = pca.explained_variance_

@@ -35,7 +35,7 @@ VERBS = {
     "dashboard": ("sextant.cli.dashboard", "open MLflow on this machine"),
 }
 
-#: extra of the package -> what it brings that a command may miss
+#: extra of the package -> the modules it installs that a command may lack
 EXTRAS = {
     "train": (
         "rich", "hydra", "omegaconf", "pytorch_lightning", "torchvision", "mlflow", "yaml",
@@ -55,7 +55,7 @@ def main() -> None:
 
 
 def run(verb: str, arguments: list[str]) -> None:
-    """Run one verb; a user's mistake ends with one message and exit status 2."""
+    """Run one verb; a user error ends it with one message and exit status 2."""
     if "--version" in (verb, *arguments):
         print(f"sextant {sextant.__version__}")
         return
@@ -65,7 +65,7 @@ def run(verb: str, arguments: list[str]) -> None:
     try:
         from sextant.cli.console import reporting_mistakes
 
-        for stream in (sys.stdout, sys.stderr):  # names of files may hold bytes that are no UTF-8
+        for stream in (sys.stdout, sys.stderr):  # file names may contain bytes that are not UTF-8
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")
         with reporting_mistakes():
@@ -95,7 +95,7 @@ def _listed_verbs() -> str:
 
 
 def spelled_out(argument: str) -> list[str]:
-    """``descriptor=run:<id>``, or features, as the two overrides that it is short for; any other argument as it is."""
+    """Expand ``descriptor=run:<id>`` (or ``features=``) to the two overrides it abbreviates; keep other arguments."""
     group, _, run = argument.partition("=run:")
     return [f"{group}=run", f"{group}.run={run}"] if group in ("descriptor", "features") and run else [argument]
 

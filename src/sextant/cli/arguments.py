@@ -1,4 +1,4 @@
-"""``key=value`` arguments of the commands that are not composed from a config."""
+"""``key=value`` arguments of commands that do not compose a config."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -30,15 +30,15 @@ def _split(value: Any) -> Any:
 #: values separated by commas, in brackets or not
 SPLIT = BeforeValidator(_split)
 UserPath = Annotated[Path, AfterValidator(Path.expanduser)]
-#: how a value of a type is written, and what messages call it
+#: syntax of the values of a type, and its name in messages
 WRITTEN = {int: ("[0-9]+", "a whole number"), float: (r"[^_\s]+", "a number"), bool: ("true|false", "true or false")}
 
 
 class Options(BaseModel):
-    """What a user may choose of a command.
+    """The options of a command.
 
-    A field is a key: its docstring is what ``--help`` says, its first example what a mistake is answered with. What is
-    allowed follows from its type and bounds, or is its title.
+    A field is a key. Its docstring is shown by ``--help``, and its first example in the message about a mistake. The
+    allowed values follow from its type and bounds, or are described by its title.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
@@ -55,10 +55,10 @@ class Options(BaseModel):
 
     @classmethod
     def of(cls, given: Mapping[str, str], usage: str | None = None) -> Self:
-        """Read the values of these keys; other keys are someone else's.
+        """Read the values of these keys; other keys are ignored.
 
         Raises:
-            UserError: a key is missing, or a value is not one of those allowed.
+            UserError: a key is missing, or a value is not allowed.
         """
         fields = cls.fields()
         own = {key: text for key, text in given.items() if key in fields and (text or not fields[key].is_required())}
@@ -74,7 +74,7 @@ class Options(BaseModel):
 
     @classmethod
     def parse(cls, arguments: Sequence[str], usage: str) -> Self:
-        """Read a command line that has no other keys.
+        """Read a command line that may have no other keys.
 
         Raises:
             UserError, SystemExit: as :func:`parse_arguments` and :meth:`of`.
@@ -84,7 +84,7 @@ class Options(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _exactly(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse what Pydantic would take for a number or truth value too, such as 1_000 and yes."""
+        """Refuse text that Pydantic would accept as a number or Boolean, such as 1_000 and yes."""
         written = WRITTEN.get(_types(cls.model_fields[str(info.field_name)])[0])
         if isinstance(value, str) and written and not re.fullmatch(written[0], value, re.ASCII):
             raise ValueError(written[1])
@@ -92,7 +92,7 @@ class Options(BaseModel):
 
 
 def _types(field: FieldInfo) -> list[Any]:
-    """What a value may be of, or, of a ``Literal``, what it may be; None left out."""
+    """The types that a value may have, or the values of a ``Literal``, without None."""
     union = get_origin(field.annotation) in (Union, UnionType)
     members = [each for each in (get_args(field.annotation) if union else [field.annotation]) if each is not NoneType]
     return [
@@ -101,7 +101,7 @@ def _types(field: FieldInfo) -> list[Any]:
 
 
 def _allowed(field: FieldInfo) -> str:
-    """What values a field takes, by its type and bounds."""
+    """The allowed values of a field in words, from its type and bounds."""
     kind, *others = _types(field)
     if isinstance(kind, str):
         return f"one of {', '.join([kind, *others])}"
@@ -119,13 +119,13 @@ def parse_arguments(arguments: Sequence[str], known: Mapping[str, str], usage: s
     """Read ``key=value`` arguments.
 
     Args:
-        arguments: of the command line.
-        known: legal keys and what they mean.
+        arguments: arguments of the command line.
+        known: legal keys and their meanings.
         usage: an example, printed by ``--help``.
 
     Raises:
-        UserError: an argument is not of that form, it is empty or given twice, or its key is unknown; names the
-            nearest.
+        UserError: an argument does not have this form, is empty or is given twice, or its key is unknown; the message
+            names the nearest key.
         SystemExit: after ``--help``.
     """
     if any(argument in ("-h", "--help") for argument in arguments):

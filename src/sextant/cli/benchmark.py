@@ -1,4 +1,4 @@
-"""``sextant benchmark calibration``: all methods on photos of known cameras, in one table."""
+"""``sextant benchmark calibration``: all methods on photos with known cameras, in one table."""
 
 import os
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class BenchmarkOptions(Options):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Measure, show the tables and write them."""
+    """Run the benchmark, and show and write its tables."""
     if not {"calibration", "-h", "--help"} & set(arguments):
         raise UserError("benchmark: what is measured is missing", USAGE)
     options = BenchmarkOptions.parse([each for each in arguments if each != "calibration"], USAGE)

@@ -14,7 +14,7 @@ from sextant.errors import UserError
 USAGE = """\
 sextant claims [claim=<name>|all] [output=<folder>] [html=<folder>]
 sextant claims preset=quick|full [workers=2] [launcher=slurm launcher.<key>=<value> tracking=<option>]"""
-#: groups of the config that are handed on to a preset's sweeps
+#: config groups that are passed on to a preset's sweeps
 GROUPS = ("launcher", "tracking")
 
 
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str]) -> None:
         console.print(f"not run: {sweep}: {why}", markup=False)
     if not decided:
         raise UserError(f"none of {len(claims)} claims could be decided: none of their sweeps was run, as said above")
-    chosen = options.output or (output if options.claim == "all" else None)  # the board in docs is of all
+    chosen = options.output or (output if options.claim == "all" else None)  # the board in docs covers all claims
     pages = life.write_board(claims, tables, command, chosen, options.html)
     table = Table("claim", "verdict", "effect in its favour, 95 %", "asked", "seeds")
     for claim in decided:

@@ -1,4 +1,4 @@
-"""``sextant compare``: what two runs differ in."""
+"""``sextant compare``: the differences between two runs."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ USAGE = "sextant compare run=<run> run=<run>"
 
 
 class CompareOptions(Options):
-    """What the user chose, beside the two runs."""
+    """What the user chose, apart from the two runs."""
 
     run: str = ""
     """twice: an MLflow run id, a run directory or its name, or a checkpoint"""
@@ -23,7 +23,7 @@ class CompareOptions(Options):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Show in what config, code, data, versions and metrics two runs differ."""
+    """Show the differences in config, code, data, versions and metrics between two runs."""
     names = [argument.removeprefix("run=") for argument in arguments if argument.startswith("run=")]
     options = CompareOptions.parse([argument for argument in arguments if not argument.startswith("run=")], USAGE)
     if len(names) != 2:

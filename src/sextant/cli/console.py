@@ -1,4 +1,4 @@
-"""What the commands print, and how a user's mistake is told."""
+"""The output of commands, and the reporting of user errors."""
 
 import logging
 import sys
@@ -19,20 +19,20 @@ errors = Console(stderr=True, highlight=False, emoji=False, soft_wrap=True)
 
 
 class _Shown(logging.Handler):
-    """Puts what the library logs on the standard error."""
+    """Prints log messages of the library to standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         errors.print(escape(record.getMessage()))
 
 
-# here, since each worker process that shows something imports this
+# here, since every worker process that shows output imports this module
 logging.getLogger("sextant").addHandler(_Shown(logging.INFO))
 logging.getLogger("sextant").setLevel(logging.INFO)
 
 
 @contextmanager
 def reporting_mistakes() -> Iterator[None]:
-    """Print a user's mistake as one message and exit with status 2; Ctrl-C exits with status 130."""
+    """Print a user error as one message and exit with status 2; Ctrl-C exits with status 130."""
     try:
         yield
     except UserError as error:
@@ -45,14 +45,14 @@ def reporting_mistakes() -> Iterator[None]:
 
 
 def print_mistake(error: UserError) -> None:
-    """One message: what is wrong in red, what to do below it."""
+    """Print one message: what is wrong in red, and below it what to do."""
     errors.print(f"[bold red]Error:[/] {escape(error.problem)}")
     if error.fix:
         errors.print(escape(error.fix))
 
 
 def print_key_values(title: str, rows: Mapping[str, str]) -> None:
-    """A title, which may be a long path, and below it two columns without lines."""
+    """Print a title, which may be a long path, and below it two columns without lines."""
     console.print(Text(title, "bold"), soft_wrap=True)
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="dim", no_wrap=True)
@@ -63,7 +63,7 @@ def print_key_values(title: str, rows: Mapping[str, str]) -> None:
 
 
 def rows_table(title: str, rows: Sequence[Mapping[str, str]]) -> Table:
-    """A table of rows with the same columns, the first one of names."""
+    """A table of rows with the same columns, of which the first holds names."""
     table = Table(title=escape(title), title_justify="left", title_style="bold")
     for i, column in enumerate(rows[0]):
         table.add_column(column, justify="left" if i == 0 else "right")

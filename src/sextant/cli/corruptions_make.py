@@ -41,7 +41,7 @@ class MakeOptions(Sharded):
 
 
 def run(arguments: Sequence[str]) -> None:
-    """Run the command; a user's mistake ends with one message and exit status 2."""
+    """Run the command; a user error ends it with one message and exit status 2."""
     with reporting_mistakes():
         main(arguments)
 

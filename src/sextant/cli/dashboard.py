@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 USAGE = "sextant dashboard [port=5000] [serve=true]\nsextant dashboard tracking=server tracking.uri=http://host:5000"
 HOST = "127.0.0.1"
-#: the list of experiments, in MLflow's mode for models that are trained: it opens that for language models otherwise
+#: the list of experiments in MLflow's mode for model training; by default it opens that for language models
 PAGE = "#/experiments?workflowType=machine_learning"
 LOOK_EVERY_S = 30.0
 
@@ -62,13 +62,13 @@ def main(arguments: Sequence[str]) -> None:
     except UserError as error:
         if not options.serve:
             raise
-        print_mistake(error)  # what is there can be looked at
+        print_mistake(error)  # the existing content can still be viewed
     if options.serve:
         _serve(store, outputs, port)
 
 
 def _server(options: DashboardOptions) -> str | None:
-    """The address of the server to fill, None for the embedded store."""
+    """The address of the server to fill; None for the embedded store."""
     uri = options.uri
     if options.tracking == "sqlite":
         if uri is not None:
@@ -97,7 +97,7 @@ def _fill(store: "Store", outputs: Path) -> None:
 
 
 def _serve(store: "Store", outputs: Path, port: int) -> None:
-    """Serve the embedded store, and look now and then whether runs died."""
+    """Serve the embedded store, and check regularly whether runs have died."""
     from sextant.tracking.refill import catch_up
     from sextant.tracking.server import guarded, server_command
 

@@ -31,14 +31,14 @@ SHOWN_DAMAGES = 50
 
 
 class RenderOptions(Sharded):
-    """What the user chose of rendering, the config of the dataset apart."""
+    """What the user chose for rendering, apart from the config of the dataset."""
 
     threads: int = Field(ge=1, le=256, examples=[2])
     """that render"""
 
 
 class VerifyOptions(Options):
-    """What the user chose of a check."""
+    """What the user chose for a verification."""
 
     repair: bool = Field(False, examples=["true"])
     """true: forget what is damaged, so that rendering makes it anew"""
@@ -104,7 +104,7 @@ def _render(arguments: list[str]) -> None:
 
 
 def render_options(arguments: Sequence[str]) -> tuple[RenderOptions, list[str]]:
-    """What is chosen of rendering, one thread a core unless said otherwise, and the other arguments."""
+    """Split arguments into rendering options, by default one thread per core, and the others."""
     given = {"threads": str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2)}
     overrides = []
     for argument in arguments:

@@ -1,4 +1,4 @@
-"""``sextant data describe``: the photos of a map, by one process or in parts."""
+"""``sextant data describe``: describe the photos of a map, in one process or in shards."""
 
 from collections.abc import Mapping, Sequence
 from typing import Self
@@ -14,12 +14,12 @@ from sextant.cli.work_progress import work_progress
 from sextant.errors import UserError
 
 DESCRIBE = "sextant data describe run=<run> map=<photos> output=<folder> [shards=3 [shard=0]]"
-#: of finding the run, with what they mean
+#: keys for finding the run, with their meanings
 RUN_KEYS = {"outputs": "output folder of runs, if not the default", "trust": "true: build parts that the run names"}
 
 
 class Sharded(Options):
-    """What can be done in parts, each by a process of its own."""
+    """Options of work that can be divided into shards, each with its own process."""
 
     shards: int | None = Field(None, ge=1, le=10_000, examples=[3])
     """parts that are made apart; without shard=, what was made of each is put together"""
@@ -28,14 +28,14 @@ class Sharded(Options):
 
     @classmethod
     def of(cls, given: Mapping[str, str], usage: str | None = None) -> Self:
-        """As :meth:`Options.of`; a part needs to know of how many it is one."""
+        """As :meth:`Options.of`; ``shard`` requires ``shards``."""
         if "shard" in given and "shards" not in given:
             raise UserError(f"shard={given['shard']}: of how many? shards= is missing", usage)
         return super().of(given, usage)
 
 
 class DescribeOptions(Sharded):
-    """What the user chose of describing a map."""
+    """What the user chose for describing a map."""
 
     run: str
     """of place recognition, or its checkpoint; outputs= and trust= as in predict.py"""
@@ -46,7 +46,7 @@ class DescribeOptions(Sharded):
 
 
 def describe(arguments: Sequence[str]) -> None:
-    """Describe photos, or put together what was described of them."""
+    """Describe photos, or merge the described shards."""
     given = parse_arguments(arguments, DescribeOptions.meanings() | RUN_KEYS, DESCRIBE)
     options = DescribeOptions.of(given, DESCRIBE)
     photos, trained = photos_below(options.map, "map", options.output, one=False), open_run(given)

@@ -1,4 +1,4 @@
-"""``sextant demo``: see what Sextant does with photos of your own, in a browser."""
+"""``sextant demo``: see in a browser what Sextant does with your own photos."""
 
 import webbrowser
 from collections.abc import Sequence

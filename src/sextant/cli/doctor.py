@@ -1,4 +1,4 @@
-"""``sextant doctor``: whether what results rest on holds on this machine."""
+"""``sextant doctor``: check that this machine meets the conditions on which results rest."""
 
 import math
 import os
@@ -19,7 +19,7 @@ USAGE = "sextant doctor [calibration]"
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Look at this machine, or run the checks of one chapter; exit status 1 if one fails."""
+    """Check this machine, or run the checks of one chapter; exit status 1 if one fails."""
     if any(argument in ("-h", "--help") for argument in arguments):
         print(
             f"{USAGE}\n\n  by itself    versions, data, runs and their store, threads, disk, GPU"
@@ -66,7 +66,7 @@ def _calibration() -> None:
 
 
 def _crop() -> "tuple[Crop | None, str]":
-    """The function that cuts crops, or why there is none."""
+    """The function that cuts crops, or the reason why it is missing."""
     try:
         from sextant.data.calibration.crops import crop_panoramas
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""``evaluate.py``: test a trained model, under other data or corruptions."""
+"""``evaluate.py``: test a trained model on other data or under other corruptions."""
 
 from collections.abc import Sequence
 
@@ -25,10 +25,10 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def split_run(arguments: Sequence[str], usage: str) -> tuple[str, list[str]]:
-    """Take ``run=`` out of the arguments.
+    """Separate ``run=`` from the other arguments.
 
     Raises:
-        UserError: it is not there.
+        UserError: ``run=`` is missing.
     """
     runs = [argument.removeprefix("run=") for argument in arguments if argument.startswith("run=")]
     if not runs:

@@ -1,4 +1,4 @@
-"""``sextant export``: the network of a run for other programs."""
+"""``sextant export``: export the network of a run for other programs."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -28,7 +28,7 @@ class ExportOptions(Options):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Write the network, compare it with the original, and say where it is."""
+    """Export the network, compare it with the original, and print where it is."""
     chosen = ExportOptions.parse(arguments, USAGE)
     if chosen.output is not None:
         make_output(chosen.output)

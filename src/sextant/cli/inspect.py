@@ -1,4 +1,4 @@
-"""``sextant inspect``: what a folder or a video of the user's own holds, which tasks fit, and the commands for them."""
+"""``sextant inspect``: what the user's folder or video holds, which tasks fit, and the commands for them."""
 
 import os
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class InspectOptions(Options):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Show what was found, what is odd about it, and commands to copy."""
+    """Show what was found, what is unusual about it, and commands to copy."""
     bare = [word for word in arguments if ("=" not in word and not word.startswith("-")) or os.path.lexists(word)]
     words = [f"input={word}" if word in bare[:1] else word for word in arguments]
     options = InspectOptions.parse(words, USAGE)

@@ -1,4 +1,4 @@
-"""``sextant localize``: where the images of a folder, a video, a ROS bag or a camera were taken; also live."""
+"""``sextant localize``: localize the images of a folder, video, ROS bag or camera; also live."""
 
 import webbrowser
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ class LocalizeOptions(LocalizingOptions):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Localize the images, show them if that was asked for, and say where the results are."""
+    """Localize the images, show them live if requested, and print where the results are."""
     for word in arguments:
         if word.startswith("run="):
             raise UserError(f"{word}: here a run is given as the map", f"map={word[4:]}")

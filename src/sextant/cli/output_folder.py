@@ -1,4 +1,4 @@
-"""The folder that a command's ``output=`` names: made, and what was written to it."""
+"""The output folder of a command: creating it, and reporting what was written to it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,10 +10,10 @@ from sextant.errors import UserError
 
 
 def make_output(output: Path, key: str = "output") -> None:
-    """Make the folder that a key names, if need be.
+    """Create the folder that a key names, if necessary.
 
     Raises:
-        UserError: it cannot be made.
+        UserError: the folder cannot be created.
     """
     try:
         output.mkdir(parents=True, exist_ok=True)
@@ -22,9 +22,9 @@ def make_output(output: Path, key: str = "output") -> None:
 
 
 def refuse_among(photos: Sequence[Path], output: Path) -> None:
-    """Raise a ``UserError`` if ``output`` is a folder that photos lie in.
+    """Raise a ``UserError`` if ``output`` is a folder that contains photos of the input.
 
-    What is found would replace files of the same names there, and its pictures would be photos the next time.
+    Results would overwrite files of the same names there, and their pictures would count as photos the next time.
     """
     if output.resolve() in {photo.parent.resolve() for photo in photos}:
         fix = f"A folder of its own: output={output / 'found'}"
@@ -32,7 +32,7 @@ def refuse_among(photos: Sequence[Path], output: Path) -> None:
 
 
 def refuse_to_lose(key: str, path: Path | None, read: Sequence[str | Path]) -> None:
-    """Raise a ``UserError`` if the JSON file that a key names is one of those that are read, or no JSON file."""
+    """Raise a ``UserError`` if the file that a key names is one of the input files, or is not a JSON file."""
     if path is None:
         return
     if path.suffix != ".json" or any(path.resolve() == Path(each).resolve() for each in read):

@@ -1,6 +1,6 @@
 """``predict.py``: classify images, calibrate photos, look photos up or localize them in a map, detect an example.
 
-What is heavy is imported where it is used, so that mistakes in a command are reported at once.
+Heavy modules are imported where they are used, so that mistakes in a command are reported at once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,8 +16,8 @@ from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
 from sextant.tracking.environment import quiet_libraries
 
-#: task of a run, or what is done without one -> import path of what handles it. The last are asked first whether the
-#: arguments name them.
+#: task of a run, or of a command without one -> import path of its handler. The last handlers are asked first whether
+#: the arguments name them.
 TASKS = {
     "classification": "sextant.cli.image_classification.handler.Classification",
     "cosfire": "sextant.cli.image_classification.handler.Classification",
@@ -27,7 +27,7 @@ TASKS = {
     "task=cosfire": "sextant.cli.cosfire_detection.handler.Detection",
 }
 
-#: a photo alone is calibrated
+#: defaults where neither model nor task is named: photos are calibrated
 UNNAMED = {"run": "zoo:calibration", "output": "calibrated"}
 
 
@@ -41,7 +41,7 @@ HANDLERS = {task: _handler(path) for task, path in TASKS.items()}
 
 
 class SharedOptions(Options):
-    """What the user may choose of any task."""
+    """Options common to all tasks."""
 
     run: str | None = None
     """the trained model; unless given, photos are calibrated by the one of the package, zoo:calibration"""
@@ -60,14 +60,14 @@ class SharedOptions(Options):
 
 
 KEYS = SharedOptions.meanings()
-for _each in dict.fromkeys(HANDLERS.values()):  # some keys are of two tasks
+for _each in dict.fromkeys(HANDLERS.values()):  # some keys belong to two tasks
     for _key, _text in _each.keys.items():
         KEYS[_key] = "; ".join([*filter(None, [KEYS.get(_key)]), f"{_each.topic}: {_text}"])
 USAGE = "\n".join(dict.fromkeys(each.usage for each in HANDLERS.values()))
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Predict every image; one that cannot be read is named in the result and the rest go on."""
+    """Predict every image; unreadable images are named in the result and skipped."""
     quiet_libraries()
     given = parse_arguments(arguments, KEYS, USAGE)
     SharedOptions.of(given)
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _predict_photos(given: Mapping[str, str]) -> None:
-    """Predict photos as the task of the model asks; calibrate them where no model is named."""
+    """Predict photos with the model's task; calibrate them if no model is named."""
     given = given if "run" in given else {**UNNAMED, **given}
     require(given, Handler.needs, Handler.usage)
     for each in HANDLERS.values():
@@ -97,7 +97,7 @@ def _predict_photos(given: Mapping[str, str]) -> None:
 
 
 def _refuse_others(given: Mapping[str, str], handler: Handler, trained: str = "") -> None:
-    """Raise a ``UserError`` if a key is given that belongs to another task than ``trained``, that of the model."""
+    """Raise a ``UserError`` if a key is given that belongs to a task other than the model's, ``trained``."""
     taken = {*handler.keys, *(Handler.shared if trained else handler.shared)}
     for key in given:
         if key in taken:

@@ -1,4 +1,4 @@
-"""What ``predict.py`` asks of a task. Nothing heavy is imported, so that mistakes in a command are reported at once."""
+"""The interface of tasks to ``predict.py``. Imports nothing heavy, so that mistakes are reported at once."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,8 +17,8 @@ class Trained:
     Attributes:
         reference: what the user wrote.
         found: the run and its checkpoint.
-        content: of the checkpoint.
-        trust: parts of the user's own that it names may be built.
+        content: content of the checkpoint.
+        trust: whether parts from outside Sextant that it names may be built.
     """
 
     reference: str
@@ -28,7 +28,7 @@ class Trained:
 
     @property
     def about(self) -> Mapping[str, Any]:
-        """The config, the task and what else a checkpoint has beside the weights."""
+        """The metadata of the checkpoint: config, task and everything else but the weights."""
         from sextant.runs.checkpoint import KEY
 
         about: Mapping[str, Any] = self.content[KEY]
@@ -36,21 +36,21 @@ class Trained:
 
     @property
     def task(self) -> str:
-        """That it was trained for."""
+        """The task for which it was trained."""
         return str(self.about["task"])
 
 
 class Handler:
-    """A task as ``predict.py`` sees it: its keys, and what is done with them.
+    """A task in ``predict.py``: its keys, and what is done with them.
 
     Attributes:
-        task: as runs name it, in messages.
-        topic: what ``--help`` puts before its keys.
+        task: name of the task in runs, for messages.
+        topic: prefix of its keys in ``--help``.
         usage: an example.
-        keys: that only this task has, with what they mean.
-        needs: keys without which nothing can be done.
-        shared: keys that other tasks have too.
-        named_by: the keys that name the task before the run does, in messages; "" if the run names it.
+        keys: keys that only this task has, with their meanings.
+        needs: keys that are required.
+        shared: keys that it shares with other tasks.
+        named_by: keys that name the task before the run does, for messages; "" if the run names it.
     """
 
     task: ClassVar[str]
@@ -68,28 +68,28 @@ class Handler:
         """Whether the arguments alone name this task; otherwise the checkpoint does.
 
         Raises:
-            UserError: they name it and something else.
+            UserError: the arguments name it and another task.
         """
         return False
 
     def check(self, given: Mapping[str, str]) -> None:
-        """Raise a ``UserError`` if a value of its keys has no meaning, before the checkpoint is read."""
+        """Raise a ``UserError`` if a value of its keys is invalid, before the checkpoint is read."""
 
     def predict(self, given: Mapping[str, str]) -> None:
-        """Do what arguments that it claims ask for: predict, show and write."""
+        """Predict, show and write what arguments claimed by this task ask for."""
         raise NotImplementedError
 
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
-        """Predict, show and write what a model of this task makes of photos.
+        """Predict photos with a model of this task, and show and write the results.
 
         Args:
-            given: the arguments, for those of its keys.
+            given: the arguments, including those of its own keys.
             trained: the model.
-            paths: of the photos.
-            output: a folder that is there.
+            paths: paths of the photos.
+            output: an existing folder.
 
         Raises:
-            UserError: nothing can be made of them.
+            UserError: the photos cannot be predicted.
         """
         raise UserError(
             f"run={trained.reference} is a model of task={trained.task}, which predict.py does not know",
@@ -113,16 +113,16 @@ def find_run(given: Mapping[str, str]) -> FoundRun:
     """The run that ``run=`` names.
 
     Raises:
-        UserError: there is none.
+        UserError: the run does not exist.
     """
     return resolve_run(given["run"], outputs_of(given))
 
 
 def open_run(given: Mapping[str, str]) -> Trained:
-    """The model that ``run=`` names, read: this imports torch.
+    """Load the model that ``run=`` names, which imports torch.
 
     Raises:
-        UserError: there is no such run, or its checkpoint is damaged.
+        UserError: the run does not exist, or its checkpoint is damaged.
     """
     found = find_run(given)
     from sextant.trained.content import read_trained

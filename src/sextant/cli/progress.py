@@ -1,4 +1,4 @@
-"""Progress of training: a bar on a terminal, a line every few seconds elsewhere."""
+"""Progress of training: a bar on a terminal, or a line every few seconds elsewhere."""
 
 import time
 from typing import Any
@@ -55,7 +55,7 @@ class TrainingProgress(Callback):
             console.print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {text}")
 
     def teardown(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None

@@ -1,4 +1,4 @@
-"""``sextant register``: a run as a model of MLflow's registry."""
+"""``sextant register``: register a run as a model in MLflow's registry."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -29,7 +29,7 @@ class RegisterOptions(Options):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Register the run, and say how it is served."""
+    """Register the run, and print how to serve it."""
     quiet_libraries()
     chosen = RegisterOptions.parse(arguments, USAGE)
     if (chosen.tracking == "server") != (chosen.uri is not None):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sextant.reports.results import SweepResults
 
 USAGE = "sextant report sweep=<name, directory or MLflow parent run> [html=<folder>]"
-#: of the table of a contrast
+#: columns of the table of a contrast
 COLUMNS = (
     "setting",
     "condition",
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _show_search(results: "SweepResults") -> None:
-    """How the trials ended, and the winner."""
+    """Show how the trials ended, and the winner."""
     from sextant.reports.search_report import summary, winner_table
     from sextant.reports.search_results import search_results
 
@@ -85,7 +85,7 @@ def _show_search(results: "SweepResults") -> None:
 
 
 def _show(results: "SweepResults") -> None:
-    """The contrasts in a table that fits a terminal; everything else is in the report."""
+    """Show the contrasts in a table that fits a terminal; everything else is in the report."""
     from sextant.reports.contrasts import contrasts
     from sextant.reports.tables import counted, interval, number
 

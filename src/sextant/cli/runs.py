@@ -1,4 +1,4 @@
-"""``sextant runs``: list runs, or delete them from disk and store together."""
+"""``sextant runs``: list runs, or delete them from both disk and store."""
 
 import shutil
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What a run prints before and after."""
+"""Terminal output before and after a run."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,7 +22,7 @@ def show_start(
     passed_over: tuple[str, ...],
     published: Mapping[str, Any] | None = None,
 ) -> None:
-    """Summary of the config, where the run lies, and why an earlier run was not taken."""
+    """Show a summary of the config, the run directory, and why an earlier run was not reused."""
     if not config.trainer.progress:
         return
     for reason in passed_over:
@@ -48,7 +48,7 @@ def _training(config: Config) -> dict[str, str]:
 
 
 def show_result(outcome: Outcome) -> None:
-    """Final metrics of a run, and the commands that come next."""
+    """Show the final metrics of a run, and the commands that may come next."""
     directory = RunDirectory(outcome.directory)
     results = directory.results()
     if results is None:

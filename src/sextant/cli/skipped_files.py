@@ -1,4 +1,4 @@
-"""Files that a prediction could not use, and the table that names them."""
+"""Files that a prediction could not use, and a table of them."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -9,14 +9,14 @@ from sextant.data.unusable_files import nothing_usable, reason_alone
 
 
 def skipped_of(rows: Iterable[Mapping[str, Any]], problem: str) -> dict[str, str]:
-    """Why files could not be used, by file.
+    """The reasons why files could not be used, by file.
 
     Args:
-        rows: one a file, with an ``error`` where it could not be used.
-        problem: what is wrong if none could.
+        rows: one row per file, with an ``error`` if it could not be used.
+        problem: error message if no file could be used.
 
     Raises:
-        UserError: none could.
+        UserError: no file could be used.
     """
     errors = {str(row["file"]): row.get("error") for row in rows}
     skipped = {name: str(error) for name, error in errors.items() if error is not None}
@@ -26,11 +26,11 @@ def skipped_of(rows: Iterable[Mapping[str, Any]], problem: str) -> dict[str, str
 
 
 def tell_skipped(skipped: Mapping[str, str], title: str = "Skipped") -> None:
-    """Print a table of files with the reasons why they were left out: the first of them, and how many more there are.
+    """Print a table of the first files that were skipped with the reasons, and how many more there are.
 
     Args:
-        skipped: reasons by file; nothing is printed if there are none.
-        title: of the table.
+        skipped: reasons by file; nothing is printed if it is empty.
+        title: title of the table.
     """
     if not skipped:
         return
@@ -39,6 +39,6 @@ def tell_skipped(skipped: Mapping[str, str], title: str = "Skipped") -> None:
     if more > 0:
         rows.append({"file": f"and {more:,} more", "reason": ""})
     table = rows_table(f"{title} ({len(skipped):,})", rows)
-    for column, overflow in zip(table.columns, ("fold", "fold"), strict=True):  # a name that is cut names nothing
+    for column, overflow in zip(table.columns, ("fold", "fold"), strict=True):  # a truncated name would be useless
         column.justify, column.overflow = "left", overflow  # type: ignore[assignment]
     console.print(table)

@@ -1,4 +1,4 @@
-"""``train.py -m``: a sweep, and how it went; ``sextant sweep``: one that runs elsewhere."""
+"""``train.py -m`` runs a sweep and reports how it went; ``sextant sweep`` manages one that runs elsewhere."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ USAGE = "sextant sweep status|attach|cancel <sweep> [outputs=<folder>]"
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Look after a sweep that runs in another process or on a cluster."""
+    """Show, wait for or cancel a sweep that runs in another process or on a cluster."""
     if any(argument in ("-h", "--help") for argument in arguments):
         print(
             f"{USAGE}\n\n  status  how many runs are finished, run, wait or failed\n"
@@ -39,15 +39,15 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def run_sweep(arguments: Sequence[str], wait: bool | None = None, run_cells: sweep.Launch | None = None) -> None:
-    """Run a sweep, and say how it went.
+    """Run a sweep, and report how it went.
 
     Args:
         arguments: the overrides of the command line; those that list several values are its factors.
         wait, run_cells: as for :func:`sextant.lifecycle.sweep.run_sweep`.
 
     Raises:
-        UserError: a cell's config is wrong; nothing was run then.
-        SystemExit: status 1 if any cell failed; the others have run.
+        UserError: a cell's config is wrong; nothing has been run then.
+        SystemExit: with status 1 if any cell failed; the others have run.
     """
     found = sweep_or_search(arguments, TERMINAL, runs=TERMINAL, wait=wait, run_cells=run_cells)
     states = ("finished", "diverged", "failed", *(["submitted"] if found.count("submitted") else []))
@@ -62,7 +62,7 @@ def run_sweep(arguments: Sequence[str], wait: bool | None = None, run_cells: swe
 
 
 def show_dry_run(arguments: Sequence[str]) -> None:
-    """Print what would be run, and what sbatch would be given."""
+    """Print what would be run, and the script that sbatch would be given."""
     cells, script = sweep.dry_run(arguments, TERMINAL)
     for cell in cells:
         print(f"{cell.name}  {' '.join(cell.overrides)}")

@@ -1,4 +1,4 @@
-"""What runs and sweeps say, on the terminal."""
+"""Reports of runs and sweeps on the terminal."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 class Terminal(RunReporter):
-    """Writes to the terminal, with bars where there is one."""
+    """Writes to the terminal, with progress bars if there is one."""
 
     def say(self, text: str) -> None:
-        """A line in yellow."""
+        """Print a line in yellow."""
         console.print(f"[yellow]{escape(text)}[/]")
 
     def progress(self, what: str, unit: str) -> AbstractContextManager[Advance]:
@@ -39,7 +39,7 @@ class Terminal(RunReporter):
         passed_over: tuple[str, ...],
         published: Mapping[str, Any] | None,
     ) -> None:
-        """The summary of the config."""
+        """Print the summary of the config."""
         show_start(config, directory, passed_over, published)
 
     def training(self) -> "Sequence[Callback]":
@@ -49,19 +49,19 @@ class Terminal(RunReporter):
         return [TrainingProgress()]
 
     def planned(self, plan: SweepPlan, finished: int) -> None:
-        """How many runs there are."""
+        """Print the number of runs."""
         cells, runs = len(plan.cells), len({cell.run for cell in plan.cells})
         told = counted(runs, "run") if runs == cells else f"{cells} cells of {counted(runs, 'run')}"
         console.print(f"[bold]{plan.name}[/]: {told} planned, {finished} finished already")
 
     def settled(self, number: int, setting: Mapping[str, str], value: float | None, told: str) -> None:
-        """A line."""
+        """Print a line about the trial."""
         shown = "no result" if value is None else f"{value:.5g}"
         console.print(f"trial {number}: {escape(', '.join(f'{k}={v}' for k, v in setting.items()))}  {shown}, {told}")
 
     @contextmanager
     def running(self) -> Iterator[Advance]:
-        """A bar over the missing runs, or a line for each that is done."""
+        """A bar over the missing runs, or a line for each finished run."""
         columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
         with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
             task, before = bar.add_task("", total=None), 0

@@ -20,12 +20,12 @@ DRY_RUN = "--dry-run"
 #: Flags with which Hydra only prints something.
 ONLY_PRINT = ("--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc")
 
-#: those of them that print the config of a run, which has to be one that would be run
+#: those of them that print the config of a run, which must be valid
 PRINT_CONFIG = ("--cfg", "-c")
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Check everything that can be checked lightly, then hand over to Hydra."""
+    """Run all light checks, then hand over to Hydra."""
     quiet_libraries()
     register_resolvers()
     words, folder = without_folder(arguments)
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _sweep(words: Sequence[str], folder: str | None) -> None:
-    """A sweep needs nothing of Hydra but the composing of configs."""
+    """Run a sweep, which uses Hydra only to compose configs."""
     from sextant.cli.sweep import run_sweep, show_dry_run
     from sextant.lifecycle.sweep_plan import check_sweep_overrides
 
@@ -65,7 +65,7 @@ def _check(arguments: Sequence[str]) -> None:
 
 
 def run_config(config: DictConfig) -> None:
-    """What Hydra calls for a run."""
+    """Run a composed config; called by Hydra."""
     from sextant.cli.show import show_result
     from sextant.lifecycle.execute import execute
 

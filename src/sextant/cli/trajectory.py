@@ -1,4 +1,4 @@
-"""``sextant trajectory``: an estimated trajectory against its reference."""
+"""``sextant trajectory``: compare an estimated trajectory with its reference."""
 
 import errno
 import os
@@ -22,7 +22,7 @@ PICTURES = (".png", ".svg", ".pdf")
 
 
 class TrajectoryOptions(Options):
-    """What the user chose, beside the two files (TUM, KITTI, COLMAP, OpenSfM, nerfstudio)."""
+    """What the user chose, apart from the two files (TUM, KITTI, COLMAP, OpenSfM, nerfstudio)."""
 
     max_gap_s: float = Field(0.01, ge=0)
     """poses of TUM files whose times differ by more are not of one frame"""
@@ -35,7 +35,7 @@ class TrajectoryOptions(Options):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Show absolute and relative errors by the definitions of evo and of KITTI."""
+    """Show absolute and relative errors as defined by evo and KITTI."""
     files = [argument for argument in arguments if "=" not in argument and argument not in ("-h", "--help")]
     options = TrajectoryOptions.parse([argument for argument in arguments if argument not in files], USAGE)
     if len(files) != 2:
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str]) -> None:
 
 @contextmanager
 def _telling(key: str, path: Path) -> Iterator[None]:
-    """Turn what the disk refuses inside into one message about the file that a key names."""
+    """Turn file errors within the block into one message about the file that a key names."""
     try:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))

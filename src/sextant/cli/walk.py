@@ -1,4 +1,4 @@
-"""``sextant walk``: images of an unknown camera, localized in a map of another season."""
+"""``sextant walk``: localize images of an unknown camera in a map of another season."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,7 +42,7 @@ class WalkOptions(LocalizingOptions, FocalOptions):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Calibrate, straighten, describe and localize, and say where the report is."""
+    """Calibrate, straighten, describe and localize the images, and print where the report is."""
     options = WalkOptions.parse(arguments, USAGE)
     from sextant.applications.calibration.calibrator import PhotoCalibrator
     from sextant.applications.walks.walking import localize_walk

@@ -1,4 +1,4 @@
-"""How far long work is, whatever the work."""
+"""Progress of any long work."""
 
 import time
 from collections.abc import Iterator
@@ -9,13 +9,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sextant.cli.console import console
 from sextant.reporter import Advance
 
-#: seconds between two lines where there is no terminal
+#: seconds between two lines if there is no terminal
 LINE_S = 5.0
 
 
 @contextmanager
 def work_progress(what: str, unit: str) -> Iterator[Advance]:
-    """A function that shows how far the work is: a bar on a terminal, a line every few seconds elsewhere."""
+    """A function that shows progress: a bar on a terminal, or a line every few seconds elsewhere."""
     if not console.is_terminal:
         drawn = time.monotonic()
 

@@ -1,1 +1,1 @@
-"""Composing configs of YAML files and overrides; the only place beside the command line that knows Hydra."""
+"""Composing configs from YAML files and overrides; only this package and the command line know Hydra."""

@@ -20,7 +20,7 @@ from sextant.composing.overrides import parse
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir, default_outputs
 
-#: what choices of options compose, for as long as :func:`composing_many` is open
+#: composed configs by choice of options, while :func:`composing_many` is open
 _KEPT: ContextVar[dict[tuple[str, ...], DictConfig] | None] = ContextVar("kept compositions", default=None)
 
 
@@ -33,8 +33,8 @@ def compose(overrides: Sequence[str], name: str = "train") -> DictConfig:
     """Compose the config ``name`` with ``overrides``.
 
     Raises:
-        UserError: an override is not understood; names it, what is near it, and what to write instead. Or a config file
-            cannot be read; names it.
+        UserError: an override is not understood, or a config file cannot be read. The message names it and, for an
+            override, what is similar and what to write instead.
     """
     register_resolvers()
     inside_hydra = GlobalHydra.instance().is_initialized()
@@ -49,9 +49,9 @@ def compose(overrides: Sequence[str], name: str = "train") -> DictConfig:
 
 @contextmanager
 def composing_many() -> Iterator[None]:
-    """Let :func:`compose` read the files of each choice of options once; setting other values then takes little.
+    """Let :func:`compose` read the files of each choice of options only once, so that setting other values is fast.
 
-    The files must not change meanwhile.
+    The files must not change while the context is open.
     """
     before = _KEPT.set({} if _KEPT.get() is None else _KEPT.get())
     try:
@@ -76,10 +76,10 @@ def _composed(overrides: Sequence[str], name: str) -> DictConfig:
 
 
 def to_plain(config: DictConfig) -> dict[str, Any]:
-    """A composed config as plain containers, every reference resolved, without Hydra's own node.
+    """Convert a composed config to plain containers, with references resolved and without Hydra's own node.
 
     Raises:
-        UserError: a value that has no default is missing, or a reference cannot be resolved.
+        UserError: a value without a default is missing, or a reference cannot be resolved.
     """
     try:
         plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)

@@ -1,4 +1,4 @@
-"""The YAML files that configs are composed of: which there are, and which of them cannot be read."""
+"""The YAML files from which configs are composed: finding them, and reporting unreadable ones."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,10 +11,10 @@ import yaml
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir
 
-#: folders of YAML files that are no options of a config
+#: folders of YAML files that are not options of a config
 NO_GROUPS = ("claim",)
 
-#: the flag that names a folder of config files of one's own
+#: the flag that names a folder of the user's own config files
 CONFIG_DIR = ("--config-dir", "-cd")
 
 _OWN: ContextVar[tuple[Path, ...]] = ContextVar("folders of a user's own config files", default=())
@@ -22,10 +22,10 @@ _OWN: ContextVar[tuple[Path, ...]] = ContextVar("folders of a user's own config 
 
 @contextmanager
 def own_configs(folder: str | Path | None) -> Iterator[None]:
-    """Find the options of a folder laid out as ``conf/`` too, as long as the context is open; those shipped come first.
+    """Also find the options of a folder laid out like ``conf/`` while the context is open; shipped ones come first.
 
     Raises:
-        UserError: there is no such folder.
+        UserError: the folder does not exist.
     """
     if folder is None:
         yield
@@ -41,7 +41,7 @@ def own_configs(folder: str | Path | None) -> Iterator[None]:
 
 
 def folders() -> tuple[Path, ...]:
-    """Where config files are looked for."""
+    """The folders in which config files are looked for."""
     return (conf_dir(), *_OWN.get())
 
 
@@ -52,12 +52,12 @@ def search_path() -> list[str]:
 
 
 def with_folders(overrides: Sequence[str]) -> list[str]:
-    """The arguments that mean these overrides in another process; :func:`without_folder` takes them apart."""
+    """The arguments that pass these overrides to another process; :func:`without_folder` is the inverse."""
     return [*overrides, *(f"{CONFIG_DIR[0]}={path}" for path in _OWN.get())]
 
 
 def without_folder(arguments: Sequence[str]) -> tuple[list[str], str | None]:
-    """The other arguments, and the folder that ``--config-dir`` names."""
+    """The arguments without ``--config-dir``, and the folder that it names."""
     words, folder, rest = [], None, iter(arguments)
     for word in rest:
         flag, equals, value = word.partition("=")
@@ -78,10 +78,11 @@ def groups() -> dict[str, tuple[str, ...]]:
 
 
 def read_config_file(path: Path) -> dict[str, Any]:
-    """The keys of one file, nothing composed.
+    """Read the keys of one file without composing anything.
 
     Raises:
-        UserError: it is not UTF-8, not YAML, or holds no keys; names the file, and the line where YAML ends.
+        UserError: the file is not UTF-8, is not YAML, or holds no keys. The message names the file, and the line where
+            YAML parsing fails.
     """
     try:
         content = yaml.safe_load(path.read_text("utf-8"))
@@ -102,7 +103,7 @@ def read_config_file(path: Path) -> dict[str, Any]:
 
 
 def unreadable_config_file() -> UserError | None:
-    """What is wrong with the first file that cannot be read, for an error of Hydra's that names none."""
+    """The error of the first unreadable file, for errors of Hydra that name no file; None if all are readable."""
     for path in (path for folder in folders() for path in sorted(folder.rglob("*.yaml"))):
         try:
             read_config_file(path)

@@ -1,4 +1,4 @@
-"""What is wrong with an override, in the user's terms; found by looking at one override after the other."""
+"""Explains mistakes in overrides in the user's terms, by checking one override after the other."""
 
 import re
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ from sextant.composing.overrides import Override, parse
 from sextant.config import nearest, validate
 from sextant.errors import UserError
 
-COMPOSING = (HydraException, OmegaConfBaseException, ValueError)  # the last for a group that is null
-#: keys of other commands, and what one may have wanted of them
+COMPOSING = (HydraException, OmegaConfBaseException, ValueError)  # ValueError is raised for a group that is null
+#: keys of other commands, and what the user may have meant
 ELSEWHERE = {
     "run": "sextant evaluate run={0} tests a trained model, sextant predict run={0} applies it; "
     "init_from={0} starts training from its weights",
@@ -23,7 +23,7 @@ ELSEWHERE = {
 
 
 def explain(error: Exception, overrides: Sequence[str], name: str) -> UserError:
-    """The mistake in ``overrides`` behind an error that composing the config ``name`` raised."""
+    """Find the mistake in ``overrides`` behind an error raised while composing the config ``name``."""
     values: list[Override] = []
     try:
         parsed = parse(overrides)
@@ -45,7 +45,7 @@ def explain(error: Exception, overrides: Sequence[str], name: str) -> UserError:
 
 
 def _wrong_option(override: Override) -> UserError | None:
-    """An error if a group has no such option."""
+    """An error if an option does not exist in its group."""
     key, options = override.key, groups()[override.key]
     if override.deletes:
         return None
@@ -60,7 +60,7 @@ def _wrong_option(override: Override) -> UserError | None:
 
 
 def _wrong_value(values: Sequence[Override], overrides: Sequence[str], name: str) -> UserError | None:
-    """An error if a key is in no config that these overrides choose, or holds something of another kind."""
+    """An error if a key is not in the config that these overrides choose, or holds a value of another kind."""
     choices = [text for text in overrides if text.split("=")[0] in groups()]
     try:
         chosen = _composed(choices, name)
@@ -93,7 +93,7 @@ def _unknown_key(override: Override, chosen: dict[str, Any], choices: Sequence[s
 
 
 def _suggestion(near: str, override: Override, chosen: dict[str, Any], choices: Sequence[str], name: str) -> str:
-    """The key that may be meant, with the value if it is legal there."""
+    """The key that was probably meant, with the value if it is legal there."""
     value = override.option
     if near in groups():
         fits = value in groups()[near]
@@ -112,7 +112,7 @@ def _suggestion(near: str, override: Override, chosen: dict[str, Any], choices: 
 
 
 def _other_kind(key: str, value: Any, chosen: dict[str, Any]) -> str | None:
-    """What a key holds, where it is keys or a list and ``value`` is the other of the two."""
+    """What a key holds, if it is keys or a list and ``value`` is the other; else None."""
     held = _flat(chosen)[key]
     if isinstance(held, dict) and isinstance(value, list):
         return f"holds the keys {', '.join(map(str, held))}, not a list"
@@ -138,7 +138,7 @@ def _composed(overrides: Sequence[str], name: str) -> dict[str, Any]:
 
 
 def _flat(node: Any, prefix: str = "") -> dict[str, Any]:
-    """Everything within a node by its dotted key, what holds keys of its own included."""
+    """Everything within a node by its dotted key, including nested nodes themselves."""
     if not isinstance(node, dict):
         return {}
     found: dict[str, Any] = {}

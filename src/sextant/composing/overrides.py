@@ -1,4 +1,4 @@
-"""Overrides of a config, such as ``optimizer.lr=0.1`` or ``seed=0,1,2``, understood one by one."""
+"""Overrides of a config, such as ``optimizer.lr=0.1`` or ``seed=0,1,2``, parsed one by one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class Override:
 
     Attributes:
         text: as it was written.
-        parsed: what Hydra makes of it.
+        parsed: the override as parsed by Hydra.
     """
 
     text: str
@@ -31,7 +31,7 @@ class Override:
 
     @property
     def place(self) -> str:
-        """Where in the config it belongs: ``test_sampling`` for ``sampling@test_sampling=..``."""
+        """The place in the config that it sets: ``test_sampling`` for ``sampling@test_sampling=..``."""
         return str(self.parsed.package or self.key.split(".")[0])
 
     @property
@@ -41,24 +41,24 @@ class Override:
 
     @property
     def deletes(self) -> bool:
-        """Whether it takes something away: ``~key``."""
+        """Whether it removes a key: ``~key``."""
         return bool(self.parsed.is_delete())
 
     @property
     def value(self) -> Any:
-        """Its one value."""
+        """Its single value."""
         return self.parsed.value()
 
     @property
     def option(self) -> str:
-        """Its one value as text; empty for null."""
+        """Its single value as text; empty for null."""
         return str(self.parsed.get_value_element_as_str()) if self.value is not None else ""
 
     def choices(self) -> list[str]:
         """Its values as text; one unless it sweeps.
 
         Raises:
-            UserError: it sweeps over something else than a list.
+            UserError: it sweeps over something other than a list.
         """
         if not self.sweeps:
             return [self.option if self.value is not None else "null"]
@@ -69,10 +69,10 @@ class Override:
 
 
 def parse(overrides: Sequence[str]) -> list[Override]:
-    """Overrides as they are understood.
+    """Parse overrides.
 
     Raises:
-        UserError: names the first that is not one.
+        UserError: an override cannot be parsed; the message names the first.
     """
     parser, found = OverridesParser.create(), []
     for text in overrides:

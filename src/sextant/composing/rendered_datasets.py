@@ -7,15 +7,15 @@ from sextant.runs.outputs_folder import conf_dir
 
 
 def is_rendered(target: str) -> bool:
-    """Whether what an import path names is rendered; one that cannot be imported is, if it is the user's own."""
+    """Whether an import path names a rendered dataset; true for a user's own path that cannot be imported."""
     try:
         return callable(getattr(get_object(target), "plan", None))
-    except Exception:  # get_object raises whatever importing the user's module does; building it tells more
+    except Exception:  # importing the user's module may raise anything; building it reports more
         return not target.startswith("sextant.")
 
 
 def rendered_datasets() -> str:
-    """The options that can be rendered, in one sentence."""
+    """A sentence that lists the options that can be rendered."""
     names = []
     for name in groups()["dataset"]:
         target = read_config_file(conf_dir() / "dataset" / f"{name}.yaml").get("_target_")

@@ -1,4 +1,4 @@
-"""The words of a command line that describe a search, as overrides that Hydra understands."""
+"""Translates the words of a command line that describe a search into overrides for Hydra."""
 
 import re
 from collections.abc import Sequence
@@ -8,16 +8,16 @@ METHOD = "sweep.search="
 
 
 def is_range(text: str) -> bool:
-    """Whether an override gives a range of numbers; ``int(2.5)`` is a number, as Hydra reads it."""
+    """Whether an override gives a range of numbers; Hydra reads ``int(2.5)`` as a number, not a range."""
     found = RANGE.fullmatch(text)
     return found is not None and (found["range"].startswith(("log", "uni")) or "," in text)
 
 
 def search_words(words: Sequence[str]) -> list[str]:
-    """Overrides, those of a search so that they can be composed.
+    """Rewrite the overrides of a search so that Hydra can compose them.
 
-    ``sweep.search=tpe`` names the method, and with it there need not be a stored sweep: keys of ``sweep`` are added. A
-    range is text. A choice is what lists several values, as in other sweeps.
+    ``sweep.search=tpe`` names the method. It needs no stored sweep, so keys of ``sweep`` are added. A range becomes
+    text. An override that lists several values is a choice, as in other sweeps.
     """
     searching = any(word.startswith(("sweep.search", "++sweep.search")) for word in words)
     return [_composable(word, searching) for word in words]

@@ -1,4 +1,4 @@
-"""Config schemas, their checks, and the digest that identifies an experiment."""
+"""Config schemas, their validation, and the digest that identifies an experiment."""
 
 from sextant.config.digest import digest, identity
 from sextant.config.schema import Config

@@ -1,4 +1,4 @@
-"""Objects from the plain values of a config, without Hydra: for what is built of files outside of the command line."""
+"""Builds objects from the plain values of a config without Hydra, for use outside the command line."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -6,13 +6,13 @@ from importlib import import_module
 from typing import Any
 
 TARGET, PARTIAL = "_target_", "_partial_"
-#: modules whose functions no config may call, by whatever path they are reached
+#: modules whose functions no config may call, whatever path leads to them
 REFUSED = frozenset({
     "_io", "_pickle", "code", "codeop", "ctypes", "importlib", "io", "marshal", "multiprocessing", "nt", "os", "pickle",
     "posix", "pty", "runpy", "shutil", "signal", "socket", "subprocess", "sys", "webbrowser",
 })  # fmt: skip
 REFUSED_BUILTINS = frozenset(f"builtins.{name}" for name in ("__import__", "breakpoint", "compile", "eval", "exec"))
-#: where parts are today whose import paths configs of stored runs hold; configs, and so digests, keep the old path
+#: present locations of parts that moved; configs, and therefore digests, keep their old import paths
 MOVED = {
     "sextant.cli.descriptors.TrainedDescriptor": "sextant.recipes.descriptors.TrainedDescriptor",
     "sextant.cli.descriptors.DescriptorFiles": "sextant.recipes.descriptors.DescriptorFiles",
@@ -20,17 +20,17 @@ MOVED = {
 
 
 def build_part(node: Mapping[str, Any], **arguments: Any) -> Any:
-    """The object that a node names by its import path, as ``hydra.utils.instantiate`` with plain containers makes it.
+    """Build the object that a node names by its import path, like ``hydra.utils.instantiate`` with plain containers.
 
-    Nodes within the node are built first. Whatever path is named is imported and called: the config must have been
-    checked before, :func:`~sextant.config.trained.trained_config`.
+    Nodes within the node are built first. The named path is imported and called, so the config must have been checked
+    before; see :func:`~sextant.config.trained.trained_config`.
 
     Args:
-        node: with ``_target_``; with ``_partial_`` true, what is given back is still to be called.
-        arguments: further ones.
+        node: config node with ``_target_``; with ``_partial_`` true, the result is a partial function.
+        arguments: further arguments.
 
     Raises:
-        ImportError: there is no such module or name in it.
+        ImportError: the module, or the name in it, does not exist.
         TypeError, ValueError: the object does not take these arguments.
     """
     given = {key: _built(value) for key, value in node.items() if key not in (TARGET, PARTIAL)} | arguments
@@ -45,10 +45,10 @@ def _built(value: Any) -> Any:
 
 
 def named(path: str) -> Any:
-    """What an import path names: a name in a module, or a name in that.
+    """Import the object that a path names: a name in a module, or an attribute of one.
 
     Raises:
-        ImportError: there is no such module or name, or it is one of :data:`REFUSED`.
+        ImportError: the module or name does not exist, or it is one of :data:`REFUSED`.
     """
     parts = MOVED.get(path, path).split(".")
     for length in range(len(parts) - 1, 0, -1):
@@ -57,7 +57,7 @@ def named(path: str) -> Any:
             found: Any = import_module(module)
         except ModuleNotFoundError as error:
             if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-                raise  # the module is there, and one that it needs is not
+                raise  # the module exists, but one that it imports does not
             continue
         for name in parts[length:]:
             if not hasattr(found, name):

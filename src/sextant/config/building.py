@@ -1,4 +1,4 @@
-"""From a config to objects: the only place that builds what ``_target_`` names."""
+"""From a config to objects; the only module that builds what ``_target_`` names."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from sextant.errors import ArgumentError, UserError
 
 
 def build(raw: Mapping[str, Any], group: str, **arguments: Any) -> Any:
-    """Build the object that the config of ``group`` describes, with further ``arguments``.
+    """Build the object that the config of ``group`` describes, passing further ``arguments``.
 
     Raises:
         UserError: the import path does not exist, or the object does not take these arguments.
@@ -30,15 +30,15 @@ def build(raw: Mapping[str, Any], group: str, **arguments: Any) -> Any:
 
 
 def require_callable(key: str, path: str) -> None:
-    """Import what a key of a config names, and call nothing.
+    """Check that the import path in a key of a config names a callable, without calling it.
 
     Raises:
-        UserError: there is no such module or name, it cannot be called, or no config may call it.
+        UserError: the module or name does not exist, is not callable, or is one that no config may call.
     """
     fix = "Name a class or function by its import path, such as my_package.my_module.MyClass."
     try:
         found = named(path)
-    except Exception as error:  # a module of the user's own can fail in any way
+    except Exception as error:  # the user's own module can raise anything
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise UserError(f"{key}={path}: {reason}", fix) from None
     if not callable(found):
@@ -47,10 +47,10 @@ def require_callable(key: str, path: str) -> None:
 
 @contextmanager
 def naming_groups(raw: Mapping[str, Any]) -> Iterator[None]:
-    """Say of a mistake in an argument, found long after its part was built, which group of the config it is in.
+    """Add the config group to errors about an argument that are raised long after its part was built.
 
-    That is the group of the part that the error names, else ``task``, of which modules and their settings are made. One
-    that names no part is the dataset's, whose files are read last.
+    The group is that of the part that the error names, else ``task``, from which modules and their settings are made.
+    An error that names no part belongs to the dataset, whose files are read last.
     """
     try:
         yield
@@ -65,7 +65,7 @@ def naming_groups(raw: Mapping[str, Any]) -> Iterator[None]:
 
 
 def part_name(node: Mapping[str, Any]) -> str:
-    """The class that a config node names, with its settings."""
+    """The class name of a config node, with its settings."""
     name = str(node["_target_"]).rsplit(".", 1)[-1]
     settings = ", ".join(f"{key}={value}" for key, value in node.items() if not key.startswith("_"))
     return f"{name}({settings})"

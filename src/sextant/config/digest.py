@@ -1,15 +1,15 @@
-"""What makes two runs the same experiment."""
+"""The digest by which two runs are the same experiment."""
 
 import hashlib
 import json
 from collections.abc import Mapping
 from typing import Any
 
-#: Keys that do not change what is computed: where it runs and is kept, how it is shown, how many processes fetch data.
+#: Keys that do not change the result: where it is computed and kept, how it is shown, how many processes load data.
 NUISANCE = ("seed", "paths", "tracking", "sweep", "launcher", "reuse", "hydra")
 NUISANCE_WITHIN = {"trainer": ("workers", "progress", "log_every"), "dataset": ("download",)}
 
-#: keys that came later: where they say what was done before, runs of before are the same experiment
+#: keys that were added later, with the values that reproduce earlier behaviour and keep the digest of earlier runs
 LATER: dict[str, dict[str, Any]] = {
     "trainer": {"accumulate": 1, "patience": None, "compile": False},
     "recovery": {"window": 0},
@@ -19,7 +19,7 @@ LATER: dict[str, dict[str, Any]] = {
 
 
 def identity(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The part of a resolved config that enters the digest; the seed is apart, as the replicate of an experiment."""
+    """The part of a resolved config that enters the digest, without the seed, which is a replicate of an experiment."""
     kept = {key: value for key, value in config.items() if key not in NUISANCE}
     for group, names in NUISANCE_WITHIN.items():
         if isinstance(kept.get(group), Mapping):
@@ -30,7 +30,7 @@ def identity(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _without(config: Mapping[str, Any], path: list[str], usual: Mapping[str, Any]) -> dict[str, Any]:
-    """A config without the keys of the group at ``path`` that have their usual values."""
+    """A config without those keys of the group at ``path`` that have their usual values."""
     if not path:
         return {key: value for key, value in config.items() if key not in usual or value != usual[key]}
     within = config.get(path[0])
@@ -38,6 +38,6 @@ def _without(config: Mapping[str, Any], path: list[str], usual: Mapping[str, Any
 
 
 def digest(config: Mapping[str, Any]) -> str:
-    """SHA-256 of the identity of a resolved config, in hexadecimal; directories carry its first eight digits."""
+    """SHA-256 of the identity of a resolved config, in hexadecimal; directory names have its first eight digits."""
     canonical = json.dumps(identity(config), sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""The config that a trained network brings with it, before anything is built of it."""
+"""Checks of the config that comes with a trained network, before anything is built from it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,12 +8,12 @@ from sextant.config.schema.parts import CustomPart
 from sextant.config.validate import validate
 from sextant.errors import UserError
 
-#: keys of a backbone that name weights it starts from, and what stands there for none
+#: keys of a backbone that name its initial weights, with the values for none
 STARTS_FROM = {"weights": None, "pretrained": False}
 
 
 def without_weights(config: Config) -> Config:
-    """The same network with new weights: a trained one brings its own, wherever those that it started from are now."""
+    """The same network without initial weights, as a trained one has its own and the initial ones may be gone."""
     node = config.plain.get("backbone")
     if node is None or isinstance(config.backbone, CustomPart):
         return config
@@ -22,16 +22,16 @@ def without_weights(config: Config) -> Config:
 
 
 def trained_config(raw: Mapping[str, Any], task: str, *, trust: bool = False) -> Config:
-    """The config of a checkpoint, typed.
+    """Validate the config of a checkpoint.
 
     Args:
-        raw: as plain values.
-        task: that the checkpoint is labelled with.
-        trust: allow parts that are not Sextant's.
+        raw: the config as plain values.
+        task: task in the checkpoint's label.
+        trust: allow parts from outside Sextant.
 
     Raises:
-        UserError: the config is wrong, label and config are of two tasks, or it names an import path that is not one of
-            Sextant's: building it would run code that the file chose.
+        UserError: the config is invalid, label and config name different tasks, or the config names an import path
+            outside Sextant, which would run code chosen by the file.
     """
     config = validate(raw)
     if task != config.task.name:

@@ -1,4 +1,4 @@
-"""From a composed config to a typed one, with errors that teach."""
+"""From a composed config to a typed one, with helpful errors."""
 
 import difflib
 from collections.abc import Iterable, Mapping
@@ -17,7 +17,8 @@ def validate(config: Mapping[str, Any]) -> Config:
     """Check types, ranges, unknown keys and rules across keys.
 
     Raises:
-        UserError: lists every problem, each with its key, its value, what is allowed and an override to paste.
+        UserError: the config is invalid. The message lists every problem with its key, its value, what is allowed, and
+            an override to paste.
     """
     try:
         return Config.model_validate(config)
@@ -26,7 +27,7 @@ def validate(config: Mapping[str, Any]) -> Config:
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str | None:
-    """The candidate most like ``word``, if any is close."""
+    """The candidate most similar to ``word``, None if none is close."""
     found = difflib.get_close_matches(word, list(candidates), n=1, cutoff=0.5)
     return found[0] if found else None
 
@@ -71,7 +72,7 @@ def _names(model: type[BaseModel]) -> list[str]:
 
 
 def _locate(loc: tuple[str | int, ...], config: Mapping[str, Any]) -> tuple[str, type[BaseModel], FieldInfo | None]:
-    """The dotted key of an error, the model that holds it, and its field; tags of unions are left out of the key."""
+    """The dotted key of an error without tags of unions, the model that holds it, and its field."""
     parent: type[BaseModel] = Config
     field: FieldInfo | None = None
     options: list[Any] = [Config]
@@ -111,7 +112,7 @@ def _is_tag(part: str | int, options: Iterable[Any]) -> bool:
             literal = get_args(option.model_fields["target"].annotation)
             if part in literal or (part == "custom" and not literal):
                 return True
-        elif any(  # of a task, of a launcher
+        elif any(  # tags of a task or a launcher
             name in option.model_fields and part in get_args(option.model_fields[name].annotation)
             for name in ("name", "kind")
         ):

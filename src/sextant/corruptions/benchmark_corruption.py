@@ -1,4 +1,4 @@
-"""What the corruptions of the benchmark sets share: a table with one row of parameters for each severity."""
+"""The base of the benchmark sets' corruptions: a table with one row of parameters for each severity."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ SEVERITIES = (1, 2, 3, 4, 5)
 class BenchmarkCorruption(Corruption[Params], Generic[Row, Params]):
     """A corruption whose ``level`` is a severity 1, 2, ... that picks a row of its set's parameters.
 
-    One family serves every set: ``SpeckleNoise((0.06, 0.1, 0.12, 0.16, 0.2), "speckle_noise")`` is that of CIFAR-10-C.
-    Lengths in a table are in pixels as published, whatever the size of the image, unless a family says otherwise.
+    One class serves every set: ``SpeckleNoise((0.06, 0.1, 0.12, 0.16, 0.2), "speckle_noise")`` is that of CIFAR-10-C.
+    Lengths in a table are in pixels as published, whatever the size of the image, unless a class says otherwise.
 
     Args:
         table: one row of parameters for each severity, the first for severity 1.

@@ -64,7 +64,7 @@ def imagenet_c(names: Names = None, severities: Sequence[int] | None = None, mod
 
 
 class BenchmarkSuite(CorruptionSuite):
-    """The conditions of a published set; images come as its files hold them.
+    """The conditions of a published set, with images as its files hold them.
 
     >>> suite = BenchmarkSuite("cifar10_c", ["fog", "contrast"], severities=[1, 5])
     >>> [condition.key for condition in suite.conditions()]
@@ -73,13 +73,13 @@ class BenchmarkSuite(CorruptionSuite):
     Args:
         set: ``cifar10_c``, ``mnist_c`` or ``imagenet_c``.
         names: corruptions to test: all (``None``), a group (``benchmark15``, ``extra4``), or a list of names.
-        severities: of 1 to 5; ``None`` for the published ones.
-        mode: ``faithful`` to the authors' code with its slips, or ``corrected``.
+        severities: some of 1 to 5; ``None`` for the published ones.
+        mode: ``faithful`` to the authors' code, errors included, or ``corrected``.
         quantise: round corrupted images to 8 bits; see :mod:`.eight_bit`.
-        seed: of all random draws.
+        seed: seed of all random draws.
 
     Raises:
-        UserError: a set, name, severity or mode that does not exist.
+        UserError: a set, name, severity or mode does not exist.
     """
 
     def __init__(

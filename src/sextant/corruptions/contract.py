@@ -1,4 +1,4 @@
-"""What a corruption takes: batches of grey or colour images in [0, 1], each with its position in a dataset."""
+"""The inputs of a corruption: batches of grey or colour images in [0, 1], each with its position in a dataset."""
 
 import operator
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from sextant.errors import UserError
 
 CHANNELS = (1, 3)
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
-#: positions of images in their dataset, from 0 on; one number for one image
+#: positions of images in their dataset, from 0; a single number for a single image
 Indices: TypeAlias = Int64[Tensor, "b"] | Sequence[int] | int
 
 
 def require_images(images: Tensor) -> None:
     """Raise a ``UserError`` unless ``images`` are ``(b, c, h, w)``, grey or colour, floating, and within [0, 1].
 
-    Values are considered once. A batch may be empty, an image not.
+    Values are read once. A batch may be empty, an image may not.
     """
     if not isinstance(images, Tensor):
         raise UserError(
@@ -44,10 +44,10 @@ def require_images(images: Tensor) -> None:
 
 
 def require_indices(indices: Indices, count: int) -> Int64[Tensor, "b"]:
-    """``indices`` as a tensor on the CPU, if there is one whole number from 0 on for each of ``count`` images.
+    """``indices`` as a tensor on the CPU, if they are one non-negative whole number for each of ``count`` images.
 
     Raises:
-        UserError: they are something else.
+        UserError: they are anything else.
     """
     advice = f"One whole number from 0 on for each image, its position in the dataset, such as torch.arange({count})."
     try:
@@ -55,7 +55,7 @@ def require_indices(indices: Indices, count: int) -> Int64[Tensor, "b"]:
     except (TypeError, ValueError, RuntimeError, OverflowError):
         raise UserError(f"indices={indices!r:.60} are not whole numbers", advice) from None
     if found.numel() == 0:
-        found = found.long()  # an empty list is of no type
+        found = found.long()  # an empty list becomes floating-point
     if found.dtype == torch.bool or found.is_floating_point() or found.is_complex():
         raise UserError(f"indices hold {found.dtype}, not whole numbers", advice)
     if found.numel() != count or found.ndim > 1:
@@ -70,7 +70,7 @@ def require_seed(seed: int) -> int:
     """``seed`` if it is a whole number.
 
     Raises:
-        UserError: it is something else, which would be another seed than the number that it looks like.
+        UserError: it is anything else, which would give another seed than the number that it looks like.
     """
     try:
         return int(operator.index(seed))

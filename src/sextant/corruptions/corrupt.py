@@ -1,4 +1,4 @@
-"""One call for what people have in hand: an array, a tensor or a Pillow image, or a batch of them."""
+"""One call to corrupt an array, a tensor or a Pillow image, or a batch of them."""
 
 import difflib
 from typing import Any, TypeVar
@@ -25,11 +25,11 @@ KINDS = (
 def corrupt(
     image: Kind, name: str, severity: int, seed: int = 0, *, set: str = "imagenet_c", mode: Mode = "faithful"
 ) -> Kind:
-    """``image`` under a corruption of a published set, as what it was given as.
+    """Apply a corruption of a published set to ``image``, and return it in the form it was given in.
 
-    The draw depends on the seed, the corruption, the severity and the position in the batch alone: image i of a batch
-    has the position i, an image on its own 0. So *two images that are passed one by one with one seed get the same
-    noise*; pass them as a batch, or each with a seed of its own.
+    The draw depends only on the seed, the corruption, the severity and the position in the batch: image i of a batch
+    has position i, a single image has position 0. So *two images that are passed one by one with one seed get the same
+    noise*; pass them as a batch, or give each its own seed.
 
     >>> corrupt(np.full((32, 32, 3), 128, np.uint8), "fog", severity=3).shape
     (32, 32, 3)
@@ -40,15 +40,16 @@ def corrupt(
         image: one image or a batch, with one or three channels: a NumPy array or a tensor of bytes ``(h, w)``,
             ``(h, w, c)`` or ``(n, h, w, c)``, or of floating-point values in [0, 1] ``(h, w)``, ``(c, h, w)`` or
             ``(n, c, h, w)``; or a Pillow image of mode ``L`` or ``RGB``.
-        name: of the corruption, such as ``fog``; ``list(imagenet_c())`` has them all.
-        severity: 1 to 5; what has but one severity has 1.
-        seed: of all random draws.
-        set: whose parameters: ``imagenet_c``, meant for 224x224 pixels, ``cifar10_c`` for 32x32, ``mnist_c`` for 28x28.
-        mode: ``faithful`` to the authors' code with its slips, or ``corrected``; bytes are rounded accordingly
+        name: name of the corruption, such as ``fog``; ``list(imagenet_c())`` gives them all.
+        severity: 1 to 5; 1 for a corruption with a single severity.
+        seed: seed of all random draws.
+        set: set of parameters: ``imagenet_c``, meant for 224x224 pixels, ``cifar10_c`` for 32x32, ``mnist_c`` for
+            28x28.
+        mode: ``faithful`` to the authors' code, errors included, or ``corrected``; bytes are rounded accordingly
             (:mod:`.eight_bit`).
 
     Returns:
-        Of the type, shape and data type of ``image``, which is not changed.
+        The corrupted image, with the type, shape and data type of ``image``, which is not changed.
 
     Raises:
         UserError: the set has no such corruption or severity, or the image is of none of these kinds.

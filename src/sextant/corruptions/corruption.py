@@ -17,10 +17,10 @@ Params = TypeVar("Params")
 class Corruption(ABC, Generic[Params]):
     """A seeded, batched image corruption with a list of severities.
 
-    The draw is separate from its application, so that what happened to one image can be inspected and repeated:
+    The draw is separate from its application, so that what happened to an image can be inspected and repeated:
     ``corruption(images, level, indices, seed)`` equals ``apply(images, level, draw(level, indices, shape, seed))``,
-    and every image depends on (seed, corruption, level, its index) alone, not on its batch. The call checks what it is
-    given; ``draw`` and ``apply`` are its parts and take it as checked.
+    and every image depends only on (seed, corruption, level, its index), not on its batch. The call checks its
+    arguments; its parts ``draw`` and ``apply`` take them as checked.
 
     Attributes:
         name: enters the seeds; corruptions of one name share their random streams. Metrics use the suite's key.
@@ -51,14 +51,14 @@ class Corruption(ABC, Generic[Params]):
         Args:
             images: grey or colour, values in [0, 1]; a batch may be empty.
             level: severity, in the corruption's unit.
-            indices: the images' positions in their dataset, one for each; a list will do, for one image a number.
-            seed: of all random draws.
+            indices: the images' positions in their dataset, one for each; a list will do, or a number for one image.
+            seed: seed of all random draws.
 
         Returns:
             New images of the same shape and type.
 
         Raises:
-            UserError: the images are of another shape, type or range, or there are more or fewer indices than images.
+            UserError: the images have another shape, type or range, or there are more or fewer indices than images.
             ValueError: the corruption has no such level.
         """
         require_images(images)

@@ -1,7 +1,7 @@
 """Eight-bit images as the benchmark files hold them.
 
-The authors of CIFAR-10-C and ImageNet-C cast 255 y to ``uint8``, which drops the fraction, so that their files are
-darker by half a grey level on average than y. Rounding to the nearest is right and is what ``corrected`` does.
+The authors of CIFAR-10-C and ImageNet-C cast 255 y to ``uint8``, which drops the fraction, so that their files are on
+average half a grey level darker than y. Rounding to the nearest is right, and is what ``corrected`` does.
 """
 
 import torch

@@ -1,8 +1,8 @@
 """Corrupted copies of a set of images as files, in the layout of CIFAR-10-C.
 
-One ``.npy`` file a corruption, uint8 of shape ``(s·n, ...)``: all n images at the first severity, then all at the
-next. ``labels.npy`` repeats the labels so. ``corruptions.json`` says what the files were made of; files that are whole
-and were made of the same are kept, so that an interrupted making resumes.
+There is one ``.npy`` file per corruption, uint8 of shape ``(s·n, ...)``: all n images at the first severity, then all
+at the next. ``labels.npy`` repeats the labels in the same way. ``corruptions.json`` says what the files were made from;
+complete files made from the same are kept, so that an interrupted run resumes.
 """
 
 import hashlib
@@ -34,10 +34,10 @@ class Recipe:
 
     Attributes:
         set: name of the set of parameters.
-        mode: of the corruptions and of the rounding to 8 bits.
-        seed: of all random draws.
-        images: what the clean images are: :func:`images_digest`.
-        version: of the program.
+        mode: mode of the corruptions and of the rounding to 8 bits.
+        seed: seed of all random draws.
+        images: identity of the clean images: :func:`images_digest`.
+        version: version of the program.
     """
 
     set: str
@@ -51,11 +51,11 @@ def read_array(path: Path, name: str) -> NDArray[Any]:
     """A ``.npy`` file, mapped into memory; nothing in it is unpickled.
 
     Args:
-        path: of the file.
+        path: path of the file.
         name: what to call it in the message.
 
     Raises:
-        UserError: there is no such file, or it is not a whole array of numbers.
+        UserError: the file does not exist, or is not a complete array of numbers.
     """
     try:
         loaded = np.load(path.expanduser(), mmap_mode="r", allow_pickle=False)
@@ -109,7 +109,7 @@ def check_labels(labels: NDArray[Any], name: str, count: int) -> NDArray[Any]:
 
 
 def is_whole(path: Path, shape: tuple[int, ...]) -> bool:
-    """Whether ``path`` is a ``.npy`` file of uint8 of ``shape``, as long as it has to be."""
+    """Whether ``path`` is a complete ``.npy`` file of uint8 of ``shape``."""
     try:
         stored = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError):
@@ -128,10 +128,10 @@ def missing(folder: Path, corruptions: Corruptions, images: Images) -> dict[str,
 
 
 def begin(folder: Path, recipe: Recipe, corruptions: Corruptions) -> None:
-    """Record in ``folder`` what its files are made of, and remove what an interrupted making left half written.
+    """Record in ``folder`` what its files are made from, and remove what an interrupted run left half-written.
 
     Raises:
-        UserError: it holds corruptions that were made of something else, or at other severities.
+        UserError: it holds corruptions that were made from something else, or at other severities.
         OSError: it cannot be written to.
     """
     levels = {name: list(c.levels) for name, c in corruptions.items()}
@@ -153,7 +153,7 @@ def begin(folder: Path, recipe: Recipe, corruptions: Corruptions) -> None:
             "Choose another folder with output=, or delete this one.",
         )
     write_json(folder / RECORD, {"recipe": asdict(recipe), "severities": levels})
-    for name in corruptions:  # others may be in the making elsewhere
+    for name in corruptions:  # others may be being made elsewhere
         for path in folder.glob(f".{name}.npy.*.tmp"):
             path.unlink(missing_ok=True)
 
@@ -176,12 +176,12 @@ def write_corruption(
     Images are read, corrupted and written block by block, never all at once.
 
     Args:
-        path: of the file.
-        corruption: what is done to them.
-        images: clean, uint8, (n, h, w) or (n, h, w, c); may be a memory map.
+        path: path of the file.
+        corruption: the corruption to apply.
+        images: clean images, uint8, (n, h, w) or (n, h, w, c); may be a memory map.
         recipe: its mode and seed are used.
         device: where to compute.
-        advance: gets the number of images after each block.
+        advance: called after each block with its number of images.
 
     Raises:
         OSError: the disk is full or cannot be written to.
@@ -219,7 +219,7 @@ def _shape(images: Images, severities: int) -> tuple[int, ...]:
 
 
 def _blocks(images: Images) -> list[tuple[int, int]]:
-    """Ranges of images that are worked on at once."""
+    """Ranges of images that are processed at once."""
     size = max(1, min(BLOCK_IMAGES, BLOCK_BYTES // (4 * images[0].size)))
     return [(start, min(start + size, len(images))) for start in range(0, len(images), size)]
 

@@ -18,11 +18,11 @@ class PerturbationSuite(CorruptionSuite):
     31
 
     Args:
-        names: of the perturbations; ``None`` for all ten.
-        seed: of all random draws.
+        names: names of the perturbations; ``None`` for all ten.
+        seed: seed of all random draws.
 
     Raises:
-        ArgumentError: there is no perturbation of a name.
+        ArgumentError: ``names`` is empty, or holds one that is not a perturbation.
     """
 
     def __init__(self, names: Sequence[str] | None = None, seed: int = 0):

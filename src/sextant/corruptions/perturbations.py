@@ -48,7 +48,7 @@ NOISE_FRAMES = 30
 
 @dataclass(frozen=True)
 class Movement(Corruption[None]):
-    """A perturbation without chance: frame ``level`` is a function of the image and the number of the frame.
+    """A deterministic perturbation: frame ``level`` is a function of the image and the number of the frame.
 
     Args:
         name: the perturbation's name.
@@ -88,7 +88,7 @@ class SnowSequence(Corruption[SnowDraw]):
 
 
 def cifar10_p() -> Mapping[str, Corruption[Any]]:
-    """The perturbations by name, their frames as levels; of those with noise without the first, which is the image."""
+    """The perturbations by name, their frames as levels; those with noise lack the first, which is the image."""
     frames, noisy = tuple(range(31)), tuple(range(1, NOISE_FRAMES + 1))
     found: list[Corruption[Any]] = [
         ClippedGaussianNoise((0.02,) * NOISE_FRAMES, "gaussian_noise", noisy),
@@ -138,7 +138,7 @@ def _scaled(images: Images, factor: float) -> Images:
 
 
 def _tilted(images: Images, angle: float) -> Images:
-    """The image as a plane, turned about its axes through its middle, seen from as far off as its diagonal is long."""
+    """The image as a plane, turned about its two axes through its middle, seen from the distance of its diagonal."""
     height, width = images.shape[-2:]
     focal, cosine, sine = math.hypot(width, height), math.cos(angle), math.sin(angle)
     middle = torch.tensor([[1.0, 0, -width / 2], [0, 1, -height / 2], [0, 0, 1]], dtype=torch.float64)

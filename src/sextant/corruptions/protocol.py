@@ -1,4 +1,4 @@
-"""What has to be said of corrupted images for figures to compare."""
+"""The protocol of corrupted images, without which figures cannot be compared."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -23,8 +23,8 @@ class Protocol:
         mode: ``faithful`` to the authors' code, ``corrected``, or ``published``: files of the authors themselves.
         rounding: how images become 8 bits, as in the published files.
         baseline: what corruption errors of the set are divided by.
-        image_size: of the images the set was published for.
-        seed: of all random draws.
+        image_size: size of the images that the set was published for.
+        seed: seed of all random draws.
     """
 
     set: str
@@ -37,5 +37,5 @@ class Protocol:
     seed: int
 
     def as_dict(self) -> dict[str, Any]:
-        """For a file of results."""
+        """The protocol as a dictionary, for a file of results."""
         return asdict(self)

@@ -15,5 +15,5 @@ def image_seeds(name: str, level: float, indices: Int64[Tensor, "b"], seed: int)
 
 
 def generators(seeds: list[int]) -> list[torch.Generator]:
-    """One CPU generator a seed; draws are made on the CPU, so every device sees the same corrupted image."""
+    """One CPU generator per seed; draws are made on the CPU, so every device sees the same corrupted image."""
     return [torch.Generator().manual_seed(seed) for seed in seeds]

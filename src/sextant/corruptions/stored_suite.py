@@ -1,7 +1,7 @@
 """Corrupted images from files in the layout of CIFAR-10-C: the authors' own, or those of ``sextant.corruptions make``.
 
-A corruption drawn once serves every run that is tested under it, and files of the benchmark's authors give figures
-that compare image by image.
+A corruption drawn once serves every run that is tested under it, and the files of the benchmark's authors give figures
+that are comparable image by image.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ class StoredSuite(CorruptionSuite):
     """The conditions of a published set, read from ``<folder>/<corruption>.npy``.
 
     Each file holds uint8 images ``(s·n, h, w[, c])``: all n at the first severity, then all at the next;
-    ``labels.npy`` repeats their labels so. Files are mapped into memory, never read whole, and nothing is unpickled.
+    ``labels.npy`` repeats their labels likewise. Files are memory-mapped, never read whole, and nothing is unpickled.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -40,10 +40,10 @@ class StoredSuite(CorruptionSuite):
     tensor(0.2000)
 
     Args:
-        folder: of the files.
-        set: ``cifar10_c``, ``mnist_c`` or ``imagenet_c``: whose names and severities they are.
+        folder: folder of the files.
+        set: ``cifar10_c``, ``mnist_c`` or ``imagenet_c``: the set that names and severities belong to.
         names: corruptions to test: all that are published (``None``), a group, or a list of names.
-        severities: of those in the files; ``None`` for all.
+        severities: some of those in the files; ``None`` for all.
 
     Raises:
         UserError: a file is missing, damaged, or holds other images than the test split of the run.
@@ -144,9 +144,9 @@ class StoredSuite(CorruptionSuite):
 
 
 def folder_identity(folder: str | Path) -> str:
-    """Hash of what identifies a folder of stored corruptions: record, labels, sizes and times of the files.
+    """Hash of what identifies a folder of stored corruptions: its record, labels, and the files' sizes and times.
 
-    The files themselves are gigabytes and are not read.
+    The files themselves take gigabytes and are not read.
     """
     path = Path(folder).expanduser()
     digest = hashlib.sha256()

@@ -41,10 +41,10 @@ class CorruptionSuite:
 
     Args:
         corruptions: corruptions by name; the empty mapping tests clean images alone.
-        seed: of all random draws.
+        seed: seed of all random draws.
 
     Attributes:
-        protocol: of a published set; None for conditions of one's own.
+        protocol: the protocol of a published set; None for custom conditions.
     """
 
     protocol: Protocol | None = None
@@ -67,4 +67,4 @@ class CorruptionSuite:
         return self.corruptions[condition.corruption](images, condition.level, indices, self.seed)
 
     def check_labels(self, labels: Int64[Tensor, "b"], indices: Int64[Tensor, "b"]) -> None:
-        """Raise a ``UserError`` if the images at ``indices`` cannot be those with ``labels``; for stored images."""
+        """For stored images, raise a ``UserError`` if the images at ``indices`` cannot be those with ``labels``."""

@@ -1,1 +1,1 @@
-"""Datasets, one file a family, and the batches that are made of them."""
+"""Datasets, one file per family, and the batches made from them."""

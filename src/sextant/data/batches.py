@@ -11,13 +11,13 @@ from torch.utils.data import Dataset, Sampler
 
 @dataclass(frozen=True)
 class Batch:
-    """A batch of images as they lie in memory.
+    """A batch of images as stored in memory.
 
     Attributes:
         images: bytes, ``(b, c, h, w)``.
         labels: class indices.
         indices: positions in the split, which seed the corruptions.
-        weight: of the mean over these images where several processes share a batch.
+        weight: of the mean over these images when several processes share a batch.
     """
 
     images: UInt8[Tensor, "b c h w"]
@@ -46,7 +46,7 @@ class ImageBatches(Dataset[Batch]):
         return len(self.labels)
 
     def none(self) -> "ImageBatches":
-        """No image of the same shape."""
+        """An empty set of images of the same shape."""
         return ImageBatches(self.images[:0], self.labels[:0])
 
     def __getitem__(self, indices: list[int] | Tensor) -> Batch:
@@ -62,7 +62,7 @@ class EpochBatches(Sampler[Tensor]):
         batch_size: images in a batch; the last one of an epoch may be smaller.
         seed: of the shuffling; None keeps the order.
         every: take every k-th image.
-        numbered: give ``index + epoch * count`` instead of the index, for images that differ from epoch to epoch.
+        numbered: yield ``index + epoch * count`` instead of the index, for images that differ from epoch to epoch.
     """
 
     def __init__(

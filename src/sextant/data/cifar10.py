@@ -1,4 +1,4 @@
-"""CIFAR-10 in the publisher's Python format, read without running what its pickles might say."""
+"""CIFAR-10 in the publisher's Python format, read without executing code that its pickles might contain."""
 
 import io
 import pickle
@@ -27,10 +27,10 @@ class CIFAR10(ImageSource):
     """60,000 colour images of 32x32 pixels in ten classes, 10,000 of them for testing.
 
     Source: A. Krizhevsky, "Learning multiple layers of features from tiny images", 2009. Only the files that a split
-    needs are asked for and checked, so that a copy with the test batch alone can be evaluated on.
+    needs are required and checked, so the test batch alone is enough for evaluation.
 
     Args:
-        roots: folders to look in for ``cifar-10-batches-py/``; the last one is written to by a download.
+        roots: folders to search for ``cifar-10-batches-py/``; a download is written to the last one.
         train_batches: how many of the five training batches make the training split.
         download: let torchvision fetch what is missing.
     """
@@ -63,7 +63,7 @@ class CIFAR10(ImageSource):
         return ImageSpec(3, 32, 32, CLASSES)
 
     def count(self, split: Split) -> int:
-        """10,000 a batch."""
+        """10,000 images per batch."""
         return BATCH * (1 if split == "test" else self.train_batches)
 
     def read(self, split: Split) -> LabelledImages:

@@ -1,4 +1,4 @@
-r"""Random numbers by counter: the i-th number is a function of (seed, i), so that any can be had without those before.
+r"""Counter-based random numbers: the i-th number is a function of (seed, i), available without the numbers before it.
 
 Philox 4x32-10: ten rounds of multiplication, exchange and key, on four words of 32 bits.
 
@@ -31,7 +31,7 @@ def philox(counters: UInt64[ndarray, "n 4"], seed: int) -> UInt64[ndarray, "n 4"
 def uniforms(
     first: Int64[ndarray, "n"], second: Int64[ndarray, "n"], attempt: int, seed: int, count: int
 ) -> Float64[ndarray, "count n"]:
-    """``count`` numbers in (0, 1), never the ends, for each pair of numbers below 2^32."""
+    """``count`` numbers in the open interval (0, 1) for each pair of integers below 2^32."""
     blocks = []
     for block in range(-(-count // 4)):
         rest = [np.full(len(first), value) for value in (block, attempt)]

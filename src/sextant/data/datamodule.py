@@ -20,10 +20,10 @@ class ImageData(pl.LightningDataModule):
         batch_size: images in a training batch.
         eval_batch_size: images in a validation or test batch.
         validation_fraction: share of the training split that is held out for validation.
-        split_seed: of that choice, apart from the run's seed: every run of a sweep has the same three splits.
+        split_seed: of that choice, separate from the run's seed: every run of a sweep has the same three splits.
         seed: of the order of the training images, and of their augmentation.
         augmentation: changes training images; None leaves them as they are.
-        test_every: test every k-th image alone, the first included.
+        test_every: test only every k-th image, starting with the first.
         workers: processes that fetch batches; 0 fetches in the training process, the fastest for images in memory.
     """
 
@@ -65,7 +65,7 @@ class ImageData(pl.LightningDataModule):
             self._splits["test"] = in_memory(self.source.read("test"))
 
     def split(self, name: str) -> ImageBatches:
-        """The images of ``train``, ``validation`` or ``test``, once they were read by :meth:`setup`."""
+        """The images of ``train``, ``validation`` or ``test``, once :meth:`setup` has read them."""
         return self._splits[name]
 
     def train_dataloader(self) -> DataLoader[Batch]:
@@ -98,5 +98,5 @@ class ImageData(pl.LightningDataModule):
 
 
 def in_memory(data: LabelledImages) -> ImageBatches:
-    """Images as batches can be taken from."""
+    """Images in memory, from which batches can be taken."""
     return ImageBatches(torch.from_numpy(data.images), torch.from_numpy(data.labels))

@@ -21,7 +21,7 @@ class Digits(ImageSource):
 
     Args:
         size: side of the enlarged images in pixels.
-        roots: not used; the scans lie in the scikit-learn package.
+        roots: not used; the scans come with the scikit-learn package.
     """
 
     name = "digits"

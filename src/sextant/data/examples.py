@@ -1,4 +1,4 @@
-"""Images to learn from by example: a network's own classes, and those known from few examples each."""
+"""Images to learn from by example: a network's own classes, and classes known from a few examples each."""
 
 from dataclasses import dataclass
 
@@ -17,11 +17,11 @@ class ExampleSettings:
     """Which images are considered.
 
     Attributes:
-        images: of the training split, the same number of each class as near as can be; None: all.
-        novel_classes: so many classes, the last ones, are kept from the network and told by examples alone; the test is
-            among them. 0: the network and the examples have the same classes.
-        examples: per class, to which filters and SVMs are fitted; None: all.
-        held_out: whether there are images to validate on; without, all are examples and ``tuning`` is empty.
+        images: how many of the training split, as evenly over the classes as possible; None: all.
+        novel_classes: the number of classes, counted from the last, that the network is not trained on and that are
+            known by examples alone; the test is among them. 0: the network and the examples have the same classes.
+        examples: number per class to which filters and SVMs are fitted; None: all.
+        held_out: whether images are held out for validation; otherwise all are examples and ``tuning`` is empty.
     """
 
     images: int | None = None
@@ -31,17 +31,17 @@ class ExampleSettings:
 
 
 class ExampleData(ImageData):
-    """Splits ``train`` (of the network), ``validation``, ``examples``, ``tuning`` and ``test`` of a source.
+    """The splits ``train`` (for the network), ``validation``, ``examples``, ``tuning`` and ``test`` of a source.
 
-    ``validation`` watches the network, ``tuning`` are the validation images of the classes that are tested. Which
-    images are taken depends on the run's seed, the validation split does not.
+    ``validation`` monitors the network; ``tuning`` holds the validation images of the tested classes. Which images are
+    taken depends on the run's seed; the validation split does not.
 
     Args:
         settings: which images are considered.
         other arguments: as for :class:`ImageData`.
 
     Raises:
-        UserError: when it is set up, if there are fewer images than are asked for.
+        UserError: on setup, if there are fewer images than requested.
     """
 
     def __init__(self, *args: object, settings: ExampleSettings, **keywords: object):
@@ -50,7 +50,7 @@ class ExampleData(ImageData):
 
     @property
     def tested(self) -> list[int]:
-        """Labels of the classes that the test is among."""
+        """Labels of the classes that are tested."""
         count = len(self.source.spec().classes)
         return list(range(count - self.settings.novel_classes if self.settings.novel_classes else 0, count))
 
@@ -60,7 +60,7 @@ class ExampleData(ImageData):
         return list(range(len(self.source.spec().classes) - self.settings.novel_classes))
 
     def test_conditions(self) -> dict[str, Bool[ndarray, "n"]]:
-        """Which test images are of a condition, where the source has several."""
+        """Which test images belong to each condition, if the source has several."""
         if not hasattr(self.source, "conditions"):
             return {}
         names, numbers = self.source.conditions("test")
@@ -107,7 +107,7 @@ class ExampleData(ImageData):
         self._splits |= {name: in_memory(images) for name, images in splits.items()}
 
     def _few(self, examples: LabelledImages, each: int) -> LabelledImages:
-        """``each`` of every class."""
+        """``each`` examples of every class."""
         counts = {label: int((examples.labels == label).sum()) for label in self.tested}
         least = min(counts, key=lambda label: counts[label])
         if counts[least] < each:
@@ -129,7 +129,7 @@ def _of(data: LabelledImages, labels: list[int]) -> LabelledImages:
 
 
 def _in_turns(labels: Int64[ndarray, "n"], rows: Int64[ndarray, "m"], seed: int) -> Int64[ndarray, "m"]:
-    """The rows, of each class at random, classes in turn: any beginning of them is as even as can be."""
+    """The rows in random order within each class, classes taking turns: any prefix is as balanced as possible."""
     rng = np.random.default_rng(seed)
     classes = [rng.permutation(rows[labels[rows] == label]) for label in np.unique(labels[rows])]
     longest = max(map(len, classes))

@@ -19,7 +19,7 @@ SEMI_MAJOR_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3
 def geocentric(
     latitude: Float64[ndarray, "n"], longitude: Float64[ndarray, "n"], height_m: Float64[ndarray, "n"] | float = 0.0
 ) -> Float64[ndarray, "n 3"]:
-    """Positions in metres from the middle of the earth; angles in radians.
+    """Positions in metres from the centre of the earth; angles in radians.
 
     Example:
         >>> geocentric(np.zeros(1), np.zeros(1)).tolist()

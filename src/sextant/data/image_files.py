@@ -13,19 +13,19 @@ from PIL import Image
 from sextant.data.upright import upright
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif")
-#: what is decoded; no format whose decoder runs another program (EPS) is among them
+#: formats that are decoded; none whose decoder runs another program, as that of EPS does
 FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "AVIF", "GIF", "JPEG2000")
-#: pictures as sensors deliver them
+#: raw sensor data
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 SMALLEST_SIDE = 4
 
 
 class UnreadableImageError(Exception):
-    """A file that cannot be decoded; says why, without its name."""
+    """The file cannot be decoded; the message says why, without the file's name."""
 
 
 def not_decoded(path: Path) -> str | None:
-    """Why a file of a kind that is well known is no picture here, by its name; None where the name tells nothing."""
+    """Why a file of a well-known kind is not read as a picture, judged by its name; None if the name does not tell."""
     if path.suffix.lower() in (".heic", ".heif", *RAW):
         return f"is {path.suffix}, which is not decoded here: save it as JPEG"
     if (mimetypes.guess_type(path.name)[0] or "").startswith("video/"):
@@ -34,24 +34,24 @@ def not_decoded(path: Path) -> str | None:
 
 
 def require_sides(image: Image.Image) -> None:
-    """Raise a ``ValueError`` for a picture of so few pixels that it shows nothing, whatever it is enlarged to."""
+    """Raise a ``ValueError`` for a picture of so few pixels that it shows nothing, however much it is enlarged."""
     if min(image.size) < SMALLEST_SIDE:
         raise ValueError(f"{image.width}x{image.height} pixels, the shorter side needs {SMALLEST_SIDE}")
 
 
 def images_below(folder: Path) -> list[Path]:
-    """All image files below a folder, hidden ones left out; ``image2`` comes before ``image10``."""
+    """All image files below a folder except hidden ones; ``image2`` comes before ``image10``."""
     return sorted(image_paths(folder), key=lambda path: natural_key(path.relative_to(folder).as_posix()))
 
 
 def image_paths(folder: Path) -> Iterator[Path]:
-    """:func:`images_below`, in no order."""
+    """:func:`images_below` in no particular order."""
     found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
     return (path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))
 
 
 def natural_key(name: str) -> tuple[list[tuple[int, str]], str]:
-    """What names are sorted by so that numbers in them count as numbers; names that differ have different keys."""
+    """Sort key by which numbers in names are compared as numbers; different names have different keys."""
     parts = re.split(r"(\d+)", name)
     return [(int(part), "") if k % 2 else (-1, part) for k, part in enumerate(parts)], name
 
@@ -59,8 +59,8 @@ def natural_key(name: str) -> tuple[list[tuple[int, str]], str]:
 def decode_image(path: Path, height: int, width: int, channels: int) -> UInt8[ndarray, "height width channels"]:
     """An image, turned upright by its EXIF orientation and stretched to ``height`` x ``width`` pixels.
 
-    One that has this size already keeps its values. Of 16 bits the upper eight are kept, so that frames of a ride stay
-    comparable; what is transparent becomes black.
+    An image that already has this size keeps its values. Of 16 bits the upper eight are kept, so that frames of a drive
+    stay comparable; transparent pixels become black.
 
     Args:
         path: of the file.
@@ -72,7 +72,7 @@ def decode_image(path: Path, height: int, width: int, channels: int) -> UInt8[nd
         UnreadableImageError: it cannot be decoded.
     """
     try:
-        Image.init()  # until then Pillow knows the commonest formats alone
+        Image.init()  # until then Pillow knows only the commonest formats
         with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
             require_sides(image)
             if max(image.size) > 4 * max(height, width):
@@ -87,7 +87,7 @@ def decode_image(path: Path, height: int, width: int, channels: int) -> UInt8[nd
 def picture_bytes(
     image: Image.Image, height: int, width: int, channels: int
 ) -> UInt8[ndarray, "height width channels"]:
-    """A picture that is open, as :func:`decode_image` does it.
+    """An open picture, decoded as in :func:`decode_image`.
 
     Raises:
         ValueError: the white level of its values is unknown.
@@ -99,7 +99,7 @@ def picture_bytes(
 
 
 def eight_bits(image: Image.Image) -> Image.Image:
-    """A picture of 8 bits, without transparency: black shows through.
+    """An 8-bit picture without transparency, composited on black.
 
     Raises:
         ValueError: the white level of its values is unknown.

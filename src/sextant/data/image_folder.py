@@ -1,4 +1,4 @@
-"""The user's own images: a folder with one sub-folder a class."""
+"""The user's own images: a folder with one sub-folder per class."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -29,7 +29,7 @@ class ImageFolder(ImageSource):
         size: side of the square images in pixels.
         channels: 3 for colour, 1 for grey.
         test_fraction: share of each class in the test split when the folder has none, in (0, 1).
-        roots: folders to look in as well.
+        roots: further folders to search.
     """
 
     name = "image_folder"
@@ -91,14 +91,14 @@ class ImageFolder(ImageSource):
         return ImageSpec(self.channels, self.size, self.size, tuple(self._classes()))
 
     def count(self, split: Split) -> int:
-        """The files of ``split``."""
+        """Number of files of ``split``."""
         return len(self.files(split))
 
     def read(self, split: Split) -> LabelledImages:
         """Decode a split.
 
         Raises:
-            UserError: an image cannot be decoded (it is named), or the split does not fit into memory.
+            UserError: an image cannot be decoded (the message names it), or the split does not fit into memory.
         """
         paths = self.files(split)
         if not paths:
@@ -120,13 +120,13 @@ class ImageFolder(ImageSource):
 def decode_square(path: Path, size: int, channels: int) -> UInt8[ndarray, "h w *c"]:
     """An image turned upright, scaled to cover a square of ``size`` pixels and cropped at its centre.
 
-    What is transparent becomes black.
+    Transparent pixels become black.
 
     Raises:
-        UserError: it cannot be decoded; it is named.
+        UserError: it cannot be decoded; the message names the file.
     """
     try:
-        Image.init()  # until then Pillow knows the commonest formats alone
+        Image.init()  # until then Pillow knows only the commonest formats
         with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
             require_sides(image)
             picture = eight_bits(upright(image)).convert("RGB" if channels == 3 else "L")

@@ -33,7 +33,7 @@ class MNIST(ImageSource):
     against their SHA-256.
 
     Args:
-        roots: folders to look in for ``MNIST/raw/``; the last one is written to by a download.
+        roots: folders to search for ``MNIST/raw/``; a download is written to the last one.
         download: let torchvision fetch what is missing.
     """
 
@@ -96,7 +96,8 @@ class FashionMNIST(MNIST):
     """70,000 pictures of clothing in the format of MNIST.
 
     Source: H. Xiao, K. Rasul, R. Vollgraf, "Fashion-MNIST", arXiv:1708.07747. The publisher's MD5 is that of the packed
-    files: where these lie beside the unpacked ones they are read and checked, else only header and length are.
+    files. If these lie beside the unpacked ones, they are read and checked; otherwise only header and length are
+    checked.
     """
 
     name = "fashion_mnist"
@@ -112,10 +113,10 @@ class FashionMNIST(MNIST):
 
 
 def read_idx(path: Path) -> np.ndarray:
-    """An idx file of unsigned bytes as an array; the file may be gzipped.
+    """Read an idx file of unsigned bytes, possibly gzipped, as an array.
 
     Raises:
-        UserError: it is not such a file, or its length is not what its header says.
+        UserError: the file is not of this format, or its length differs from what its header says.
     """
     try:
         content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()

@@ -1,4 +1,4 @@
-"""The photos that a path, a folder or a pattern names; imports no torch."""
+"""Find the photos that a path, a folder or a pattern names; imports no torch."""
 
 import glob
 import logging
@@ -12,7 +12,7 @@ from sextant.errors import UserError
 
 log = logging.getLogger(__name__)
 
-#: the last two are not decoded: they are found so that they are named
+#: the last two are not decoded: they are found so that messages can name them
 FOUND_IN_FOLDERS = (*SUFFIXES, ".gif", ".jp2", ".heic", ".heif")
 #: names of pictures that predictions write: :mod:`~sextant.applications.calibration.photo_files`,
 #: :mod:`~sextant.cli.place_matching.gallery_pages`
@@ -20,7 +20,7 @@ WRITTEN = ("*_overlay.png", "*_undistorted.png", "*_undistorted.jpg", "*calibrat
 
 
 def find_photos(given: str, output: Path | None, key: str = "input") -> list[Path]:
-    """The photo at a path, all below a folder, or those that a pattern matches, in order; never what this wrote.
+    """The photo at a path, all photos below a folder, or those matching a pattern, in order; never files written here.
 
     Args:
         given: path, folder or pattern.
@@ -28,7 +28,7 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         key: of the argument, for messages.
 
     Raises:
-        UserError: there is none.
+        UserError: there is no photo.
     """
     path = Path(given).expanduser()
     if path.is_file():
@@ -45,7 +45,7 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         p
         for p in candidates
         if p.suffix.lower() in FOUND_IN_FOLDERS
-        and (os.path.isfile(p) or (os.path.islink(p) and not os.path.exists(p)))  # who reads a link to nothing names it
+        and (os.path.isfile(p) or (os.path.islink(p) and not os.path.exists(p)))  # the reader reports broken links
         and not (written and any(fnmatchcase(p.name, name) for name in WRITTEN) and p.resolve().is_relative_to(written))
     )
     if not found:

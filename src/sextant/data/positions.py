@@ -1,13 +1,13 @@
-"""Positions that no robot and no camera has."""
+"""Detect implausible positions of robots and cameras."""
 
 from collections.abc import Sequence
 
-#: No robot goes further than that, in any unit; of much larger numbers nothing can be computed.
+#: No robot goes further than this, in any unit; much larger numbers break computations.
 FURTHEST = 1e9
 
 
 def too_far(position: Sequence[float]) -> str:
-    """What is wrong with a position further away than any robot goes; "" if it is not.
+    """The problem with an implausibly far position; "" if there is none.
 
     >>> too_far([0.0, -1e160, 5.0])
     'the position (0, -1e+160, 5) is further away than 1e+09'

@@ -1,4 +1,4 @@
-"""Several processes train on one epoch: each takes its share of every batch."""
+"""Sharing an epoch between several training processes: each takes its share of every batch."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Self, TypeVar
@@ -13,13 +13,13 @@ Rows = TypeVar("Rows", Tensor, ndarray)
 
 @dataclass(frozen=True)
 class Share:
-    """Every ``ranks``-th image of a batch, which no other process takes.
+    """The share of one process: every ``ranks``-th image of a batch, starting at ``rank``.
 
-    All processes draw the same batches, so an epoch is the one that a single process sees.
+    All processes draw the same batches, so an epoch is the same as for a single process.
 
     Attributes:
         rank: number of this process.
-        ranks: how many there are.
+        ranks: number of processes.
 
     Example:
         >>> [Share(rank, 2).of(torch.arange(5)).tolist() for rank in (0, 1)]
@@ -31,11 +31,11 @@ class Share:
 
     @classmethod
     def of_trainer(cls, trainer: Any) -> Self:
-        """That of a Lightning trainer's process; the whole without a trainer."""
+        """The share of a Lightning trainer's process; the whole without a trainer."""
         return cls() if trainer is None else cls(trainer.global_rank, trainer.world_size)
 
     def of(self, rows: Rows) -> Rows:
-        """The rows of a batch that are this process's."""
+        """The rows of a batch that belong to this process."""
         return rows[self.rank :: self.ranks]
 
     def weight(self, count: int) -> float:
@@ -46,17 +46,18 @@ class Share:
         return len(range(self.rank, count, self.ranks)) * self.ranks / count
 
 
-#: what a process without others takes
+#: the share of a single process
 WHOLE = Share()
 
 
 class SharedBatches(Dataset[Any]):
-    """The share of a process in the batches of a dataset, weighted; its batches have a field ``weight``.
+    """A process's share of the batches of a dataset, weighted; its batches have a field ``weight``.
 
-    A process for which a small batch has no image gets the first with weight 0, since all take part in a step.
+    A process for which a small batch has no image gets the first image with weight 0, since all must take part in a
+    step.
 
     Args:
-        batches: gives a batch for the numbers of its images.
+        batches: maps numbers of images to a batch.
         share: of this process.
     """
 

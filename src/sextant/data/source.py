@@ -1,4 +1,4 @@
-"""What a labelled image dataset is to the rest of Sextant: files that can be checked, hashed and read."""
+"""The interface of labelled image datasets: files that can be checked, hashed and read."""
 
 import hashlib
 import json
@@ -20,7 +20,7 @@ SPLITS: tuple[Split, ...] = ("train", "test")
 
 
 class MissingDataError(ArgumentError):
-    """The files of a dataset are not where they were looked for."""
+    """The files of a dataset were not found."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ImageSpec:
 
 @dataclass(frozen=True)
 class LabelledImages:
-    """Images of one split with their labels, as they lie in memory."""
+    """Images of one split with their labels, as stored in memory."""
 
     images: UInt8[ndarray, "n c h w"]
     labels: Int64[ndarray, "n"]
@@ -57,7 +57,8 @@ class ImageSource(ABC):
         """The files that ``split`` is read from.
 
         Raises:
-            MissingDataError: says where they were looked for, how to get them, what to use instead.
+            MissingDataError: they were not found; the message says where they were searched, how to get them, and what
+                to use instead.
         """
 
     @abstractmethod
@@ -66,23 +67,23 @@ class ImageSource(ABC):
 
     @abstractmethod
     def read(self, split: Split) -> LabelledImages:
-        """Read a split, checking that every file is what it should be.
+        """Read a split, checking that every file is intact.
 
         Raises:
-            UserError: a file is missing, truncated or altered; it is named.
+            UserError: a file is missing, truncated or altered; the message names it.
         """
 
     def count(self, split: Split) -> int | None:
-        """Images of a split, where that is known before they are read."""
+        """Number of images of a split, if known before they are read."""
         return None
 
     def fingerprint(self) -> str:
-        """Hash of the names and contents of all files: it changes when the data does."""
+        """Hash of the names and contents of all files, which changes when the data does."""
         entries: list[tuple[str, ...]] = []
         for split in SPLITS:
             try:
                 files = self.files(split)
-            except MissingDataError:  # a copy with the test split alone can still be evaluated on
+            except MissingDataError:  # the test split alone is enough for evaluation
                 entries.append((split, "absent"))
                 continue
             entries += [(split, path.parent.name, path.name, file_sha256(path)) for path in files]
@@ -90,10 +91,10 @@ class ImageSource(ABC):
 
 
 def first_folder(looked: Sequence[Path], key: str, fix: str) -> Path:
-    """The first of the places looked in that is a folder.
+    """The first of the searched paths that is a folder.
 
     Raises:
-        MissingDataError: none is; names ``key``, all the places and what to do.
+        MissingDataError: none is; the message names ``key``, all the paths and what to do.
     """
     for path in looked:
         if path.is_dir():
@@ -103,7 +104,7 @@ def first_folder(looked: Sequence[Path], key: str, fix: str) -> Path:
 
 
 def find_folder(roots: Sequence[Path | str], folder: str, names: Sequence[str], *, dataset: str, source: str) -> Path:
-    """The first ``root/folder`` that holds all files ``names``.
+    """The first ``root/folder`` that holds all files in ``names``.
 
     Raises:
         MissingDataError: there is none.
@@ -122,7 +123,7 @@ def find_folder(roots: Sequence[Path | str], folder: str, names: Sequence[str], 
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file, remembered for as long as its size and time of change stay the same."""
+    """SHA-256 of a file, cached as long as its size and modification time stay the same."""
     status = path.stat()
     return _file_sha256(path, status.st_size, status.st_mtime_ns)
 
@@ -137,7 +138,7 @@ def check_file(path: Path, digest: str, algorithm: Literal["md5", "sha256"] = "s
     """Check that a file is the published one.
 
     Raises:
-        UserError: its hash differs; names the file, its size and both hashes.
+        UserError: its hash differs; the message names the file, its size and both hashes.
     """
     with path.open("rb") as file:
         found = hashlib.file_digest(file, algorithm).hexdigest()

@@ -8,11 +8,11 @@ from numpy import ndarray
 def stratified_split(
     labels: Int64[ndarray, "n"], fraction: float, seed: int
 ) -> tuple[Int64[ndarray, "t"], Int64[ndarray, "v"]]:
-    """Indices of training and validation images, the same share of every class in each.
+    """Indices of training and validation images, with the same share of every class in each.
 
     Args:
         labels: class of every image.
-        fraction: share of the validation images, in (0, 1); at least one image of each class is held out.
+        fraction: share of validation images, in (0, 1); at least one image of each class is held out.
         seed: of the choice.
 
     Raises:

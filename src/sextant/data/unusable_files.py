@@ -1,4 +1,4 @@
-"""Files that could not be used: the mistake where there were no others."""
+"""The error for an input of which no file could be used."""
 
 from collections.abc import Mapping
 
@@ -7,11 +7,11 @@ from sextant.errors import UserError
 
 
 def nothing_usable(problem: str, skipped: Mapping[str, str], fix: str | None = None) -> UserError:
-    """The mistake of an input of which nothing could be used; names the files.
+    """The error for an input of which nothing could be used; its message names the files.
 
     Args:
         problem: what is wrong with all of them.
-        skipped: reasons by file.
+        skipped: the reason for each file.
         fix: what to do.
     """
     listed = problem_list([f"{name}: {reason_alone(name, why)}" for name, why in skipped.items()])
@@ -19,5 +19,5 @@ def nothing_usable(problem: str, skipped: Mapping[str, str], fix: str | None = N
 
 
 def reason_alone(name: str, problem: str) -> str:
-    """A problem without the name of the file that it starts with, on one line."""
+    """A problem on one line, without the leading name of its file."""
     return " ".join(problem.removeprefix(name).lstrip(":, ").split())

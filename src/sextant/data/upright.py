@@ -1,4 +1,4 @@
-"""Images turned upright by the orientation of their EXIF block."""
+"""Images turned upright according to their EXIF orientation."""
 
 from PIL import Image
 
@@ -12,7 +12,7 @@ TURN = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
-#: by orientation: the matrix from directions (right, down) of the upright picture to those of the one that is stored
+#: by orientation: the matrix from directions (right, down) in the upright picture to those in the stored one
 STORED_FROM_UPRIGHT = {
     1: ((1, 0), (0, 1)), 2: ((-1, 0), (0, 1)), 3: ((-1, 0), (0, -1)), 4: ((1, 0), (0, -1)),
     5: ((0, 1), (1, 0)), 6: ((0, 1), (-1, 0)), 7: ((0, -1), (-1, 0)), 8: ((0, -1), (1, 0)),
@@ -20,7 +20,7 @@ STORED_FROM_UPRIGHT = {
 
 
 def exif_orientation(image: Image.Image) -> int:
-    """1 to 8 by the EXIF block, 1 being upright; 1 too where it is broken."""
+    """The EXIF orientation, 1 to 8, with 1 being upright; also 1 if the block is broken."""
     try:
         value = int(image.getexif().get(ORIENTATION, 1))
     except Exception:  # metadata that cannot be read is no reason to refuse the picture
@@ -29,13 +29,13 @@ def exif_orientation(image: Image.Image) -> int:
 
 
 def upright(image: Image.Image) -> Image.Image:
-    """A picture as it is to be looked at; loads it."""
-    image.load()  # which turns a TIFF by itself, and takes the orientation away
+    """A picture turned upright; loads it."""
+    image.load()  # this turns a TIFF upright by itself, and removes its orientation
     turn = TURN.get(exif_orientation(image))
     return image if turn is None else image.transpose(turn)
 
 
 def upright_size(image: Image.Image) -> tuple[int, int]:
-    """Width and height of a picture that is not loaded yet, as it is to be looked at."""
-    turned = image.format != "TIFF" and exif_orientation(image) >= 5  # Pillow tells a TIFF's upright size
+    """Upright width and height of a picture that is not loaded yet."""
+    turned = image.format != "TIFF" and exif_orientation(image) >= 5  # Pillow gives a TIFF's upright size
     return (image.height, image.width) if turned else (image.width, image.height)

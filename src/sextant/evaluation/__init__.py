@@ -1,7 +1,7 @@
 """Metrics, protocols and statistics.
 
-What :mod:`~sextant.evaluation.exported` names is found here, and imported when it is asked for: SciPy's statistics take
-a second or two of a processor, which whoever needs one module alone is spared.
+The names in :mod:`~sextant.evaluation.exported` are available here, and imported lazily: importing SciPy's statistics
+takes a second or two, which users of a single module are spared.
 """
 
 from importlib import import_module

@@ -1,19 +1,19 @@
-r"""Intervals that hold the truth as often as they say, whatever the network: split-conformal prediction.
+r"""Split-conformal prediction: intervals with guaranteed coverage, whatever the network.
 
-The *score* of an image is its error over the expected error that the network gives for it, :math:`s = |e| / \sigma`.
-From the sorted scores of n validation images, which trained nothing, the interval at level :math:`1 - \alpha` is
+The *score* of an image is its error over the expected error that the network predicts for it, :math:`s = |e| / \sigma`.
+From the sorted scores of n validation images, which were not trained on, the interval at level :math:`1 - \alpha` is
 
 .. math:: \hat y \pm q\,\sigma, \qquad q = s_{(\lceil (n + 1)(1 - \alpha) \rceil)} ,
 
-infinite if the rank exceeds n. If a new image is exchangeable with them, the interval holds the truth with probability
+infinite if the rank exceeds n. If a new image is exchangeable with them, the interval covers the truth with probability
 at least :math:`1 - \alpha`, and for scores without ties at most :math:`1 - \alpha + 1/(n + 1)`. Both are averages over
-validation sets and new images together; given one validation set the coverage scatters by about
-:math:`\sqrt{\alpha(1 - \alpha)/n}`, and it is not the coverage of any one kind of image. A checkpoint that was chosen
-on the same validation images makes their scores a little too small, which no formula here corrects.
+validation sets and new images together. For one given validation set the coverage scatters by about
+:math:`\sqrt{\alpha(1 - \alpha)/n}`, and it is not the coverage for any particular kind of image. Choosing a checkpoint
+on the same validation images makes their scores slightly too small, which no formula here corrects.
 
-Crops of one panorama are not exchangeable with those of a new one. With m crops from each of K panoramas the guarantee
-is kept, for one crop of a new panorama, by giving the new panorama the weight of a whole one: among the n = K m scores
-the rank :math:`\lceil (n + m)(1 - \alpha) \rceil`, so that levels above :math:`K/(K + 1)` give infinite intervals.
+Crops of one panorama are not exchangeable with those of a new one. With m crops from each of K panoramas, the guarantee
+holds for one crop of a new panorama if the new panorama is given the weight of a whole one: the rank among the n = K m
+scores is :math:`\lceil (n + m)(1 - \alpha) \rceil`, so that levels above :math:`K/(K + 1)` give infinite intervals.
 
 Sources: J. Lei et al., "Distribution-free predictive inference for regression", JASA 2018; Y. Lee, R. F. Barber,
 R. Willett, "Distribution-free inference with hierarchical data", 2023, for clusters.
@@ -30,20 +30,20 @@ from torch import Tensor
 
 from sextant.evaluation.calibration.summary import cluster_resamples
 
-#: levels at which coverage is drawn, and those that tables give
+#: levels at which coverage is plotted, and those given in tables
 LEVELS = tuple(round(0.05 * step, 2) for step in range(1, 20))
 TABLE_LEVELS = (0.5, 0.68, 0.9, 0.95)
 
 
 @dataclass(frozen=True)
 class CoverageCurve:
-    """How often intervals held the truth on test images, by level; one column for each of k parameters.
+    """Coverage of intervals on test images, by level; one column for each of k parameters.
 
     Attributes:
-        levels: that the intervals were made for.
-        coverage: share of the images whose interval holds the truth.
-        low, high: its 95 % interval by a bootstrap over the test panoramas.
-        multipliers: q of each level.
+        levels: nominal levels of the intervals.
+        coverage: share of images whose interval covers the truth.
+        low, high: its 95 % interval from a bootstrap over the test panoramas.
+        multipliers: q for each level.
     """
 
     levels: Float[ndarray, "l"]
@@ -54,9 +54,9 @@ class CoverageCurve:
 
 
 def conformal_rank(count: int, level: float, per_panorama: int = 1) -> int:
-    """Which of ``count`` sorted scores bounds the intervals of a level, from 1; above ``count`` means infinity.
+    """Rank, from 1, of the sorted score that bounds the intervals of a level; a rank above ``count`` means infinity.
 
-    ``ceil((n + m) level)``, with a product that is whole but for rounding taken as whole: 0.55 x 100 is 55.
+    It is ``ceil((n + m) level)``, where a product that is whole up to rounding is taken as whole: 0.55 x 100 is 55.
 
     Raises:
         ValueError: the level is not in (0, 1), or ``per_panorama`` does not divide ``count``.
@@ -75,10 +75,10 @@ def conformal_rank(count: int, level: float, per_panorama: int = 1) -> int:
 
 
 def conformal_quantile(scores: Float[Tensor, "n *k"], level: float, per_panorama: int = 1) -> Float[Tensor, "*k"]:
-    """Multipliers of the expected errors that make intervals of ``level``; see the module.
+    """Multipliers of the expected errors that give intervals of ``level``; see the module.
 
     Args:
-        scores: of validation images, in any order, one column a parameter.
+        scores: of validation images, in any order, one column per parameter.
         level: in (0, 1).
         per_panorama: validation crops of each panorama; with 1, crops count as independent.
 
@@ -96,7 +96,7 @@ def conformal_quantile(scores: Float[Tensor, "n *k"], level: float, per_panorama
 
 
 def coverage(scores: Float[Tensor, "n *k"], quantile: Float[Tensor, "*k"]) -> Float[Tensor, "*k"]:
-    """Share of test images whose interval holds the truth, given their scores; a score of nan does not.
+    """Share of test images whose interval covers the truth, given their scores; a score of nan counts as not covered.
 
     >>> coverage(torch.tensor([0.5, 1.0, 2.0, torch.nan]), torch.tensor(1.0)).item()
     0.5
@@ -114,12 +114,12 @@ def coverage_curve(
     resamples: int = 1000,
     seed: int = 0,
 ) -> CoverageCurve:
-    """Coverage on test images of the intervals made from validation scores.
+    """Coverage, on test images, of intervals made from validation scores.
 
     Args:
-        validation: scores that the intervals rest on.
+        validation: scores from which the intervals are made.
         test: scores of the test images.
-        panoramas: which panorama each test image was cut from; the bootstrap draws whole ones.
+        panoramas: which panorama each test image was cut from; the bootstrap draws whole panoramas.
         levels: of the intervals.
         per_panorama: validation crops of each panorama.
         resamples: of the bootstrap.

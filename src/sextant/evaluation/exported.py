@@ -1,4 +1,4 @@
-"""What the package gives its users by name."""
+"""The public names of the package."""
 
 from sextant.evaluation.classification.corruption_baseline import (
     ALEXNET_CIFAR10_C,

@@ -8,8 +8,9 @@ import numpy as np
 def holm(p_values: Sequence[float]) -> list[float]:
     """Holm's step-down adjusted p-values; nan entries stay nan and do not count as tests.
 
-    Of n tests the i-th smallest p is multiplied by n - i + 1, and none is less than that of a smaller one. Written out,
-    since statsmodels' ``multipletests`` collects garbage whenever it is called, which takes longer than all else.
+    Of n tests, the i-th smallest p is multiplied by n - i + 1, and adjusted values never decrease with p. It is written
+    out here because statsmodels' ``multipletests`` runs garbage collection on every call, which takes longer than
+    everything else.
 
     Source: S. Holm, A simple sequentially rejective multiple test procedure, Scand. J. Statistics 6, 1979.
 

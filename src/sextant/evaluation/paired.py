@@ -1,7 +1,7 @@
 """Paired comparison of two arms of an experiment over seeds, with the images of each seed nested.
 
 A *difference* here is treatment minus control at one seed. The seed is the unit of replication: runs with different
-seeds are independent, the test images of one run are not.
+seeds are independent; the test images of one run are not.
 """
 
 import math
@@ -17,7 +17,7 @@ from sextant.errors import ArgumentError
 
 Method = Literal["t", "bootstrap"]
 Better = Literal["higher", "lower"]
-#: digits of a difference, relative to the largest value, that are not rounding
+#: significant digits of a difference, relative to the largest value; the rest is rounding
 DIGITS = 12
 
 
@@ -28,12 +28,12 @@ class PairedDifference:
     Attributes:
         seeds: number of pairs.
         mean: of the differences.
-        spread: their standard deviation; what a single pair of runs scatters by.
+        spread: their standard deviation: the scatter of a single pair of runs.
         low, high: the interval for the mean over seeds, on these test images.
-        image_low, image_high: the interval when the test images count as a sample too; wider, or nan without images.
-        p_value: Wilcoxon's signed-rank test, two-sided; nan under two pairs.
-        t_p_value: the paired t test's, two-sided, which belongs to the t interval; nan under two pairs.
-        wins: pairs in which the treatment is better.
+        image_low, image_high: the interval when the test images count as a sample too: wider, or nan without images.
+        p_value: of Wilcoxon's signed-rank test, two-sided; nan with fewer than two pairs.
+        t_p_value: of the paired t test, two-sided, matching the t interval; nan with fewer than two pairs.
+        wins: number of pairs in which the treatment is better.
     """
 
     seeds: int
@@ -64,17 +64,17 @@ def paired_difference(
     ``mean(d) ± t_{S-1} · sd(d) / sqrt(S)``, or a studentized bootstrap that resamples seeds and, within each, images.
 
     Args:
-        treatment, control: one row a pair; a column for each test image where there are any.
+        treatment, control: one row per pair, and one column per test image if there are any.
         method: ``t`` or ``bootstrap``.
         confidence: coverage of the intervals, in (0, 1).
         seed: of the bootstrap.
-        better: whether a high or a low value is one.
-        largest: that a difference can be either way, such as 100 points of per cent; intervals are cut there, which
-            takes no true value out of them.
+        better: whether higher or lower values are better.
+        largest: largest possible size of a difference in either direction, such as 100 percentage points; intervals are
+            truncated there, which excludes no possible value.
 
     Raises:
         ValueError: the shapes differ or there is no pair.
-        ArgumentError: there is no such method or direction.
+        ArgumentError: the method or direction is unknown.
 
     Source: Efron & Tibshirani, An introduction to the bootstrap, 1993, section 12.5 (the studentized bootstrap).
 
@@ -91,7 +91,7 @@ def paired_difference(
     images = (values[0] - values[1]).reshape(len(treatment), -1)
     per_seed = images.mean(axis=1)
     scale = np.abs(values).max(where=np.isfinite(values), initial=0.0) or 1.0
-    ranked = np.round(per_seed / scale, DIGITS)  # what is equal but for rounding is equal
+    ranked = np.round(per_seed / scale, DIGITS)  # what is equal up to rounding is equal
     if np.ptp(ranked) == 0:
         per_seed = np.full_like(per_seed, per_seed.mean() if ranked.any() else 0.0)
     low, high = _t_interval(per_seed, confidence) if method == "t" else bootstrap_t_interval(images, confidence, seed)
@@ -113,12 +113,13 @@ def paired_difference(
 def bootstrap_t_interval(
     images: Float[ndarray, "seeds images"], confidence: float = 0.95, seed: int = 0, resamples: int = 4999
 ) -> tuple[float, float]:
-    """Studentized bootstrap interval of the mean over seeds, images resampled within each resampled seed.
+    """Studentized bootstrap interval of the mean over seeds, with images resampled within each resampled seed.
 
-    Resampled means over images are drawn as normal with the images' standard error, which the central limit theorem
-    allows from some hundred images on and which saves a factor of their number; one image a seed nests nothing.
-    A percentile bootstrap is not offered: with few seeds it covers less than it says (Efron & Tibshirani 1993, 12.5).
-    Fewer than two seeds give nan, as do two that nest nothing: every sample of them has their mean, or no spread.
+    Resampled means over images are drawn from a normal distribution with the images' standard error. The central limit
+    theorem allows that for some hundred images or more, and it saves a factor of their number; with one image per seed
+    nothing is nested. A percentile bootstrap is not offered: with few seeds its coverage is below nominal (Efron &
+    Tibshirani 1993, 12.5). Fewer than two seeds give nan, as do two with nothing nested: each of their resamples has
+    their mean, or no spread.
 
     >>> low, high = bootstrap_t_interval(np.array([[1.0], [2.0], [2.0], [3.0], [2.0], [8.0]]))
     >>> f"3 [{low:.1f}, {high:.1f}]"  # further up than down, as the values do
@@ -148,7 +149,7 @@ def crossed_interval(images: Float[ndarray, "seeds images"], confidence: float =
     """t interval of the mean when seeds and images are both random and every seed sees the same images.
 
     Two-way random effects: ``Var = s²(seed means)/S + s²(image means)/N - MSE/(S N)``; S - 1 degrees of freedom, which
-    is cautious when images dominate. Fewer than two seeds or images give nan.
+    is conservative when images dominate. Fewer than two seeds or images give nan.
 
     >>> values = np.array([[0.0, 4.0], [1.0, 5.0], [2.0, 6.0]])  # three seeds on the same two images
     >>> [f"{low:.1f} to {high:.1f}" for low, high in (mean_interval(values.mean(axis=1)), crossed_interval(values))]
@@ -167,7 +168,7 @@ def crossed_interval(images: Float[ndarray, "seeds images"], confidence: float =
 
 
 def mean_interval(values: Float[ndarray, "seeds"], confidence: float = 0.95) -> tuple[float, float]:
-    """t interval ``mean ± t_{S-1} · sd / sqrt(S)`` of a mean over S seeds, in its unit; nan with fewer than two.
+    """t interval ``mean ± t_{S-1} · sd / sqrt(S)`` of a mean over S seeds, in its unit; nan for fewer than two.
 
     >>> low, high = mean_interval(np.array([1.0, 2.0, 3.0]))
     >>> f"{low:.2f} to {high:.2f}"  # 2 ± 4.30 / sqrt(3), wide for three seeds
@@ -177,7 +178,7 @@ def mean_interval(values: Float[ndarray, "seeds"], confidence: float = 0.95) -> 
 
 
 def _all_equal(values: Float[ndarray, "seeds"]) -> bool:
-    """But for rounding."""
+    """Whether all values are equal up to rounding."""
     return bool(np.ptp(values) <= 1e-12 * np.abs(values).max())
 
 

@@ -1,13 +1,14 @@
-"""The definitions that results rest on, fixed here before any result exists."""
+"""The definitions on which results rest, fixed here before any result exists."""
 
 from dataclasses import dataclass
 from typing import Literal
 
-#: A claim needs this many seeds; fewer is labelled exploratory. With 5 a sign test cannot go below p = 0.0625.
+#: A claim needs this many seeds; with fewer, it is labelled exploratory. With 5 a sign test cannot go below p = 0.0625.
 SEEDS_FOR_A_CLAIM = 8
 
-#: A classification run has converged if its validation accuracy after training is at least this far from chance to 1.
-#: It is judged on the validation split alone. Runs below are reported as diverged, counted, and never dropped silently.
+#: A classification run has converged if its validation accuracy after training is at least this share of the way from
+#: chance to 1. It is judged on the validation split alone. Runs below are reported as diverged, counted, and never
+#: dropped silently.
 CONVERGED_ABOVE_CHANCE = 0.5
 
 
@@ -50,7 +51,7 @@ def places_converged(recall_at_1: float, chance: float) -> bool:
 
 @dataclass(frozen=True)
 class LocalizationProtocol:
-    """What it means to know where one is; the terms of every table about localization.
+    """The definition of successful localization, and the terms of every table about localization.
 
     ======================= ===========================================================================================
     within (at a frame)     position error ``<= position`` and heading error ``<= heading_deg``
@@ -61,12 +62,12 @@ class LocalizationProtocol:
     lost                    the run never converged, or the estimated mode holds less than ``MODE_MASS`` of the weight
     ======================= ===========================================================================================
 
-    A frame without an estimate, whose errors are nan, is not within.
+    A frame without an estimate, whose errors are nan, is not *within*.
 
     Attributes:
-        position: greatest position error: metres, or frames on a railway.
-        heading_deg: greatest heading error in degrees; None where there is no heading.
-        frames: this many frames running must be within.
+        position: largest position error: metres, or frames on a railway.
+        heading_deg: largest heading error in degrees; None if there is no heading.
+        frames: number of consecutive frames that must be within.
         unit: of ``position``.
 
     Raises:
@@ -88,7 +89,7 @@ class LocalizationProtocol:
             raise ValueError(f"the limits of a localization protocol must be positive and finite, got {self}")
 
     def name(self, metric: str) -> str:
-        """A metric's name with the limits it rests on: ``success_0.5m_10deg_10f``."""
+        """A metric's name with its limits: ``success_0.5m_10deg_10f``."""
         heading = "" if self.heading_deg is None else f"_{self.heading_deg:g}deg"
         unit = "m" if self.unit == "m" else "frames"
         return f"{metric}_{self.position:g}{unit}{heading}_{self.frames}f"
@@ -96,14 +97,15 @@ class LocalizationProtocol:
 
 #: One floor of an office, walked by a robot or a person.
 OFFICE_LOCALIZATION = LocalizationProtocol(0.5, 10.0, 10)
-#: Streets: the tightest of the usual limits under changing seasons (5 m), with heading.
+#: Streets: the tightest of the limits commonly used under changing seasons (5 m), with heading.
 TOWN_LOCALIZATION = LocalizationProtocol(5.0, 20.0, 10)
-#: A railway, where a position is a frame of the reference ride; every tenth second of it, some 230 m at full speed.
+#: A railway, where a position is a frame of the reference traverse; one frame every ten seconds, some 230 m at full
+#: speed.
 NORDLAND_LOCALIZATION = LocalizationProtocol(2.0, None, 10, "frames")
 
-#: A run whose estimated mode holds less of the weight than this says itself that it is lost.
+#: A run whose estimated mode holds less of the weight than this declares itself lost.
 MODE_MASS = 0.5
 #: Frames after a kidnap within which a run must have converged again, to count as recovered.
 RECOVERY_HORIZON = 60
-#: A particle count is enough from this share of successful seeds on.
+#: A particle count is enough if at least this share of seeds succeed.
 ENOUGH_SUCCESS = 0.95

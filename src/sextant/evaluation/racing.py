@@ -1,8 +1,8 @@
-"""Which trials of a search deserve another seed, given what all of them have reached so far.
+"""Which trials of a hyperparameter search deserve another seed, given all results so far.
 
 Scores are a matrix of trials x seeds: higher is better, nan where a seed has not been run, minus infinity where a run
-had no result. The seeds of every trial are run in the same order, so two trials are compared over the seeds that both
-have, seed by seed: what a seed makes easy or hard for all of them drops out.
+had no result. The seeds of every trial are run in the same order, so two trials are compared seed by seed over the
+seeds that both have, which cancels what makes a seed easy or hard for all.
 """
 
 import math
@@ -13,12 +13,12 @@ from numpy import ndarray
 from scipy import stats
 
 Scores = Float[ndarray, "trials seeds"]
-#: degrees of freedom without which a variance is not relied on: the first two differences of accuracies are often equal
+#: least degrees of freedom to rely on a variance: the first two differences of accuracies are often equal
 ENOUGH = 4
 
 
 def seeds_run(scores: Scores) -> Float[ndarray, "trials"]:
-    """How many seeds of each trial have been run, from the first on.
+    """Number of seeds of each trial that have been run, from the first without a gap.
 
     Example:
         >>> seeds_run(np.array([[0.9, 0.8, np.nan], [0.7, np.nan, 0.6]]))  # what follows a gap does not count
@@ -28,7 +28,7 @@ def seeds_run(scores: Scores) -> Float[ndarray, "trials"]:
 
 
 def leader(scores: Scores) -> int | None:
-    """The best mean among the trials with most seeds; None while no trial has a result at every seed it was run at.
+    """The trial with the best mean among those with most seeds; None until a trial has a result for all its seeds.
 
     Example:
         >>> leader(np.array([[0.8, 0.7], [0.8, 0.9], [0.99, np.nan], [0.99, -np.inf]]))  # of the first two
@@ -43,22 +43,22 @@ def leader(scores: Scores) -> int | None:
 
 
 def racing(scores: Scores, confidence: float = 0.95, *, last: bool = False) -> list[int]:
-    r"""The trials that get another seed: those that may still beat the best, and the best once they have as many.
+    r"""The trials that get another seed: those that may yet beat the best, and the best if one has as many.
 
-    A trial with :math:`n` seeds is out once the upper end of a one-sided interval of its mean paired difference
+    A trial with :math:`n` seeds is eliminated once the upper end of a one-sided interval for its mean paired difference
     :math:`\bar d` from the leader is not above zero,
 
     .. math:: \bar d + t_{\nu, c}\, s / \sqrt{n} \le 0,
 
-    in which :math:`s^2` is the variance of paired differences, pooled over all trials that have two seeds or more, and
-    :math:`\nu` its degrees of freedom: one seed is enough for a trial that is far off, once others have told what
-    seeds alone make. Nothing is out while :math:`\nu < 4`. Every decision is made anew, so a trial comes back if
-    another leads, or seeds turn out to make more than was thought.
+    where :math:`s^2` is the variance of paired differences, pooled over all trials with two seeds or more, and
+    :math:`\nu` its degrees of freedom. One seed is thus enough to eliminate a trial that is far off, once others have
+    shown how much seeds vary. Nothing is eliminated while :math:`\nu < 4`. Every decision is made afresh, so a trial
+    returns if another takes the lead, or if seeds turn out to vary more than thought.
 
     Args:
-        scores: as the module says; a trial without a run deserves one.
+        scores: as in the module; a trial without a run deserves one.
         confidence: :math:`c`, of each comparison.
-        last: no other trials will come; the best, too, gets all seeds then.
+        last: no other trials will follow; then the best gets all seeds too.
 
     Returns:
         Indices of trials, in order.
@@ -89,11 +89,11 @@ def racing(scores: Scores, confidence: float = 0.95, *, last: bool = False) -> l
 
 
 def halving(scores: Scores, trials: int) -> list[int]:
-    """Successive halving: all trials get one seed, the better half two, the better half of these four, and so on.
+    """Successive halving: all trials get one seed, the better half two, the better half of those four, and so on.
 
     Args:
-        scores: as the module says.
-        trials: that there will be; no trial gets a second seed before all have one.
+        scores: as in the module.
+        trials: total number of trials; none gets a second seed before all have one.
 
     Returns:
         Indices of trials, in order.
@@ -119,7 +119,7 @@ def halving(scores: Scores, trials: int) -> list[int]:
 
 
 def every(scores: Scores) -> list[int]:
-    """All trials that have no run without a result, until they have every seed.
+    """All trials without a failed run, until they have every seed.
 
     Example:
         >>> every(np.array([[0.9, 0.8], [0.5, np.nan], [-np.inf, np.nan]]))  # the first has all, the last no result
@@ -129,5 +129,5 @@ def every(scores: Scores) -> list[int]:
 
 
 def _sound(scores: Scores) -> ndarray:
-    """The trials none of whose runs was without a result."""
+    """Trials of which no run failed to give a result."""
     return np.asarray(~np.isneginf(scores).any(1))

@@ -7,29 +7,29 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy import stats
 
-#: of means, which may leave [0, 1] or differ by so much
+#: by which means may leave [0, 1] or differ through rounding
 ROUNDING = 1e-12
 
 
 def share_interval(
     values: Float[ndarray, "seeds"], trials: int | None = None, confidence: float = 0.95
 ) -> tuple[float, float]:
-    """Korn and Graubard's interval of a mean share over seeds, such as an accuracy; nan with fewer than two seeds.
+    """Korn and Graubard's interval for a mean share over seeds, such as an accuracy; nan with fewer than two seeds.
 
-    A t interval of shares near 0 or 1 leaves their range and holds the mean too seldom: of ten seeds that succeed in
-    99 % of 8 runs each, 55 times in 100 (``tests/evaluation/test_share_interval.py``). Here the spread over seeds says
-    how many independent trials would know the mean p as well,
+    A t interval for shares near 0 or 1 leaves their range and covers the mean too rarely: for ten seeds that succeed in
+    99 % of 8 runs each, 55 times in 100 (``tests/evaluation/test_share_interval.py``). Here the spread over seeds gives
+    the number of independent trials that would determine the mean p equally well,
 
         n = p (1 - p) / (s² / S),    n' = n (z / t_{S-1})²,
 
-    and the interval is Clopper and Pearson's of p n' successes in n' trials. For shares that scatter little beside
-    their distance from 0 and 1 it is the t interval. A share of which few seeds differ from all others by much is held
-    too seldom by this interval too, as by any that knows only what it saw.
+    and the interval is Clopper and Pearson's of p n' successes in n' trials. For shares that scatter little compared
+    with their distance from 0 and 1, it is the t interval. If a few seeds differ greatly from all others, this interval
+    covers too rarely as well, as does any that is based on the observed seeds alone.
 
     Args:
-        values: one share a seed, in [0, 1].
-        trials: of all seeds together. Where all seeds agree they show no spread, and as many independent trials are
-            supposed; without it the interval is nan then.
+        values: one share per seed, in [0, 1].
+        trials: number of trials of all seeds together. If all seeds agree and so show no spread, this many independent
+            trials are assumed; without it the interval is then nan.
         confidence: coverage, in (0, 1).
 
     Returns:
@@ -56,7 +56,7 @@ def share_interval(
 def share_interval_of(
     mean: float, spread: float, seeds: int, trials: int | None = None, confidence: float = 0.95
 ) -> tuple[float, float]:
-    """:func:`share_interval` of shares of which only the mean and the standard deviation over seeds are known.
+    """:func:`share_interval` for shares of which only the mean and standard deviation over seeds are known.
 
     >>> low, high = share_interval_of(1.0, 0.0, seeds=10, trials=80)  # all of 80 runs succeeded
     >>> f"{low:.3f} to {high:.3f}"
@@ -76,4 +76,4 @@ def share_interval_of(
     tail = (1 + confidence) / 2
     effective *= (stats.norm.ppf(tail) / stats.t.ppf(tail, seeds - 1)) ** 2
     low, high = proportion_confint(mean * effective, effective, alpha=1 - confidence, method="beta")
-    return (0.0 if mean <= 0 else float(low), 1.0 if mean >= 1 else float(high))  # of none or all, one end is nan
+    return (0.0 if mean <= 0 else float(low), 1.0 if mean >= 1 else float(high))  # for none or all, one end is nan

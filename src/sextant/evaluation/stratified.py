@@ -1,4 +1,4 @@
-"""The difference of two groups of runs in several strata, such as networks, without pairs."""
+"""Unpaired difference of two groups of runs over several strata, such as networks."""
 
 import math
 from collections.abc import Sequence
@@ -12,12 +12,12 @@ from scipy import stats
 
 @dataclass(frozen=True)
 class Sample:
-    """Independent runs, as far as their mean and its error need it.
+    """Summary statistics of independent runs, sufficient for their mean and its error.
 
     Attributes:
-        count: of the runs.
-        mean: of their values; nan of none.
-        spread: standard deviation; nan of fewer than two.
+        count: number of runs.
+        mean: of their values; nan for none.
+        spread: standard deviation; nan for fewer than two.
 
     Example:
         >>> Sample.of(np.array([1.0, 3.0, 5.0]))
@@ -30,13 +30,13 @@ class Sample:
 
     @classmethod
     def of(cls, values: Float[ndarray, "runs"]) -> "Sample":
-        """Of one value a run."""
+        """The sample of one value per run."""
         numbers = np.asarray(values, float)
         mean = float(numbers.mean()) if len(numbers) else math.nan
         return cls(len(numbers), mean, float(numbers.std(ddof=1)) if len(numbers) > 1 else math.nan)
 
     def joined(self, other: "Sample") -> "Sample":
-        """The runs of both in one sample.
+        """The runs of both samples in one.
 
         >>> Sample.of(np.array([1.0, 3.0])).joined(Sample.of(np.array([2.0, 6.0]))).mean
         3.0
@@ -53,13 +53,13 @@ class Sample:
 
 @dataclass(frozen=True)
 class StratifiedDifference:
-    """Treatment minus control, the mean over strata; in the unit of the input.
+    """Treatment minus control, averaged over strata; in the unit of the input.
 
     Attributes:
-        mean: of the differences of the strata, each counting the same.
+        mean: of the differences of the strata, with equal weights.
         low, high: its interval.
         freedom: Welch and Satterthwaite's degrees of freedom.
-        p_value: Welch's t test, two-sided.
+        p_value: of Welch's t test, two-sided.
     """
 
     mean: float
@@ -72,22 +72,23 @@ class StratifiedDifference:
 def stratified_difference(
     strata: Sequence[tuple[Sample, Sample]], confidence: float = 0.95, largest: float = math.inf
 ) -> StratifiedDifference | None:
-    """Compare two groups within each stratum, and the strata together; of one stratum this is Welch's t test.
+    """Compare two groups within each stratum, and combine the strata; with one stratum this is Welch's t test.
 
     With m, s and n of the runs of stratum k of K,
 
         D = (1/K) Σ_k (m_tk - m_ck),    V = Σ_k (v_tk + v_ck),    v = s² / (K² n),
         D ± t_ν sqrt(V),    ν = V² / Σ v² / (n - 1).
 
-    Every stratum has a spread of its own, and none counts for more because its runs happened to agree.
+    Every stratum has its own spread, and none counts for more because its runs happen to agree.
 
     Args:
         strata: treatment and control of each.
         confidence: coverage of the interval, in (0, 1).
-        largest: that a difference can be either way; the interval is cut there, which takes no true value out of it.
+        largest: largest possible size of a difference in either direction; the interval is truncated there, which
+            excludes no possible value.
 
     Returns:
-        The difference; None where a group of a stratum has fewer than two runs, or there is no stratum.
+        The difference; None if a group of a stratum has fewer than two runs, or there is no stratum.
 
     Source: Welch, Biometrika 34, 1947; Satterthwaite, Biometrics Bulletin 2, 1946.
 

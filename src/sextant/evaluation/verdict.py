@@ -12,11 +12,11 @@ from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM
 Expectation = Literal["better", "as_good", "same"]
 Verdict = Literal["holds", "fails", "undecided"]
 
-#: chance of a wrong verdict on either side, where the truth is exactly at the border
+#: probability of a wrong verdict on either side if the truth is exactly at the border
 TAIL = 0.025
-#: chance that the named number of further seeds is to give a verdict
+#: probability that the advised number of further seeds gives a verdict
 POWER = 0.8
-#: more seeds than this are not advised: the effect is as good as at the border
+#: more seeds than this are not advised: the effect is practically at the border
 MOST_SEEDS = 1000
 
 
@@ -26,11 +26,11 @@ class Estimate:
 
     Attributes:
         mean: of the effect.
-        error: its standard error; nan of one seed, or where only the interval is known; 0 of what is counted.
+        error: its standard error; nan for one seed, or if only the interval is known; 0 for a count.
         freedom: degrees of freedom of the error.
-        seeds: that it rests on.
-        known: a 95 % interval that was found in another way than by Student's t.
-        floor: the difference that the choice of seeds alone made beside it.
+        seeds: number of seeds it is based on.
+        known: a 95 % interval found other than by Student's t.
+        floor: the noise floor: the difference that the choice of seeds alone makes.
         counted: whether it is exact, such as a number of parameters, and needs no seeds.
 
     Example:
@@ -49,15 +49,15 @@ class Estimate:
 
     @classmethod
     def of_pairs(cls, mean: float, spread: float, seeds: int, floor: float = 0.0) -> "Estimate":
-        """Of the mean and the standard deviation of one value a seed, such as the differences of pairs."""
+        """The estimate from the mean and standard deviation of one value per seed, such as paired differences."""
         error = spread / math.sqrt(seeds) if seeds > 1 else math.nan
         return cls(mean, error, seeds - 1, seeds, floor=floor)
 
     def interval(self, tail: float = TAIL) -> tuple[float, float]:
-        """The interval that leaves this share out on either side; nan without a known error."""
+        """The interval that leaves out this share on either side; nan without a known error."""
         if self.counted:
             return (self.mean, self.mean)
-        if self.known is not None:  # of which nothing but the width is known: as wide as Student's t would make it
+        if self.known is not None:  # only its width is known: scaled as Student's t would be
             wider = float(stats.t.ppf(1 - tail, self.seeds - 1) / stats.t.ppf(1 - TAIL, self.seeds - 1))
             low, high = self.known if tail == TAIL else (self.mean + wider * (end - self.mean) for end in self.known)
             return (low, high)
@@ -68,7 +68,7 @@ class Estimate:
 def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1) -> Verdict:
     """Decide one comparison.
 
-    With [l, u] the 95 % interval of the effect, m the smallest that matters and f what seeds alone made,
+    With [l, u] the 95 % interval of the effect, m the smallest effect that matters and f the noise floor,
 
     ========= ============================ ================================
     expects   holds                        fails
@@ -79,15 +79,15 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
     ========= ============================ ================================
 
     and everything else is undecided: "no effect" is *shown*, by an interval within (-m, m), or not claimed at all. An
-    effect exactly at a border is called one way or the other at most 5 times in 100. Fewer than
-    ``SEEDS_FOR_A_CLAIM`` seeds decide nothing.
+    effect exactly at a border is decided one way or the other at most 5 times in 100. Fewer than ``SEEDS_FOR_A_CLAIM``
+    seeds decide nothing.
 
     Args:
         found: the effect, positive where it favours the claim.
-        expects: what the claim says of it.
+        expects: what the claim says about it.
         matters: smallest effect that matters, in its unit, at least 0.
-        parts: of the claim. All have to hold, so holding needs no correction; one that fails is enough, so failing is
-            tested with Bonferroni's.
+        parts: number of parts of the claim. All must hold, so holding needs no correction; one failure is enough, so
+            failing is tested with Bonferroni's correction.
 
     >>> found = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9)  # from 1.23 to 2.77
     >>> [decide(found, "better", matters) for matters in (1.0, 2.0, 3.0)]
@@ -111,7 +111,7 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
 
 
 def together(verdicts: Sequence[Verdict]) -> Verdict:
-    """Of a claim with several parts: it holds if all do, and fails if one does.
+    """The verdict on a claim with several parts: it holds if all do, and fails if one does.
 
     >>> together(["holds", "undecided"]), together(["holds", "undecided", "fails"])
     ('undecided', 'fails')
@@ -122,17 +122,17 @@ def together(verdicts: Sequence[Verdict]) -> Verdict:
 
 
 def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: int = 1) -> float | None:
-    """How many more seeds an undecided comparison needs, if mean and spread stay as they are.
+    """Number of further seeds that an undecided comparison needs, if mean and spread stay as they are.
 
-    The smallest n whose interval clears the border that the mean is beyond, with a chance of ``POWER``:
-    ``(t_{1 - a} + t_{0.8}) s / sqrt(n) <= distance``, a the tail of that verdict in :func:`decide`, and never fewer
-    than ``SEEDS_FOR_A_CLAIM``.
+    The smallest n whose interval clears the border that the mean is beyond, with probability ``POWER``:
+    ``(t_{1 - a} + t_{0.8}) s / sqrt(n) <= distance``, with a the tail of that verdict in :func:`decide`, and never
+    fewer than ``SEEDS_FOR_A_CLAIM``.
 
     Args:
         found, expects, matters, parts: as for :func:`decide`.
 
     Returns:
-        The number; infinite beyond ``MOST_SEEDS``, None where nothing is known of the spread of enough seeds.
+        The number; infinite beyond ``MOST_SEEDS``, None if the spread of enough seeds is unknown.
 
     >>> found = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9)
     >>> further_seeds(found, "better", 1.5), further_seeds(found, "better", 2.0)  # a mean at the border stays undecided

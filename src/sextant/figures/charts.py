@@ -1,7 +1,7 @@
-"""What charts of pages have in common: Vega-Lite specifications, which are plain data.
+"""Common parts of the charts on pages: Vega-Lite specifications, which are plain data.
 
-A page draws them with the library that it holds. Their colours are seen on white and on black; text and axes take the
-colour of the page.
+A page draws them with the library embedded in it. Their colours are visible on white and on black; text and axes take
+the colour of the page.
 """
 
 import textwrap
@@ -30,14 +30,14 @@ _CONFIG: Mapping[str, Any] = {
 
 
 def layered(title: str, height: int, values: Sequence[Mapping[str, Any]], layers: Sequence[Spec]) -> Spec:
-    """A chart of several layers, as wide as what it stands in.
+    """A chart of several layers, as wide as its container.
 
     >>> chart = layered("errors", 90, [{"x": 1.0}], [{"mark": "point"}])
     >>> chart["height"], chart["data"]["values"], len(chart["layer"])
     (90, [{'x': 1.0}], 1)
     """
     return {
-        "$schema": "https://vega.github.io/schema/vega-lite/v6.json",  # its name; nothing is loaded from there
+        "$schema": "https://vega.github.io/schema/vega-lite/v6.json",  # an identifier; nothing is loaded from there
         "config": dict(_CONFIG),
         "title": lines(title),
         "width": "container",
@@ -49,7 +49,7 @@ def layered(title: str, height: int, values: Sequence[Mapping[str, Any]], layers
 
 
 def lines(text: str) -> list[str]:
-    """A title in lines that fit a telephone.
+    """A title wrapped into lines that fit a phone.
 
     >>> lines("accuracy under corruptions, mean over five seeds of training")
     ['accuracy under corruptions, mean over five', 'seeds of training']
@@ -58,9 +58,9 @@ def lines(text: str) -> list[str]:
 
 
 def kinds(field: str, names: Sequence[str], axes: Sequence[str] = ("x",)) -> tuple[Spec, list[Spec]]:
-    """Colour and shape by kind; parameters that show the kind clicked on in the legend alone, and move the axes.
+    """Colour and shape by kind, and parameters to show only the kind clicked in the legend and to move the axes.
 
-    Dragging moves a chart, the wheel with the shift key enlarges it, a double click takes both back.
+    Dragging moves a chart, the wheel with the shift key zooms, and a double click resets both.
 
     >>> look, parameters = kinds("arm", ["control", "push-pull"])
     >>> look["color"]["scale"]
@@ -88,7 +88,7 @@ def kinds(field: str, names: Sequence[str], axes: Sequence[str] = ("x",)) -> tup
 
 
 def tips(rows: Sequence[Mapping[str, str]]) -> tuple[list[Spec], list[Spec]]:
-    """What the pointer is told: the encoding, and the values of each row, under names that no format can break.
+    """Tooltips: the encoding, and the values of each row, under names that no format can break.
 
     >>> tips([{"runs": "5"}, {"runs": "3", "note": "kept"}])[1]
     [{'tip0': '5', 'tip1': ''}, {'tip0': '3', 'tip1': 'kept'}]

@@ -24,10 +24,10 @@ class Strip:
 
 
 def claim_strips(strips: Sequence[Strip]) -> str:
-    """An SVG with a row for each comparison, to the right what favours the claim; grey what stands beside it.
+    """An SVG with a row per comparison: the right favours the claim; what does not count is grey.
 
-    Each row is in units of its own scale, since comparisons may have other units: the zero line is shared, and the band
-    is what does not matter. Coordinates have one decimal, so that the same figures give the same bytes.
+    Each row has its own scale, since comparisons may have different units. The zero line is shared, and the band covers
+    effects too small to matter. Coordinates have one decimal, so that the same figures give the same bytes.
 
     >>> picture = claim_strips([Strip(mean=1.0, low=0.5, high=1.5, matters=0.2, counts=True)])
     >>> picture.count("<circle"), 'class="shown"' in picture

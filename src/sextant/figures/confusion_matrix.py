@@ -1,4 +1,4 @@
-"""Which class is taken for which."""
+"""Confusion matrix of a classifier."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The same images under every condition, with what the model says of each."""
+"""The same images under every condition, with the model's prediction for each."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,10 +16,10 @@ def contact_sheet(
     labels: Integer[ndarray, "n"],
     classes: Sequence[str],
 ) -> Figure:
-    """One row a condition, one column an image; the predicted class in its corner, red where it is wrong.
+    """One row per condition, one column per image; the predicted class is in the corner, red if wrong.
 
     Args:
-        images: by condition key, nominally in [0, 1]; values outside are clipped for display alone.
+        images: by condition key, nominally in [0, 1]; values outside are clipped for display only.
         predictions: by condition key.
         labels: true classes.
         classes: names in label order.

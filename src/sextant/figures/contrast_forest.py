@@ -10,7 +10,7 @@ from sextant.figures.style import COLOURS, new_figure, plain
 
 @dataclass(frozen=True)
 class ForestRow:
-    """One difference: its mean and interval, the floor's interval, the published value; nan for what there is not."""
+    """One difference: its mean and interval, the noise floor's interval, and the published value; nan if missing."""
 
     label: str
     mean: float
@@ -22,10 +22,10 @@ class ForestRow:
 
 
 def contrast_forest(panels: Sequence[tuple[str, Sequence[ForestRow]]], xlabel: str) -> Figure:
-    """One panel a setting, one row a condition.
+    """One panel per setting, one row per condition.
 
     The grey band is the range in which a *single* pair of runs of the same network falls 95 times in 100: differences
-    inside it say nothing when they rest on one run each.
+    inside it are not evidence when based on one run each.
 
     >>> row = ForestRow("fog", mean=1.2, low=0.8, high=1.6, floor_low=-0.5, floor_high=0.5, published=float("nan"))
     >>> figure = contrast_forest([("LeNet", [row]), ("ResNet", [row])], "points of accuracy")

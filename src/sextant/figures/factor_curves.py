@@ -1,4 +1,4 @@
-"""A measure against a factor of an experiment: examples a class, filters, a learning rate."""
+"""A measure against a factor of an experiment, such as examples per class, filters, or a learning rate."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,10 +12,10 @@ from numpy import ndarray
 
 from sextant.figures.style import COLOURS, new_figure, plain
 
-#: the factor's axis is logarithmic from this ratio of its largest to its smallest value on
+#: the factor's axis is logarithmic if the ratio of its largest to its smallest value is at least this
 DECADE = 10
 LINES = ("-", "--", ":")
-#: above and below the lines, as a share of what they span; intervals are cut off there
+#: margin above and below the lines, as a share of their range; intervals are cut off there
 ROOM = 0.15
 COLUMNS = 3
 
@@ -26,7 +26,7 @@ class FactorCurve:
 
     Attributes:
         values: in the unit of the measure.
-        low, high: ends of their intervals; nan where there is none.
+        low, high: ends of their intervals; nan if there is none.
     """
 
     values: Float[ndarray, " k"]
@@ -42,16 +42,16 @@ def factor_curves(
     quantity: str,
     title: str = "",
 ) -> Figure:
-    """One panel a condition, one line an arm with its intervals.
+    """One panel per condition, one line per arm with its intervals.
 
-    In the legend the line that ends highest in the first panel comes first.
+    In the legend, the line that ends highest in the first panel comes first.
 
     Args:
-        factor: on the horizontal axis, logarithmic if values are far apart and none is below 0.
+        factor: name of the horizontal axis, which is logarithmic if values are far apart and none is below 0.
         levels: its values, ascending.
         panels: curves by condition, then by arm; the same arms in each.
         quantity: what is measured, with its unit.
-        title: of the whole, such as what the other factors are.
+        title: of the whole figure, such as the values of the other factors.
 
     Raises:
         ValueError: there is no curve, or levels do not ascend.
@@ -90,7 +90,7 @@ def _draw(axes: Axes, levels: Float[ndarray, " k"], curves: Mapping[str, FactorC
         axes.plot(levels, curve.values, line, marker="o", markersize=4, color=colour, label=arm)
         axes.fill_between(levels, curve.low, curve.high, color=colour, alpha=0.15, linewidth=0)
     values = np.concatenate([curve.values for curve in curves.values()])
-    if np.isfinite(values).any():  # intervals of two or three seeds may be wider than all that is to be seen
+    if np.isfinite(values).any():  # intervals of two or three seeds may be wider than the range of the lines
         least, most = np.nanmin(values), np.nanmax(values)
         margin = ROOM * (most - least) or 1.0
         axes.set_ylim(least - margin, most + margin)
@@ -106,6 +106,6 @@ def _draw(axes: Axes, levels: Float[ndarray, " k"], curves: Mapping[str, FactorC
 
 
 def _last(curve: FactorCurve) -> float:
-    """The measure at the largest value of the factor that the arm was tried with."""
+    """The measure at the largest value of the factor with which the arm was tried."""
     there = curve.values[~np.isnan(curve.values)]
     return float(there[-1]) if len(there) else -math.inf

@@ -11,7 +11,7 @@ COLUMNS = 8
 
 
 def gallery(images: Sequence[ndarray], titles: Sequence[str]) -> Figure:
-    """Images ``(h, w)`` or ``(h, w, 3)`` of bytes, eight a row, with their titles above.
+    """Images ``(h, w)`` or ``(h, w, 3)`` of bytes, eight per row, with their titles above.
 
     >>> import numpy as np
     >>> figure = gallery([np.zeros((8, 8), np.uint8)] * 3, ["a", "b", "c"])

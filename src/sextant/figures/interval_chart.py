@@ -1,4 +1,4 @@
-"""Means with their intervals as a chart that answers to the pointer."""
+"""Means with their intervals as an interactive chart."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,22 +8,22 @@ from sextant.figures.charts import Spec, kinds, layered, lines, tips
 
 #: heights of a row's label, and of each mark under it
 LABEL, MARK = 20, 10
-#: where a logarithmic axis has its numbers
+#: tick values of a logarithmic axis
 DECADES = (-100, -30, -10, -3, -1, 0, 1, 3, 10, 30, 100)
 
 
 @dataclass(frozen=True)
 class IntervalRow:
-    """One line of a chart; nan for what there is not.
+    """One line of a chart; nan for missing values.
 
     Attributes:
-        label: written above it; lines of one label share a row.
+        label: written above it; lines with the same label share a row.
         mean, low, high: the mark and its interval.
-        kind: decides colour and shape.
-        band: from where to where nothing matters, or what seeds alone do.
+        kind: determines colour and shape.
+        band: ends of the range of effects that do not matter, or that seeds alone cause.
         published: drawn as a ring.
-        tip: what the pointer is told, by name.
-        link: where a click leads.
+        tip: content of the tooltip, by name.
+        link: target of a click.
     """
 
     label: str
@@ -53,8 +53,8 @@ def interval_chart(
         axis: title of the horizontal axis.
         title: of the chart.
         order: of the kinds in the legend; that of the rows unless given.
-        marks: where vertical lines stand.
-        symlog: whether the axis is logarithmic outside of (-1, 1).
+        marks: positions of vertical lines.
+        symlog: whether the axis is logarithmic outside (-1, 1).
 
     Returns:
         A Vega-Lite specification.

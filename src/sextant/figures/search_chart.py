@@ -1,4 +1,4 @@
-"""The trials of a search in their order, as a chart that answers to the pointer."""
+"""The trials of a search in order, as an interactive chart."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,7 +9,7 @@ from sextant.figures.charts import Spec, kinds, layered, tips
 
 @dataclass(frozen=True)
 class TrialMark:
-    """A trial: its number, mean, how it ended, and what the pointer is told."""
+    """A trial: its number, mean, how it ended, and the content of its tooltip."""
 
     number: int
     mean: float
@@ -18,7 +18,7 @@ class TrialMark:
 
 
 def search_chart(trials: Sequence[TrialMark], metric: str, title: str = "") -> Spec:
-    """The means of trials by their numbers; those without a result are left out.
+    """Means of trials by number; those without a result are left out.
 
     Returns:
         A Vega-Lite specification.

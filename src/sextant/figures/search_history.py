@@ -1,4 +1,4 @@
-"""What a search found: its trials in order, and what its keys account for."""
+"""The results of a search: its trials in order, and the importance of its keys."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class TrialPoint:
 
 
 def search_history(trials: Sequence[TrialPoint], metric: str, *, maximize: bool) -> Figure:
-    """Means of trials in the order in which they were asked for, and the best so far among those with all seeds.
+    """Means of trials in the order in which they were requested, and the best so far among those with all seeds.
 
     A trial with fewer seeds than others is drawn hollow, one without a result as a cross on the lower edge.
 
@@ -51,7 +51,7 @@ def search_history(trials: Sequence[TrialPoint], metric: str, *, maximize: bool)
 
 
 def importance_bars(importances: Mapping[str, float]) -> Figure:
-    """The share of the metric's variance over the space that each key accounts for, the largest on top.
+    """The share of the metric's variance over the search space that each key accounts for, the largest on top.
 
     >>> figure = importance_bars({"lr": 0.8, "width": 0.2})
     >>> [float(bar.get_width()) for bar in figure.axes[0].patches]

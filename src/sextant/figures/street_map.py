@@ -1,4 +1,4 @@
-"""A bird's-eye map: blocks, houses, trees, and ways through them."""
+"""A bird's-eye map: blocks, houses, trees, and routes through them."""
 
 from collections.abc import Iterable, Mapping
 
@@ -17,12 +17,12 @@ def street_map(
     routes: Mapping[str, Float[ndarray, "p 2"]],
     bounds: tuple[float, float, float, float],
 ) -> Figure:
-    """Outlines seen from above, metres east and north, with each route as a line from a dot.
+    """Outlines seen from above, in metres east and north, with each route as a line that starts at a dot.
 
     Args:
-        lots: outlines of what the streets leave.
+        lots: outlines of the areas between streets.
         houses: corners of footprints.
-        trees: where they stand.
+        trees: their positions.
         routes: positions by name.
         bounds: left, bottom, right, top of the map.
 

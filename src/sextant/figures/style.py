@@ -1,4 +1,4 @@
-"""One look for all figures."""
+"""The common style of all figures."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> 
 
 
 def plain(axes: Axes) -> Axes:
-    """Drop the frame's upper and right side and draw a light grid.
+    """Remove the top and right sides of the frame and draw a light grid.
 
     >>> figure, (axes,) = new_figure(3.0, 2.0)
     >>> plain(axes).spines["top"].get_visible()
@@ -35,7 +35,7 @@ def plain(axes: Axes) -> Axes:
 
 
 def printable(text: str) -> str:
-    r"""Text with those bytes of a file's name escaped that are no UTF-8, which Matplotlib refuses to draw.
+    r"""Text with the non-UTF-8 bytes of file names escaped, which Matplotlib would refuse to draw.
 
     >>> printable("caf\udce9.jpg")
     'caf\\udce9.jpg'
@@ -46,7 +46,7 @@ def printable(text: str) -> str:
 def save_figure(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png",)) -> list[Path]:
     """Write ``folder/name.<format>`` and return the paths; the same figure gives the same bytes.
 
-    Matplotlib names the parts of an SVG at random and dates it, unless it is told otherwise.
+    By default, Matplotlib gives the parts of an SVG random names and dates the file; both are suppressed here.
 
     >>> import tempfile
     >>> figure, _ = new_figure(1.0, 1.0)

@@ -1,4 +1,4 @@
-"""Blur before every subsampling of a network: max-pools and strided convolutions become dense, then blurred.
+"""Anti-aliased subsampling: max-pools and strided convolutions are computed densely, then blurred and subsampled.
 
 Source: R. Zhang, "Making convolutional networks shift-invariant again", ICML 2019, section 3.2.
 """
@@ -14,7 +14,7 @@ from sextant.layers.surgery import Conversion, Rule, convert
 
 @dataclass(frozen=True)
 class AntiAliasing:
-    """Blurs before every subsampling of a network: the rival of inhibition, which also steadies predictions.
+    """Blurs before every subsampling of a network: the rival of inhibition that also stabilises predictions.
 
     >>> AntiAliasing(taps=5)(nn.Sequential(nn.Conv2d(1, 4, 3), nn.MaxPool2d(2)))[1][1]
     BlurPool2d(taps=5, stride=(2, 2), padding_mode=reflect)
@@ -26,13 +26,13 @@ class AntiAliasing:
     taps: int = 3
 
     def __call__(self, network: nn.Module) -> nn.Module:
-        """Change ``network`` in place and return it; :func:`anti_alias` has the errors."""
+        """Change ``network`` in place and return it; errors are those of :func:`anti_alias`."""
         anti_alias(network, self.taps)
         return network
 
 
 def anti_alias(network: nn.Module, taps: int = 3, where: str = "*") -> Conversion:
-    """Blur before the max-pools and convolutions of ``network`` that subsample, in place.
+    """Make the max-pools and convolutions of ``network`` that subsample blur first, in place.
 
     >>> network = nn.Sequential(nn.Conv2d(3, 8, 3, stride=2, padding=1), nn.ReLU())
     >>> conversion = anti_alias(network)
@@ -47,7 +47,7 @@ def anti_alias(network: nn.Module, taps: int = 3, where: str = "*") -> Conversio
         where: pattern of module paths, as in :class:`sextant.layers.Rule`.
 
     Raises:
-        UserError: nothing that subsamples has such a path.
+        UserError: no module that subsamples matches ``where``.
     """
     pools = Rule(where, partial(anti_aliased_pool, taps=taps), nn.MaxPool2d, _pool_objection)
     convs = Rule(where, partial(anti_aliased_conv, taps=taps), nn.Conv2d, _conv_objection)
@@ -59,7 +59,7 @@ def anti_alias(network: nn.Module, taps: int = 3, where: str = "*") -> Conversio
 
 
 def anti_aliased_pool(pool: nn.MaxPool2d, taps: int = 3) -> nn.Sequential:
-    """``pool`` with stride 1, then a blur with its stride: the same output size.
+    """Return ``pool`` with stride 1, then a blur with the original stride; the output size stays the same.
 
     >>> anti_aliased_pool(nn.MaxPool2d(2))[0]
     MaxPool2d(kernel_size=2, stride=1, padding=0, dilation=1, ceil_mode=False)
@@ -74,9 +74,9 @@ def anti_aliased_pool(pool: nn.MaxPool2d, taps: int = 3) -> nn.Sequential:
 
 
 def anti_aliased_conv(conv: nn.Conv2d, taps: int = 3) -> nn.Sequential:
-    """``conv`` with its stride set to 1, in place, then a blur with that stride: the same output size.
+    """Return ``conv`` with its stride set to 1, in place, then a blur with that stride; the output size stays the same.
 
-    A plain 1x1 convolution commutes with the blur, which then comes first and saves most of the products.
+    A plain 1x1 convolution commutes with the blur, which then comes first and saves most of the multiplications.
 
     >>> anti_aliased_conv(nn.Conv2d(3, 8, 3, stride=2))[0].stride
     (1, 1)

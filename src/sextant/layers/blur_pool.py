@@ -1,7 +1,7 @@
 r"""Anti-aliased downsampling: a binomial low-pass filter before every second pixel is dropped.
 
-The filter of n taps is :math:`b_i = \binom{n-1}{i} / 2^{n-1}`, applied along both axes, each channel by itself. It is
-(1, 2, 1)/4 for n = 3; for even n the output lies half a pixel off, as for any even kernel.
+The filter of n taps is :math:`b_i = \binom{n-1}{i} / 2^{n-1}`, applied to each channel along both axes. It is
+(1, 2, 1)/4 for n = 3; for even n the output is shifted by half a pixel, as for any even kernel.
 
 Source: R. Zhang, "Making convolutional networks shift-invariant again", ICML 2019, section 3.2.
 """
@@ -36,7 +36,7 @@ def blur_pool(
     Args:
         taps: n, the length of the filter; 1 only subsamples.
         stride: pixels between samples, for height and width.
-        padding_mode: how the border is filled; with ``zeros`` the edges darken, with the others a constant image stays.
+        padding_mode: how the border is filled; ``zeros`` darkens the edges, the others leave a constant image as it is.
 
     Raises:
         ArgumentError: ``taps`` or ``stride`` is below 1.
@@ -73,11 +73,11 @@ class BlurPool2d(nn.Module):
         """Filter and subsample images of shape (*b, c, h, w)."""
         channels = x.size(-3)
         if torch.jit.is_tracing():  # type: ignore[attr-defined]
-            channels = int(channels)  # a constant, without which the older ONNX exporter knows no kernel
+            channels = int(channels)  # the older ONNX exporter needs a constant to know the kernel's shape
         padded = F.pad(x, self.border, mode=self.border_mode)
         kernel = self.kernel.to(x).expand(channels, 1, self.taps, self.taps)
         return F.conv2d(padded, kernel, None, self.stride, groups=channels)
 
     def extra_repr(self) -> str:
-        """Its settings."""
+        """The layer's settings."""
         return f"taps={self.taps}, stride={self.stride}, padding_mode={self.padding_mode}"

@@ -1,4 +1,4 @@
-"""Means over the cells of a grid, with a backward pass that repeats on a GPU too."""
+"""Means over the cells of a grid, with a backward pass that is deterministic on GPUs too."""
 
 import torch
 import torch.nn.functional as F
@@ -7,14 +7,14 @@ from torch import Tensor
 
 
 def cell_means(x: Float[Tensor, "b c h w"], grid: tuple[int, int]) -> Float[Tensor, "b c p q"]:
-    """The mean of a map over each of p x q cells: ``torch.nn.functional.adaptive_avg_pool2d``.
+    """Average a feature map over each of p x q cells, like ``torch.nn.functional.adaptive_avg_pool2d``.
 
-    Cell i of p reaches from row ⌊i h / p⌋ to before row ⌈(i + 1) h / p⌉, and columns likewise. PyTorch's backward pass
-    of it adds up in any order on a GPU and raises under ``torch.use_deterministic_algorithms``; two products of
-    matrices, the same up to rounding, take its place there.
+    Cell i of p covers rows ⌊i h / p⌋ up to but not including ⌈(i + 1) h / p⌉, and columns likewise. On a GPU, PyTorch's
+    backward pass adds in no fixed order and raises under ``torch.use_deterministic_algorithms``; in that mode two
+    matrix products, equal up to rounding, take its place.
 
     Args:
-        x: the map.
+        x: the feature map.
         grid: rows and columns of cells, p and q.
 
     >>> cell_means(torch.arange(8.0).reshape(1, 1, 2, 4), (1, 2))
@@ -31,7 +31,7 @@ def _by_products(x: Float[Tensor, "b c h w"], grid: tuple[int, int]) -> Float[Te
 
 
 def _shares(side: int, cells: int, device: torch.device) -> Float[Tensor, "p h"]:
-    """How much each line of a map counts in each cell."""
+    """Weight of each line of a map in each cell."""
     cell, line = torch.arange(cells, device=device)[:, None], torch.arange(side, device=device)
     inside = (line >= cell * side // cells) & (line < -(-(cell + 1) * side // cells))
     return inside / inside.sum(1, keepdim=True)

@@ -1,4 +1,4 @@
-"""How a convolution meets its image: stride, borders, dilation and groups, as ``torch.nn.Conv2d`` names them."""
+"""The geometry of a convolution: stride, borders, dilation and groups, as ``torch.nn.Conv2d`` names them."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
@@ -13,7 +13,7 @@ Number = TypeVar("Number", int, float)
 
 
 def pair(value: Number | tuple[Number, Number]) -> tuple[Number, Number]:
-    """``value`` for height and width."""
+    """``value`` as a pair, for height and width."""
     return value if isinstance(value, tuple) else (value, value)
 
 
@@ -24,10 +24,10 @@ class ConvGeometry:
     Args:
         stride: pixels between responses, (vertical, horizontal).
         before: rows above and columns to the left that are added to the image.
-        after: rows below and columns to the right; they differ from ``before`` only for ``padding="same"`` of a kernel
-            whose extent is even.
+        after: rows below and columns to the right; they differ from ``before`` only for ``padding="same"`` with a
+            kernel of even extent.
         dilation: pixels between the taps of the kernel.
-        groups: channels are split into so many independent convolutions.
+        groups: number of independent convolutions that the channels are split into.
         padding_mode: what the added pixels hold.
     """
 
@@ -75,28 +75,28 @@ class ConvGeometry:
         return cls.of(*arguments)  # type: ignore[arg-type]
 
     def grown(self, kernel: tuple[int, int], wider: tuple[int, int]) -> "ConvGeometry":
-        """The geometry under which the kernel size ``wider`` has its centre where ``kernel`` has it."""
+        """The geometry that centres kernels of size ``wider`` where this one centres those of size ``kernel``."""
         growth = [d * (w - k) // 2 for d, w, k in zip(self.dilation, wider, kernel, strict=True)]
         before = (self.before[0] + growth[0], self.before[1] + growth[1])
         after = (self.after[0] + growth[0], self.after[1] + growth[1])
         return replace(self, before=before, after=after)
 
     def with_border(self, x: Float[Tensor, "*b c h w"]) -> tuple[Float[Tensor, "*b c H W"], tuple[int, int]]:
-        """The image with what a convolution cannot add by itself, and the zeros on each side that it still has to add.
+        """Add the border that a convolution cannot add itself; also return the zeros that it still has to add.
 
-        Zeros that are the same on both sides are left to the convolution, as ``torch.nn.Conv2d`` does, so that the
-        results are the same to the last bit.
+        Zeros that are equal on both sides are left to the convolution, as in ``torch.nn.Conv2d``, so that the results
+        agree to the last bit.
         """
         (top, left), (bottom, right) = self.before, self.after
         if self.padding_mode != "zeros":
             return F.pad(x, (left, right, top, bottom), mode=self.padding_mode), (0, 0)
-        if self.before != self.after:  # "same" puts the odd one out below and to the right
+        if self.before != self.after:  # "same" puts the extra row below and the extra column to the right
             x = F.pad(x, (0, right - left, 0, bottom - top))
         return x, self.before
 
     def convolve(
         self, x: Float[Tensor, "*b ci h w"], weight: Float[Tensor, "co cg kh kw"], bias: Float[Tensor, "co"] | None
     ) -> Float[Tensor, "*b co H W"]:
-        """The convolution, bit for bit that of ``torch.nn.Conv2d``."""
+        """Convolve; the result is that of ``torch.nn.Conv2d``, bit for bit."""
         bordered, zeros = self.with_border(x)
         return F.conv2d(bordered, weight, bias, self.stride, zeros, self.dilation, self.groups)

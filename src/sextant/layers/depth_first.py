@@ -1,7 +1,7 @@
-"""A layer's steps carried out for a few images at a time, so that what lies between them stays in the cache.
+"""Run the steps of a layer on a few images at a time, so that intermediate results stay in the cache.
 
-In training, where the steps keep their results for the backward pass, larger parts are enough: what is gained is that
-memory is used again instead of being asked for anew.
+In training, where the steps keep their results for the backward pass, larger parts are enough: the gain is that memory
+is reused instead of being allocated anew.
 """
 
 from collections.abc import Callable
@@ -10,13 +10,13 @@ from itertools import chain
 import torch
 from torch import Tensor
 
-TILE = 2**20  # bytes of the output that each thread makes at a time
+TILE = 2**20  # bytes of output that each thread computes at a time
 TRAINING_TILE = 2**24
-FEW_TAPS = 256  # of a kernel: with more, products take the time, and weights would be read again for each tile
+FEW_TAPS = 256  # of a kernel: with more, the products dominate, and weights would be read again for each tile
 
 
 def traced() -> bool:
-    """Whether a graph of the network is being taken, into which nothing that depends on shapes should be written."""
+    """Whether the network is being traced into a graph, into which nothing shape-dependent should be written."""
     return torch.compiler.is_compiling() or torch.jit.is_tracing()  # type: ignore[attr-defined]
 
 
@@ -26,10 +26,10 @@ def overwriting() -> bool:
 
 
 def depth_first(respond: Callable[[Tensor], Tensor], x: Tensor, weight: Tensor, stride: tuple[int, int]) -> Tensor:
-    """``respond(x)``, by parts of the batch where that is faster.
+    """Compute ``respond(x)``, in parts of the batch where that is faster.
 
-    A layer of few taps spends its time in passes over outputs that are larger than the cache, and in getting memory
-    for them. Each image's response must depend on that image alone.
+    A layer with few taps spends its time on passes over outputs larger than the cache, and on allocating memory for
+    them. Each image's response must depend on that image alone.
 
     Args:
         respond: the layer; its output has the channels of ``weight``, and a response every ``stride`` pixels.

@@ -1,4 +1,4 @@
-r"""Networks for export: inhibition as constant convolutions, rectifiers and a difference.
+r"""Folding for export: inhibition as constant convolutions, rectifiers and a difference.
 
 With constant α ≥ 0 the strength moves into the pull kernel, :math:`\alpha\,\Theta(z) = \Theta(\alpha z)`, and the pull
 kernel is stretched (2020) or inverted (2024) once and for all:
@@ -19,7 +19,7 @@ from sextant.layers.push_pull_avg import PushPullAvgConv2d, contrast_offset
 
 
 class FoldedPushPull(nn.Module):
-    """Push and pull as two plain convolutions; averaging and a bias after them only where the layer has them."""
+    """Push and pull as two plain convolutions, followed by averaging and a bias only where the layer has them."""
 
     def __init__(self, push: nn.Conv2d, pull: nn.Conv2d, average: int = 1, bias: Tensor | None = None) -> None:
         super().__init__()
@@ -36,11 +36,12 @@ class FoldedPushPull(nn.Module):
 
 
 def fold(network: nn.Module) -> nn.Module:
-    """A copy of ``network``, in evaluation mode and without gradients, whose inhibition is constant.
+    """Return a copy of ``network`` with constant inhibition, in evaluation mode and without gradients.
 
-    Its push-pull layers (2020) are two Conv, two ReLU and one Sub; those of 2024 have an average pool and the addition
-    of the bias besides; a layer with h = 1 and α = 1 is the convolution. Outputs are those of ``network.eval()`` up to
-    rounding. The copy cannot be trained on: its pull kernels no longer follow the push kernels.
+    A push-pull layer (2020) becomes two Conv, two ReLU and one Sub; one of 2024 also gets an average pool and the
+    addition of the bias; a layer with h = 1 and α = 1 becomes the plain convolution. Outputs are those of
+    ``network.eval()`` up to rounding. The copy cannot be trained further: its pull kernels no longer follow the push
+    kernels.
 
     >>> network = nn.Sequential(PushPullConv2d(1, 4, 3), nn.ReLU())
     >>> any(isinstance(layer, PushPullConv2d) for layer in fold(network).modules())
@@ -78,7 +79,7 @@ def _folded_layer(layer: PushPullConv2d | PushPullAvgConv2d) -> nn.Module:
 
 
 def _plain(weight: Tensor, bias: Tensor | None, geometry: ConvGeometry) -> nn.Conv2d:
-    """A convolution of ``torch`` with this kernel; borders that differ between the sides can only be "same"."""
+    """A ``torch.nn.Conv2d`` with this kernel; borders that differ between the sides can only come from "same"."""
     out_channels, in_channels, *kernel = weight.shape
     conv = nn.Conv2d(
         in_channels * geometry.groups,

@@ -1,4 +1,4 @@
-"""Batch normalisation by the statistics of a batch that several processes share."""
+"""Batch normalisation with the statistics of a batch that is split over several processes."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,14 +22,14 @@ class _Sum(torch.autograd.Function):
 
 
 def sum_over_processes(x: Tensor) -> Tensor:
-    """The sum of what all processes give; a process's gradient is the sum of what all make of it."""
+    """Sum ``x`` over all processes; each one's gradient is the sum of the gradients in all of them."""
     return _Sum.apply(x)  # type: ignore[no-any-return]
 
 
 class _Global(nn.modules.batchnorm._BatchNorm):
-    """Mean and variance of all processes' images, with gradients through both.
+    """Batch normalisation by the mean and variance over all processes' images, with gradients through both.
 
-    ``nn.SyncBatchNorm`` is the same on GPUs; on the CPU it refuses to run.
+    ``nn.SyncBatchNorm`` does the same on GPUs but refuses to run on the CPU.
     """
 
     def forward(self, x: Tensor) -> Tensor:
@@ -73,10 +73,10 @@ GLOBAL: dict[type[nn.Module], Any] = {nn.BatchNorm1d: _Global1d, nn.BatchNorm2d:
 
 @contextmanager
 def global_batch_norm(network: nn.Module) -> Iterator[None]:
-    """Let batch normalisation see the batches of all processes as long as the context is open; nothing if there is one.
+    """Let batch normalisation see the batches of all processes while the context is open; one process changes nothing.
 
     Args:
-        network: its parameters and buffers, and their names, stay what they are.
+        network: its parameters and buffers keep their identity and names.
     """
     changed = [(module, type(module)) for module in network.modules() if type(module) in GLOBAL]
     for module, kind in changed:

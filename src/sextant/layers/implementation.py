@@ -1,7 +1,7 @@
-"""Which implementation of the pull response a layer takes: a fixed rule on its shape, from a table of timings.
+"""The choice of a layer's pull implementation: a fixed rule on its shape, from a table of timings.
 
 Rounding differs between implementations and training amplifies rounding, so nothing is timed while a network runs: the
-same shape takes the same implementation on every machine and every day. ``pull_timings.json`` holds what
+same shape gets the same implementation on every machine and every day. ``pull_timings.json`` holds what
 ``python -m benchmarks.push_pull_table`` measured once.
 """
 
@@ -15,21 +15,21 @@ from typing import Any
 from sextant.layers.pull_response import Implementation
 
 TABLE = "pull_timings.json"
-LEAST_GAIN = 0.05  # a smaller one is within the spread of the timings: then it stays direct
+LEAST_GAIN = 0.05  # a smaller gain is within the spread of the timings, and ``direct`` is kept
 Times = dict[Implementation, float]
 
 
 @dataclass(frozen=True)
 class PullShape:
-    """What the rule looks at.
+    """The shape of a pull response, on which the rule decides.
 
     Args:
         kernel: sides of the push kernel.
         pull: sides of the stretched kernel.
-        in_channels: of one group.
-        out_channels: of one group.
-        groups: how many groups.
-        stride: of the convolution.
+        in_channels: input channels per group.
+        out_channels: output channels per group.
+        groups: number of groups.
+        stride: stride of the convolution.
         size: height and width of the image.
     """
 
@@ -50,11 +50,12 @@ class PullShape:
 
 @cache
 def choose_implementation(shape: PullShape) -> Implementation:
-    """The implementation that was fastest on the measured shape nearest to ``shape``, in evaluation and training.
+    """The implementation that was fastest, in evaluation and training, on the measured shape nearest to ``shape``.
 
-    Nearest in the base-2 logarithms of kernel, pull kernel, stride, image side, channels a group and groups; of two
-    equally near ones the earlier in the table. Fastest by the geometric mean of both times, so that a network computes
-    the same in training and afterwards; ``direct`` unless another saves 5 %.
+    Distances are between the base-2 logarithms of kernel, pull kernel, stride, image side, channels per group and
+    groups; of two equally near shapes the earlier in the table counts. The fastest is the one with the lowest geometric
+    mean of both times, so that a network computes the same in training and afterwards. ``direct`` is kept unless
+    another saves 5 %.
     """
     _, times = min(_table(), key=lambda row: math.dist(row[0].place(), shape.place()))
     best = min(times, key=lambda name: times[name])

@@ -1,4 +1,4 @@
-"""What convolutions with inhibition have in common: a strength, and that they can be made of a plain convolution."""
+"""The base of convolutions with inhibition: their strength, and how they are made from a plain convolution."""
 
 from collections.abc import Mapping
 from typing import Any, NoReturn, Self
@@ -15,15 +15,16 @@ from sextant.layers.strength import Strength, check_strength, strength_buffer
 class InhibitedConv2d(nn.Conv2d):
     """A convolution with a strength of inhibition α.
 
-    Its state dict has one more entry, ``alpha``, only if there is one strength a channel, trained or not. Without that
-    entry (the convolution's, or of a version that did not keep fixed strengths) fixed strengths stay as they are.
+    Its state dict has one more entry, ``alpha``, only if there is one strength per channel, trained or not. Loading a
+    state dict without it (a plain convolution's, or one from a version that did not store fixed strengths) leaves fixed
+    strengths as they are.
     """
 
     alpha: float | Tensor
 
     @classmethod
     def from_conv(cls, conv: nn.Conv2d, *, train_alpha: bool = False, alpha: Strength = 1.0, **settings: Any) -> Self:
-        """The layer with the geometry of ``conv``, sharing its weight and bias parameters.
+        """Make a layer with the geometry of ``conv`` that shares its weight and bias parameters.
 
         Args:
             train_alpha, alpha, settings: as in the constructor of the layer.
@@ -49,12 +50,12 @@ class InhibitedConv2d(nn.Conv2d):
         return layer.train(conv.training)
 
     def strengths(self) -> float | Float[Tensor, "co"]:
-        """α as it acts: trained ones after their ReLU."""
-        # not by the type of self.alpha, which is another while torch.fx traces
+        """α as it acts, trained strengths after their ReLU."""
+        # not by the type of self.alpha, which differs while torch.fx traces
         return F.relu(self.alpha) if "alpha" in self._parameters else self.alpha  # type: ignore[arg-type]
 
     def __prepare_scriptable__(self) -> NoReturn:
-        """What ``torch.jit.script`` asks for in place of a module that it cannot compile.
+        """The replacement that ``torch.jit.script`` asks for when it cannot compile a module.
 
         Raises:
             UserError: always. A folded layer could stand in, but its pull kernels no longer follow the weights, which

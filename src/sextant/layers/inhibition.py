@@ -1,4 +1,4 @@
-"""Put inhibition into a network that was built without it: what an experiment's ``inhibition`` can be."""
+"""Put inhibition into a network that was built without it: the choices for an experiment's ``inhibition``."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from sextant.layers.push_pull_avg import AvgChoice, PushPullAvgConv2d
 from sextant.layers.surgery import Conversion, Rule, candidates, convert, exactly, first_conv, some
 
 EVEN = "push-pull with scale > 1 needs odd kernel sides"
-KEPT = "_convolutions_without_inhibition"  # what inhibit left alone, next to the network's own attributes
-#: where a module keeps hooks, which would stay behind on one that is replaced, and what they are called
+KEPT = "_convolutions_without_inhibition"  # attribute of a network that records what inhibit left alone
+#: attributes in which a module keeps hooks, which a replacement would lose, and the names of the hooks
 HOOKS = {
     "_forward_pre_hooks": "forward pre",
     "_forward_hooks": "forward",
@@ -52,7 +52,7 @@ class PushPullInhibition:
     Args:
         scale: upsampling factor h of the pull kernel, at least 1.
         alpha: inhibition strength, at least 0; with ``scale=1, alpha=1`` the layer is exactly the convolution.
-        train_alpha: learn one strength a channel instead.
+        train_alpha: learn one strength per channel instead.
         where: see :func:`inhibit`.
         impl: how the pull is computed, see :func:`sextant.layers.push_pull`.
     """
@@ -64,7 +64,7 @@ class PushPullInhibition:
     impl: Choice = "auto"
 
     def __call__(self, network: nn.Module) -> nn.Module:
-        """Change ``network`` in place and return it; :func:`skipped` lists what stayed, :func:`inhibit` the errors."""
+        """Change ``network`` in place and return it; :func:`skipped` lists what stayed; raises as :func:`inhibit`."""
 
         def layer(conv: nn.Conv2d) -> nn.Module:
             return PushPullConv2d.from_conv(
@@ -86,7 +86,7 @@ class PushPullAvgInhibition:
     Args:
         average: side of the square over which the pull is averaged; odd.
         alpha: inhibition strength, at least 0.
-        train_alpha: learn one strength a channel instead.
+        train_alpha: learn one strength per channel instead.
         where: see :func:`inhibit`.
         impl: ``box`` or ``direct``.
     """
@@ -98,7 +98,7 @@ class PushPullAvgInhibition:
     impl: AvgChoice = "box"
 
     def __call__(self, network: nn.Module) -> nn.Module:
-        """Change ``network`` in place and return it; :func:`skipped` lists what stayed, :func:`inhibit` the errors."""
+        """Change ``network`` in place and return it; :func:`skipped` lists what stayed; raises as :func:`inhibit`."""
 
         def layer(conv: nn.Conv2d) -> nn.Module:
             return PushPullAvgConv2d.from_conv(
@@ -112,7 +112,7 @@ class PushPullAvgInhibition:
 def inhibit(
     network: nn.Module, where: str | Sequence[str], factory: Callable[[nn.Conv2d], nn.Module], *, odd: bool = False
 ) -> Conversion:
-    """Replace convolutions of ``network`` by layers made of them, in place.
+    """Replace convolutions of ``network`` by layers made from them, in place.
 
     >>> network = nn.Sequential(nn.Conv2d(3, 8, 3), nn.ReLU())
     >>> conversion = inhibit(network, "first", PushPullConv2d.from_conv)
@@ -121,17 +121,16 @@ def inhibit(
 
     Args:
         where: ``first``, the first convolution in registration order; ``first_block``, those of the first stage after
-            the stem (:func:`sextant.layers.first_stage_convs`), the stem left alone; ``all``, every convolution; or a
-            pattern of module paths as in :class:`sextant.layers.Rule`, such as ``layer1.*``, or several. But for
-            ``first``, convolutions of 1x1 pixels stay as they are: they have no pattern in space that could be
-            inhibited.
-        factory: makes the layer.
-        odd: even kernels stay as they are, since they have no centre.
+            the stem (:func:`sextant.layers.first_stage_convs`), but not the stem; ``all``, every convolution; or one or
+            several patterns of module paths as in :class:`sextant.layers.Rule`, such as ``layer1.*``. Except with
+            ``first``, 1x1 convolutions stay as they are: they have no spatial pattern that could be inhibited.
+        factory: makes the layer from a convolution.
+        odd: leave even kernels as they are, since they have no centre.
 
     Raises:
         ValueError: the network has no convolution, none after its stem, or its first one cannot be replaced; or
             ``where`` is neither a string nor several.
-        UserError: a pattern matches no convolution that can be replaced; it says why, and names some that can.
+        UserError: a pattern matches no convolution that can be replaced; the message says why, and names some that can.
     """
     objection = partial(_objection, odd=odd)
     path, conv = first_conv(network)
@@ -147,7 +146,7 @@ def inhibit(
 
 
 def skipped(network: nn.Module) -> dict[str, str]:
-    """Paths of the convolutions that :func:`inhibit` was to replace and did not, with the reason.
+    """Paths of the convolutions that :func:`inhibit` was asked to replace but did not, with the reason.
 
     >>> network = PushPullInhibition(where="all")(nn.Sequential(nn.Conv2d(1, 4, 3), nn.Conv2d(4, 4, 1)))
     >>> inhibited(network), skipped(network)
@@ -169,7 +168,7 @@ def inhibited(network: nn.Module) -> list[str]:
 
 
 def implementations(network: nn.Module, image: Tensor) -> dict[str, str]:
-    """How each inhibiting layer computes its pull when the network is given ``image``; for a run to record.
+    """How each layer with inhibition computes its pull for ``image``, for a run to record.
 
     The network is run once on the image, in evaluation mode and without gradients.
 

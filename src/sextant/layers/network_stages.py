@@ -1,4 +1,4 @@
-"""Where the first stage of a network lies: after its stem, before the next change of resolution."""
+"""The first stage of a network: what comes after its stem and before the next change of resolution."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -10,16 +10,16 @@ PROBE_SIDE = 128
 
 
 def first_stage_convs(network: nn.Module) -> list[str]:
-    """Paths of the convolutions of the first stage, those of 1x1 pixels left out, in the order they are run.
+    """Paths of the convolutions of the first stage, except 1x1 ones, in the order in which they run.
 
     The *stem* is found by walking down from the network into the child that holds the first convolution, until its
     convolutions all work at one resolution. The first stage is the unbroken run of convolutions after the stem whose
-    outputs have the same resolution; 1x1 convolutions are not looked at. So it is ``layer1`` of a ResNet, the 3x3
+    outputs have the same resolution; 1x1 convolutions are ignored. It is thus ``layer1`` of a ResNet, the 3x3
     convolutions of the first block of a DenseNet, the first inverted residual of a MobileNet, the second convolution of
     VGG, and the second of AlexNet.
 
-    The resolutions are those of one run on an empty image, in evaluation mode; an error after the first stage, such as
-    that of a classifier made for another image size, does not matter.
+    The resolutions are recorded in one run on an empty image, in evaluation mode. An error after the first stage, such
+    as that of a classifier made for another image size, does not matter.
 
     >>> from sextant.models import ResNetCifar
     >>> first_stage_convs(ResNetCifar(3, (32, 32), 10))[:2]
@@ -55,7 +55,7 @@ def _holds(outer: str, path: str) -> bool:
 
 
 def _resolutions(network: nn.Module) -> list[tuple[str, tuple[int, ...], tuple[int, ...]]]:
-    """Path, output resolution and kernel of each convolution, in the order they are run."""
+    """Path, output resolution and kernel of each convolution, in the order in which they run."""
     runs: list[tuple[str, tuple[int, ...], tuple[int, ...]]] = []
     convs = [(path, module) for path, module in network.named_modules() if isinstance(module, nn.Conv2d)]
     if not convs:
@@ -73,8 +73,8 @@ def _resolutions(network: nn.Module) -> list[tuple[str, tuple[int, ...], tuple[i
         1, first.in_channels, PROBE_SIDE, PROBE_SIDE, dtype=first.weight.dtype, device=first.weight.device
     )
     try:
-        # a network may refuse the image at its head: what the convolutions told until then is enough, or the caller
-        # finds that there is too little and says so
+        # a network may refuse the image at its head: what was recorded until then is enough, or the caller finds that
+        # there is too little and says so
         with suppress(RuntimeError, ValueError, AssertionError), evaluating(network), torch.no_grad():
             network(image)
     finally:
@@ -85,7 +85,7 @@ def _resolutions(network: nn.Module) -> list[tuple[str, tuple[int, ...], tuple[i
 
 @contextmanager
 def evaluating(network: nn.Module) -> Iterator[None]:
-    """Evaluation mode for a while; afterwards every module has its mode back."""
+    """Put the network in evaluation mode within the context; afterwards every module has its own mode back."""
     modes = {module: module.training for module in network.modules()}
     network.eval()
     try:

@@ -23,7 +23,7 @@ from torch import Tensor
 
 
 def pull_kernel_size(size: int, scale: float) -> int:
-    """Side of the pull kernel: the largest odd integer not above ``size * scale``, plus two if that was even.
+    """Side of the pull kernel: ``size * scale`` rounded down, plus one if that is even.
 
     ``K = floor(s h) + 1 - (floor(s h) mod 2)``; for ``h = 2`` sizes 3, 5, 7 give 7, 11, 15. ``h = 1`` keeps the size,
     and a 1x1 kernel has no pattern to stretch: ``h = 2`` makes it a 3x3 box.
@@ -54,13 +54,13 @@ def interpolation_matrix(
 
 @cache
 def hats(size: int, pull_size: int) -> Float[np.ndarray, "K s"]:
-    """The values of :func:`interpolation_matrix`, not to be written to."""
+    """The values of :func:`interpolation_matrix`; cached, so do not write to them."""
     positions = np.linspace(0, size - 1, pull_size)
     return np.asarray(np.maximum(0, 1 - np.abs(positions[:, None] - np.arange(size))))
 
 
 def upsample_kernel(weight: Float[Tensor, "o c kh kw"], scale: float) -> Float[Tensor, "o c KH KW"]:
-    """The pull kernel ``k ↑ h`` before its sign is turned: ``weight`` stretched bilinearly with its corners aligned.
+    """The pull kernel ``k ↑ h`` before its sign is flipped: ``weight`` stretched bilinearly with its corners aligned.
 
     There is no renormalisation, as in the paper's code: the L1 norm grows about 3.9 times for size 3 and ``h = 2``.
 

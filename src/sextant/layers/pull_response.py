@@ -1,18 +1,18 @@
 r"""Three exact ways to convolve with a stretched kernel :math:`U(W) = A_v W A_h^\top`, equal up to rounding.
 
 ``direct``
-    Stretch the kernel, convolve with its :math:`K \times K` taps: :math:`O C K^2` products a pixel.
+    Stretch the kernel and convolve with its :math:`K \times K` taps: :math:`O C K^2` products per pixel.
 ``rows``
-    Make an image that has, for each row of the output, s rows: the responses to the s columns of :math:`A_v`, which
-    are vertical profiles. Then convolve it with the :math:`s \times K` kernels :math:`W A_h^\top`, s rows a step:
-    :math:`O C s K` products a pixel.
+    Make an image with s rows for each row of the output: the responses to the s columns of :math:`A_v`, which are
+    vertical profiles. Then convolve it with the :math:`s \times K` kernels :math:`W A_h^\top` in steps of s rows:
+    :math:`O C s K` products per pixel.
 ``factorised``
-    The same in both directions, s rows and s columns for each response, which W itself then convolves, s rows and s
-    columns a step: :math:`O C s^2`.
+    The same in both directions: s rows and s columns for each response, which W itself then convolves in steps of s
+    rows and s columns: :math:`O C s^2`.
 
-Profiles are applied as products with a banded matrix, vertical ones for a few rows of the output at a time: more
-products than the K taps need, yet several times faster than convolving each channel by itself, which few libraries do
-well.
+Profiles are applied as products with a banded matrix, vertical ones for a few rows of the output at a time. This takes
+more products than the K taps need, yet is several times faster than convolving each channel by itself, which few
+libraries do well.
 Which of the three is fastest depends on the shape: see :mod:`sextant.layers.implementation`.
 """
 
@@ -29,7 +29,7 @@ from sextant.layers.conv_geometry import ConvGeometry
 from sextant.layers.pull_kernel import hats, interpolation_matrix, pull_kernel_size, upsample_kernel
 
 Implementation = Literal["direct", "rows", "factorised"]
-BAND = 8  # rows of the output that one banded product makes: fewer are small products, more are mostly zeros
+BAND = 8  # output rows per banded product: with fewer, products are small; with more, they are mostly zeros
 
 
 def pull_response(
@@ -40,7 +40,7 @@ def pull_response(
     geometry: ConvGeometry,
     implementation: Implementation = "direct",
 ) -> Float[Tensor, "*b co H W"]:
-    """The convolution of ``x`` with ``weight`` stretched by ``scale``, of the size that the unstretched one has.
+    """Convolve ``x`` with ``weight`` stretched by ``scale``; the output has the size of the unstretched convolution.
 
     Args:
         weight: the unstretched kernels, with odd sides.
@@ -73,12 +73,12 @@ def pull_response(
 def _profile_responses(
     x: Float[Tensor, "*b h w"], sides: tuple[int, int], zeros: int, stride: int, dilation: int
 ) -> Float[Tensor, "*b Hs w"]:
-    """For each place down the image, one below the other, the responses to the s profiles that are centred on it."""
+    """The responses to the s profiles centred on each position down the image, one below the other."""
     size, pull_size = sides
     reach = dilation * (pull_size - 1) + 1
     height = (x.shape[-2] + 2 * zeros - reach) // stride + 1
     bands = -(-height // BAND)
-    places = -(-height // bands)  # in one band
+    places = -(-height // bands)  # output rows in one band
     span, step = (places - 1) * stride + reach, places * stride
     missing = (bands - 1) * step + span - x.shape[-2] - zeros
     windows = F.pad(x, (0, 0, zeros, max(missing, 0))).unfold(-2, span, step)  # (*b, bands, w, span)
@@ -88,7 +88,7 @@ def _profile_responses(
 
 @cache
 def _band_matrix(size: int, pull_size: int, places: int, stride: int, dilation: int) -> Float[np.ndarray, "ps span"]:
-    """What each profile at each place takes of the rows of one band."""
+    """Weights by which each profile, at each position, sums the rows of one band."""
     matrix = np.zeros((places, size, (places - 1) * stride + dilation * (pull_size - 1) + 1))
     for place in range(places):
         matrix[place, :, place * stride :: dilation][:, :pull_size] = hats(size, pull_size).T

@@ -43,9 +43,9 @@ def push_pull(
 ) -> Float[Tensor, "*b co H W"]:
     r"""Push-pull response :math:`P = \Theta(k * I + b) - \alpha\,\Theta(-(k\uparrow h) * I - b)`, with Θ the ReLU.
 
-    The output has the size that the plain convolution would have, and may be negative.
-    With ``scale=1`` both kernels coincide and the response is exactly ``leaky_relu(conv(x), alpha)``; with ``alpha=1``
-    besides, it is the plain convolution, bit for bit, and so are its gradients.
+    The output has the size of the plain convolution's and may be negative.
+    With ``scale=1`` both kernels coincide and the response is exactly ``leaky_relu(conv(x), alpha)``. With ``alpha=1``
+    as well, it is the plain convolution, bit for bit, and so are its gradients.
 
     >>> x, weight = torch.rand(2, 3, 32, 32), torch.randn(8, 3, 5, 5)
     >>> push_pull(x, weight, padding=2).shape
@@ -57,14 +57,14 @@ def push_pull(
         weight: push kernels; kernel sides must be odd when ``scale > 1``, so that push and pull share a centre.
         bias: added inside the push's ReLU and subtracted inside the pull's.
         scale: the upsampling factor h of the pull kernel, at least 1.
-        alpha: strength of the inhibition, one number or one a channel, at least 0.
+        alpha: strength of the inhibition, one number or one per channel, at least 0.
         padding_mode: how the border is filled, as in ``torch.nn.Conv2d``.
         impl: how the pull is computed, see :mod:`sextant.layers.pull_response`; ``auto`` is a fixed rule on the shape.
             While a network is traced, compiled or exported it is ``direct``.
         other arguments: as in ``torch.nn.functional.conv2d``.
 
     Raises:
-        ValueError: ``scale`` is below 1 or not finite, or it is above 1 and a kernel side is even; or as
+        ValueError: ``scale`` is below 1 or not finite, or it is above 1 and a kernel side is even; or as in
             ``ConvGeometry.of``.
     """
     kernel = (weight.shape[2], weight.shape[3])
@@ -99,7 +99,7 @@ def push_pull(
 def pull_implementation(
     weight: Float[Tensor, "co cg kh kw"], scale: float, geometry: ConvGeometry, size: tuple[int, int]
 ) -> Implementation:
-    """What ``impl="auto"`` takes for images of this height and width: a pure function of the shapes."""
+    """The choice of ``impl="auto"`` for images of this height and width: a pure function of the shapes."""
     out_channels, in_channels, *kernel = weight.shape
     shape = PullShape(
         kernel=(kernel[0], kernel[1]),
@@ -116,7 +116,7 @@ def pull_implementation(
 class PushPullConv2d(InhibitedConv2d):
     """A drop-in for ``torch.nn.Conv2d`` with push-pull inhibition; see :func:`push_pull` for the equation.
 
-    It has the parameters of the convolution it replaces, and one more a channel only if ``train_alpha``: then the
+    It has the parameters of the convolution it replaces, plus one per channel only if ``train_alpha``: then the
     strengths start uniform in ``[0.5 - r, 0.5 + r]``, ``r = 1 / sqrt(in_channels * out_channels)``, and act as ReLU(α).
 
     >>> layer = PushPullConv2d(3, 16, 3, padding=1, scale=2.0, alpha=1.0)
@@ -126,8 +126,8 @@ class PushPullConv2d(InhibitedConv2d):
     Args:
         scale: upsampling factor h of the pull kernel, at least 1. It is not trained: only kernel sizes that are odd
             integers have a centre, so the response is a step function of h.
-        alpha: inhibition strength, at least 0, one number or one a channel; ignored if ``train_alpha``.
-        train_alpha: learn one strength a channel.
+        alpha: inhibition strength, at least 0, one number or one per channel; ignored if ``train_alpha``.
+        train_alpha: learn one strength per channel.
         impl: as in :func:`push_pull`.
         other arguments: as in ``torch.nn.Conv2d``.
 
@@ -170,13 +170,13 @@ class PushPullConv2d(InhibitedConv2d):
             self._set_alpha(alpha)
 
     def set_strength(self, alpha: Strength | None = None, scale: float | None = None) -> None:
-        """Change the inhibition of a layer in use; None keeps what there is. Trained strengths are overwritten.
+        """Change the inhibition of a layer in use; None keeps a value. Trained strengths are overwritten.
 
-        ``scale`` acts through the kernel's size alone: with side 3 every ``h < 4/3`` is 1, and K is 5 up to ``h < 2``.
-        A path from the convolution to inhibition that has no such jump is :func:`sextant.layers.strength_path`.
+        ``scale`` acts through the kernel's size alone: with side 3 every ``h < 4/3`` acts as 1, and K is 5 up to
+        ``h < 2``. :func:`sextant.layers.strength_path` leads from the convolution to inhibition without such a jump.
 
         Raises:
-            ValueError: as the constructor.
+            ValueError: as in the constructor.
         """
         if scale is not None:
             self._check_scale(scale)
@@ -185,7 +185,7 @@ class PushPullConv2d(InhibitedConv2d):
             self._set_alpha(alpha)
 
     def implementation(self, height: int, width: int) -> Implementation:
-        """How the pull of an image of this size is computed; a run can record it."""
+        """How the pull is computed for an image of this size, for a run to record."""
         if self.impl != "auto":
             return self.impl
         return pull_implementation(self.weight, self.scale, ConvGeometry.of_layer(self), (height, width))

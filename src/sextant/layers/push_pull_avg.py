@@ -5,15 +5,15 @@ r"""Push-pull with a contrast-inverted kernel and an averaged pull response: the
 
 The maximum and minimum are over the kernel of output channel o, so that its pull kernel has the range of the push
 kernel with its contrast inverted. ``avg`` is the mean over a square around each response, of the responses that exist
-(none beyond the border). Where the layer of 2020 stretches the kernel and adds the bias within, this one smooths the
-response and adds the bias after.
+(none beyond the border). The layer of 2020 stretches the kernel and adds the bias within the rectifiers; this one
+smooths the response and adds the bias after them.
 
 Since the pull kernel is the negated push kernel plus a constant, the pull needs no second convolution:
 
 .. math:: W^-_o * I = -\,W_o * I + c_o \, (\mathbb{1} * I),
 
-where :math:`\mathbb{1} * I` sums the image over the kernel's window, once for all output channels of a group. Zero
-padding is included, as the sum pads its window with the same zeros.
+where :math:`\mathbb{1} * I` sums the image over the kernel's window, once for all output channels of a group. This
+holds with zero padding too, as the sum pads its window with the same zeros.
 
 Source: G. S. Bennabhaktula, E. Alegre, N. Strisciuglio, G. Azzopardi, "PushPull-Net: Inhibition-driven ResNet robust to
 image corruptions", ICPR 2024, arXiv 2408.04077; the form without a second convolution follows from it. A trained
@@ -58,19 +58,19 @@ def push_pull_avg(
 ) -> Float[Tensor, "*b co H W"]:
     r""":math:`\Theta(W * I) - \alpha\,\Theta(\mathrm{avg}(W^- * I)) + b`, see the module's description.
 
-    The output has the size that the plain convolution would have. With ``alpha=0`` it is ``relu(conv(x)) + bias``.
+    The output has the size of the plain convolution's. With ``alpha=0`` it is ``relu(conv(x)) + bias``.
 
     >>> push_pull_avg(torch.rand(2, 3, 32, 32), torch.randn(8, 3, 5, 5), padding=2).shape
     torch.Size([2, 8, 32, 32])
 
     Args:
         average: side of the square over which the pull is averaged, in responses; odd; 1 leaves it as it is.
-        alpha: strength of the inhibition, one number or one a channel, at least 0.
+        alpha: strength of the inhibition, one number or one per channel, at least 0.
         impl: ``box`` needs no second convolution, ``direct`` does; only rounding and time depend on it.
         other arguments: as in ``torch.nn.functional.conv2d``, with the padding modes of ``torch.nn.Conv2d``.
 
     Raises:
-        ValueError: ``average`` is even or below 1, there is no such ``impl``, or as ``ConvGeometry.of``.
+        ValueError: ``average`` is even or below 1, or ``impl`` is unknown; or as in ``ConvGeometry.of``.
     """
     if average < 1 or average % 2 == 0:
         raise ValueError(f"average must be odd and at least 1, got {average}")
@@ -82,7 +82,7 @@ def push_pull_avg(
 
     def respond(x: Tensor) -> Tensor:
         push = geometry.convolve(x, weight, None)
-        # the negated pull, averaged but not yet divided by how many responses each mean has
+        # the negated pull, summed but not yet divided by the number of responses in each mean
         if impl == "direct":
             negated = _sums_nearby(geometry.convolve(x, weight - offset.view(-1, 1, 1, 1), None), average)
         else:
@@ -117,7 +117,7 @@ def window_sums(
 
 
 def _sums_nearby(responses: Float[Tensor, "*b c h w"], side: int) -> Float[Tensor, "*b c h w"]:
-    """Sums over a square around each place; a convolution, which is several times faster here than a mean pooling."""
+    """Sums over a square around each response, by a convolution: several times faster here than average pooling."""
     if side == 1:
         return responses
     channels = responses.shape[-3]
@@ -127,8 +127,8 @@ def _sums_nearby(responses: Float[Tensor, "*b c h w"], side: int) -> Float[Tenso
 class PushPullAvgConv2d(InhibitedConv2d):
     """A drop-in for ``torch.nn.Conv2d``: see :func:`push_pull_avg` for the equation.
 
-    It has the parameters of the convolution it replaces, and one more a channel only if ``train_alpha``: then the
-    strengths start uniform in [0, 1] and act as ReLU(α). Unlike push-pull it has no setting that is the convolution.
+    It has the parameters of the convolution it replaces, plus one per channel only if ``train_alpha``: then the
+    strengths start uniform in [0, 1] and act as ReLU(α). Unlike push-pull, no setting reduces it to the convolution.
 
     >>> layer = PushPullAvgConv2d(3, 16, 3, padding=1, average=5, alpha=0.5)
     >>> layer(torch.rand(8, 3, 32, 32)).shape
@@ -136,13 +136,13 @@ class PushPullAvgConv2d(InhibitedConv2d):
 
     Args:
         average: side of the square over which the pull is averaged; odd; 1 leaves it as it is.
-        alpha: inhibition strength, at least 0, one number or one a channel; ignored if ``train_alpha``.
-        train_alpha: learn one strength a channel.
+        alpha: inhibition strength, at least 0, one number or one per channel; ignored if ``train_alpha``.
+        train_alpha: learn one strength per channel.
         impl: ``box`` or ``direct``, as in :func:`push_pull_avg`.
         other arguments: as in ``torch.nn.Conv2d``; kernels of any size, even sides included.
 
     Raises:
-        ValueError: ``average`` is even or below 1, ``alpha < 0``, or there is no such ``impl``.
+        ValueError: ``average`` is even or below 1, ``alpha < 0``, or ``impl`` is unknown.
     """
 
     def __init__(
@@ -182,12 +182,12 @@ class PushPullAvgConv2d(InhibitedConv2d):
         """Change the inhibition of a layer in use; trained strengths are overwritten.
 
         Raises:
-            ValueError: as the constructor.
+            ValueError: as in the constructor.
         """
         self._set_alpha(alpha)
 
     def implementation(self, height: int, width: int) -> AvgChoice:
-        """How the pull of an image of this size is computed; a run can record it."""
+        """How the pull is computed for an image of this size, for a run to record."""
         return self.impl
 
     def forward(self, x: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""The strength α of inhibition: one number, one a channel, or trained; and how to bring it in gradually."""
+"""The strength α of inhibition: one number, one per channel, or trained; and how to introduce it gradually."""
 
 from collections.abc import Sequence
 from typing import TypeAlias
@@ -10,10 +10,10 @@ Strength: TypeAlias = float | Sequence[float]
 
 
 def check_strength(alpha: Strength, channels: int) -> None:
-    """Refuse what is no strength.
+    """Refuse an invalid strength.
 
     Raises:
-        ValueError: it is negative or not finite, or there is not one a channel.
+        ValueError: it is negative or not finite, or neither one number nor one per channel.
     """
     values = torch.as_tensor(alpha, dtype=torch.float64)
     if not bool((values >= 0).all() and values.isfinite().all()) or values.shape not in ((), (channels,)):
@@ -21,9 +21,9 @@ def check_strength(alpha: Strength, channels: int) -> None:
 
 
 def strength_buffer(layer: nn.Conv2d, alpha: Strength) -> None:
-    """Set ``layer.alpha``: a number as it is, one a channel as a buffer, a trained one in place.
+    """Set ``layer.alpha``: a number as it is, one per channel as a buffer, a trained one in place.
 
-    A number is a setting, as the stride is; one a channel is data, which the state dict has to hold.
+    A number is a setting, like the stride; strengths per channel are data, which the state dict has to hold.
     """
     present = layer._parameters.get("alpha")
     if present is not None:
@@ -40,17 +40,17 @@ def strength_buffer(layer: nn.Conv2d, alpha: Strength) -> None:
 
 
 def strength_path(progress: float, *, alpha: float, scale: float) -> tuple[float, float]:
-    """Strength and scale on a continuous way from the convolution (h = 1, α = 1) to inhibition (h, α).
+    """Strength and scale on a continuous path from the convolution (h = 1, α = 1) to inhibition (h, α).
 
-    Kernel sizes are odd integers, so that raising h makes the response jump, unless α is zero. In the first half α
-    falls from 1 to 0 with h = 1: a leaky ReLU that becomes a ReLU. There h changes without effect, and in the second
-    half α rises to its end.
+    Kernel sizes are odd integers, so raising h makes the response jump unless α is zero. In the first half α falls
+    from 1 to 0 with h = 1: a leaky ReLU that becomes a ReLU. At α = 0 h changes without effect, and in the second half
+    α rises to its final value.
 
     >>> [strength_path(progress, alpha=1.0, scale=2.0) for progress in (0.0, 0.5, 1.0)]
     [(1.0, 1.0), (0.0, 2.0), (1.0, 2.0)]
 
     Args:
-        progress: from 0 to 1; beyond, the ends.
+        progress: from 0 to 1; clamped beyond.
         alpha: the strength at the end.
         scale: h in the second half.
 

@@ -18,11 +18,11 @@ class Rule:
     (True, False)
 
     Args:
-        pattern: of module paths such as ``layer1.0.conv1``, as in a shell: ``*`` is anything, dots included, ``?`` one
-            character, ``[0-3]`` one of a range.
+        pattern: shell-style pattern of module paths such as ``layer1.0.conv1``: ``*`` matches anything, dots included,
+            ``?`` one character, ``[0-3]`` one of a range.
         kind: only modules of this class match.
-        factory: makes the new module of the old one. It may share its parameters, or be the old one itself, wrapped.
-        objection: why a module that matches is to stay as it is, or None.
+        factory: makes the new module from the old one, whose parameters it may share or which it may wrap.
+        objection: says why a module that matches has to stay as it is; None if it need not.
     """
 
     pattern: str
@@ -31,7 +31,7 @@ class Rule:
     objection: Callable[[nn.Module], str | None] = lambda module: None
 
     def matches(self, module: nn.Module, paths: Iterable[str]) -> bool:
-        """Whether ``module``, which lies at these paths, is of the kind and one of its paths fits the pattern."""
+        """Whether ``module`` is of the kind and one of its ``paths`` fits the pattern."""
         return isinstance(module, self.kind) and any(fnmatchcase(path, self.pattern) for path in paths)
 
 
@@ -51,9 +51,9 @@ class Conversion:
 def convert(network: nn.Module, rules: Iterable[Rule]) -> Conversion:
     """Replace modules of ``network``, in place.
 
-    A module takes the first rule that matches one of its paths and has no objection; one that is used at several
-    places is replaced by one new module at all of them. What lies within a replaced module is left alone. The network
-    itself cannot be replaced.
+    Each module follows the first rule that matches one of its paths and has no objection. A module that is used in
+    several places is replaced by one new module in all of them. The submodules of a replaced module are left alone. The
+    network itself cannot be replaced.
 
     >>> network = nn.Sequential(nn.Conv2d(3, 8, 3), nn.ReLU(), nn.Flatten())
     >>> conversion = convert(network, [Rule("1", lambda old: nn.GELU(), nn.ReLU)])
@@ -62,7 +62,7 @@ def convert(network: nn.Module, rules: Iterable[Rule]) -> Conversion:
 
     Raises:
         UserError: no module matches the pattern of a rule, or there are objections to all that do. The network is then
-            as it was.
+            unchanged.
     """
     rules = list(rules)
     paths: dict[nn.Module, list[str]] = {}
@@ -119,7 +119,7 @@ def candidates(
     kind: type[nn.Module] = nn.Conv2d,
     objection: Callable[[nn.Module], str | None] = lambda module: None,
 ) -> list[str]:
-    """Paths of the modules within ``network`` that can be replaced: of the class, and without an objection."""
+    """Paths of the modules within ``network`` that can be replaced: those of the class without an objection."""
     there = network.named_modules(remove_duplicate=False)
     return [path for path, module in there if path and isinstance(module, kind) and objection(module) is None]
 

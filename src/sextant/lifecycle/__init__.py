@@ -1,1 +1,1 @@
-"""The life of runs and sweeps: claim, train, test, evaluate, report. ``library`` has what ``sextant`` offers."""
+"""The life cycle of runs and sweeps: claim, train, test, evaluate, report. ``library`` holds the public calls."""

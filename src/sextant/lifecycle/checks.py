@@ -1,4 +1,4 @@
-"""What is refused before data is read or a run directory is made."""
+"""Checks that run before data is read or a run directory is made."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -14,11 +14,11 @@ from sextant.reporter import SILENT, Reporter
 
 
 def checked(raw: Mapping[str, Any]) -> Config:
-    """A config, typed; its choices go together, and each import path in it is there. Nothing of the machine is asked.
+    """Validate a config: its choices are compatible and every import path in it exists. The machine is not checked.
 
     Raises:
-        UserError: as :func:`~sextant.config.validate.validate`, choices do not go together, or there is no such module,
-            name or callable.
+        UserError: as :func:`~sextant.config.validate.validate`; or choices are incompatible, or a module, name or
+            callable does not exist.
     """
     config = validate(raw)
     recipe_of(config.task.name).check_parts(config)
@@ -28,10 +28,10 @@ def checked(raw: Mapping[str, Any]) -> Config:
 
 
 def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str, Any]:
-    """The plain config of a run that could be made here; nothing heavy is imported.
+    """Check that a run could be made here and return its plain config; nothing heavy is imported.
 
     Raises:
-        UserError: an override is wrong, or as :func:`checked` and :func:`require_environment`.
+        UserError: an override is wrong; or as :func:`checked` and :func:`require_environment`.
     """
     if any(override.startswith("sweep=") and override != "sweep=null" for override in overrides):
         name = next(override for override in overrides if override.startswith("sweep="))
@@ -48,7 +48,7 @@ def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str
 
 
 def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
-    """Raise a ``UserError`` unless the data is there, the output folder can be written to, and the server answers."""
+    """Raise a ``UserError`` unless the data exist, the output folder is writable, and the tracking server answers."""
     from sextant.tracking.store import require_server
 
     require_outputs(Path(config.paths.outputs))
@@ -60,7 +60,7 @@ def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
 
 
 def require_outputs(outputs: Path) -> None:
-    """Make the output folder, and raise a ``UserError`` unless it can be written to."""
+    """Create the output folder, and raise a ``UserError`` unless it is writable."""
     try:
         outputs.mkdir(parents=True, exist_ok=True)
         probe = outputs / f".writable-{os.getpid()}"
@@ -74,7 +74,7 @@ def require_outputs(outputs: Path) -> None:
 
 
 def require_possible(config: Config, source: Source) -> None:
-    """Raise a ``UserError`` unless this machine has the device and the data has a training batch."""
+    """Raise a ``UserError`` unless this machine has the device and the data fill a training batch."""
     require_device(config)
     count = recipe_of(config.task.name).training_size(config, source)
     if count is not None and config.trainer.batch_size > count:
@@ -85,7 +85,7 @@ def require_possible(config: Config, source: Source) -> None:
 
 
 def require_device(config: Config) -> None:
-    """Raise a ``UserError`` if the config asks for a GPU that is not there."""
+    """Raise a ``UserError`` if the config asks for a GPU that does not exist."""
     if config.trainer.accelerator == "gpu":
         import torch
 

@@ -15,10 +15,10 @@ Claims = Mapping[str, Claim]
 
 
 def read_claims(which: str = "all") -> Claims:
-    """The claims of ``conf/claim``, by chapter and name.
+    """Read the claims of ``conf/claim`` by name, in order of chapter.
 
     Raises:
-        UserError: there is none of that name, or a file is wrong.
+        UserError: there is no claim of that name, or a file is invalid.
     """
     found = {path.stem: _read_claim(path) for path in sorted((conf_dir() / "claim").glob("*.yaml"))}
     if which == "all":

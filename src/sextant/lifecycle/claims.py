@@ -18,7 +18,7 @@ from sextant.runs.outputs_folder import conf_dir
 
 Preset = Literal["quick", "full"]
 
-#: of the files of stored results that the claims rest on, as sha256sum writes them
+#: digests of the stored results that the claims rest on, in the format of sha256sum
 DIGESTS = "claims/results.sha256"
 #: folder of the stored tables of ``preset=quick``, by sweep
 QUICK = "claims/quick"
@@ -26,13 +26,13 @@ QUICK = "claims/quick"
 
 @dataclass(frozen=True)
 class Tables:
-    """Where the tables of the sweeps are.
+    """Locations of the tables of the sweeps.
 
     Attributes:
         stored: folder of the stored reports.
-        reports: of sweeps that were run for a preset; without a preset all are stored.
-        left_out: sweeps that the preset did not run, with the reason.
-        preset: that was run, if one was.
+        reports: report folders of the sweeps of a preset; without a preset all tables are stored ones.
+        left_out: sweeps that the preset lacks, with the reason.
+        preset: the preset, None for the stored results.
     """
 
     stored: Path
@@ -41,7 +41,7 @@ class Tables:
     preset: Preset | None = None
 
     def file(self, part: ClaimPart) -> Path:
-        """The table of a part."""
+        """The file of the table that a part rests on."""
         if self.preset is None or part.table == "recorded":
             return self.stored / part.stored / f"{part.table}.csv"
         return self.reports[part.sweep] / f"{part.table}.csv"
@@ -56,17 +56,17 @@ def stored_results() -> Path:
 
 
 def quick_tables(claims: Claims, stored: Path) -> Tables:
-    """The stored tables of ``preset=quick``; the sweeps of which there are none are left out."""
+    """The stored tables of ``preset=quick``; sweeps without stored tables are left out."""
     sweeps = dict.fromkeys(part.sweep for claim in claims.values() for part in claim.parts if part.sweep)
     reports = {sweep: stored / QUICK / sweep for sweep in sweeps if (stored / QUICK / sweep).is_dir()}
     return Tables(stored, reports, {sweep: "not stored" for sweep in sweeps if sweep not in reports}, "quick")
 
 
 def decide_claims(claims: Claims, tables: Tables) -> list[DecidedClaim]:
-    """Decide every claim of which all sweeps are there.
+    """Decide every claim whose sweeps are all available.
 
     Raises:
-        UserError: a table lacks what a claim names.
+        UserError: a table lacks a row that a claim names.
     """
     return [
         _decided(name, claim, tables)
@@ -76,7 +76,7 @@ def decide_claims(claims: Claims, tables: Tables) -> list[DecidedClaim]:
 
 
 def decide_quick_claims(claims: Claims, stored: Path) -> list[DecidedClaim]:
-    """Decide the claims of which the tables of ``preset=quick`` are stored.
+    """Decide the claims whose tables under ``preset=quick`` are stored.
 
     Raises:
         UserError: as :func:`decide_claims`.
@@ -88,20 +88,20 @@ def decide_quick_claims(claims: Claims, stored: Path) -> list[DecidedClaim]:
 def write_board(
     claims: Claims, tables: Tables, command: str, output: Path | None = None, html: Path | None = None
 ) -> list[Path]:
-    """Write the board, and what belongs to it; the same results give the same bytes.
+    """Write the board of claims with its pictures; the same results give the same bytes.
 
     Args:
-        claims: to be decided.
-        tables: that decide.
-        command: that the board says it was written by.
-        output: folder of ``claims.md`` and its pictures.
-        html: folder of ``claims.html``, which holds all it needs.
+        claims: claims to decide.
+        tables: tables that decide them.
+        command: command that the board names as its origin.
+        output: folder for ``claims.md`` and its pictures.
+        html: folder for ``claims.html``, a self-contained page.
 
     Returns:
-        The pages.
+        The pages that were written.
 
     Raises:
-        UserError: a table lacks what a claim names.
+        UserError: a table lacks a row that a claim names.
     """
     decided = decide_claims(claims, tables)
     there = {claim.name for claim in decided}
@@ -126,10 +126,10 @@ def write_board(
 
 
 def check_digests(claims: Claims, stored: Path) -> None:
-    """Compare the stored files that claims rest on with their digests.
+    """Check the stored files that claims rest on against their digests.
 
     Raises:
-        UserError: one is missing or has changed since its digest was written.
+        UserError: a file is missing or has changed since its digest was written.
     """
     known = _known_digests(stored)
     for name, digest in digests(claims, stored).items():
@@ -141,7 +141,7 @@ def check_digests(claims: Claims, stored: Path) -> None:
 
 
 def digests(claims: Claims, stored: Path) -> dict[str, str]:
-    """SHA-256 of the stored files that claims rest on, by path."""
+    """SHA-256 digests of the stored files that claims rest on, by path."""
     tables = Tables(stored)
     files = {tables.file(part) for claim in claims.values() for part in claim.parts}
     files |= {path for report in quick_tables(claims, stored).reports.values() for path in report.glob("*.csv")}
@@ -152,10 +152,10 @@ def digests(claims: Claims, stored: Path) -> dict[str, str]:
 
 
 def renew_digests(claims: Claims, stored: Path) -> None:
-    """Write the digests of the files as they are, once they decide the claims.
+    """Write the digests of the files in their current state, after checking that they decide the claims.
 
     Raises:
-        UserError: a file that has a digest is not there, or a table lacks what a claim names.
+        UserError: a file that has a digest is missing, or a table lacks a row that a claim names.
     """
     _known_digests(stored)
     decide_claims(claims, Tables(stored))
@@ -164,7 +164,7 @@ def renew_digests(claims: Claims, stored: Path) -> None:
 
 
 def _known_digests(stored: Path) -> dict[str, str]:
-    """The stored digests by file; a ``UserError`` if one of the files is lost."""
+    """The stored digests by file; raises a ``UserError`` if one of the files is missing."""
     path = stored / DIGESTS
     try:
         lines = [line.partition("  ") for line in path.read_text("utf-8").splitlines()]
@@ -184,17 +184,18 @@ def run_claims(
     reporter: RunReporter = SILENT_RUN,
     runs: RunReporter = SILENT_RUN,
 ) -> Tables:
-    """Run what is missing of the sweeps that claims rest on, and write their reports; first say how much that is.
+    """Run the missing runs of the sweeps that claims rest on, and write the sweeps' reports.
 
-    A sweep that this preset does not have, or that lacks its data, is left out, with the reason.
+    The number of missing runs is announced first. A sweep that has no form for this preset, or whose data are missing,
+    is left out and the reason is recorded.
 
     Args:
-        claims: to be decided.
-        preset: how large the sweeps are.
+        claims: claims to decide.
+        preset: size of the sweeps.
         stored: folder of the stored results.
-        overrides: for all sweeps, such as ``launcher=joblib``.
+        overrides: overrides for all sweeps, such as ``launcher=joblib``.
         reporter: listens to the sweeps.
-        runs: listens to their runs, where they run.
+        runs: listens to the runs, in the processes that compute them.
     """
     from sextant.lifecycle.results import sweep_results
     from sextant.lifecycle.sweep import dry_run, run_sweep
@@ -229,7 +230,7 @@ def sweep_arguments(sweep: str, parts: Sequence[ClaimPart], preset: Preset) -> l
     """The overrides of a sweep under a preset; ``quick`` leaves out the arms that no part needs.
 
     Raises:
-        UserError: there is no such sweep, or it has no quick form.
+        UserError: the sweep does not exist, or it has no quick form.
     """
     definition = _definition(sweep)
     if preset == "full":
@@ -284,7 +285,7 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
 
 
 def _measured(claim: Claim, preset: Preset | None) -> list[ClaimPart]:
-    """The parts of a claim that a preset measures: a quick one only what counts."""
+    """The parts of a claim that a preset measures; ``quick`` measures only those that count."""
     return [part for part in claim.parts if not (preset == "quick" and part.beside)]
 
 

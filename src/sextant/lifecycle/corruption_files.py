@@ -1,4 +1,4 @@
-"""Files of corrupted images in the layout of CIFAR-10-C, of a dataset or of a file of images."""
+"""Files of corrupted images in the layout of CIFAR-10-C, made from a dataset or a file of images."""
 
 import errno
 import shutil
@@ -33,9 +33,9 @@ class MadeCorruptions:
     """What :func:`make_corruptions` did.
 
     Attributes:
-        shape: of the clean images.
-        made, kept: how many corruptions were written, and how many were there already.
-        seconds: it took.
+        shape: shape of the array of clean images.
+        made, kept: numbers of corruptions that were written, and that existed already.
+        seconds: time taken.
     """
 
     shape: tuple[int, ...]
@@ -59,27 +59,26 @@ def make_corruptions(
     shard: int | None = None,
     reporter: Reporter = SILENT,
 ) -> MadeCorruptions:
-    """Write a file for each corruption of a benchmark set; those that are there and whole are kept.
+    """Write one file for each corruption of a benchmark set; files that exist and are complete are kept.
 
     Args:
-        benchmark: whose parameters: cifar10_c, mnist_c or imagenet_c.
-        images: a dataset of labelled images, of which the test split is taken, or a ``.npy`` file of uint8
-            (n, h, w[, c]).
-        output: folder of the files.
-        names: corruptions or groups of them; all unless given.
-        severities: of 1 to 5; the published ones unless given.
-        seed: of all random draws.
+        benchmark: benchmark set that gives the parameters: cifar10_c, mnist_c or imagenet_c.
+        images: a dataset of labelled images, whose test split is used, or a ``.npy`` file of uint8 (n, h, w[, c]).
+        output: folder for the files.
+        names: corruptions or groups of corruptions; by default all.
+        severities: severities from 1 to 5; by default the published ones.
+        seed: seed of all random draws.
         mode: faithful to the authors' code, or corrected.
-        labels: a ``.npy`` file of n labels to write beside the images; those of the dataset unless given.
-        device: where to compute.
-        shards: processes that share the work, each with its ``shard``.
-        shard: number of this process, from 0; None for all the work, or to see that what ``shards`` made is there.
-        reporter: listens.
+        labels: a ``.npy`` file of n labels to write beside the images; by default the dataset's labels.
+        device: device to compute on.
+        shards: number of processes that share the work, each with its own ``shard``.
+        shard: number of this process, from 0; None does all the work, or checks that all ``shards`` have done theirs.
+        reporter: listens to the work.
 
     Raises:
         UserError: an argument is wrong, the input cannot be read, the output cannot be written, or a shard's files are
-            not there.
-        KeyboardInterrupt: corruptions that are done are kept, and the same call resumes.
+            missing.
+        KeyboardInterrupt: the call was interrupted; finished corruptions are kept, and the same call resumes.
     """
     _check_device(device)
     chosen = benchmark_set(benchmark).build(list(names) or None, list(severities) or None, mode)
@@ -95,7 +94,7 @@ def make_corruptions(
         with ExitStack() as locks:
             for name in own:
                 locks.enter_context(FileLock(output / f".{name}.lock", timeout=0))
-            with FileLock(output / ".lock", timeout=10):  # the record, which all shards write
+            with FileLock(output / ".lock", timeout=10):  # the record is written by all shards
                 making.begin(output, recipe, own)
             return _make(output, recipe, own, found, found_labels, device, reporter)
     except Timeout:
@@ -149,7 +148,7 @@ def _require_all(folder: Path, chosen: making.Corruptions, images: UInt8[ndarray
 
 
 def _write_labels(folder: Path, chosen: making.Corruptions, labels: ndarray, reporter: Reporter) -> None:
-    """Write them as often as the files have severities, if all have equally many."""
+    """Write the labels, repeated once per severity if all files have the same number of severities."""
     counts = {len(corruption.levels) for corruption in chosen.values()}
     if len(counts) > 1:
         reporter.say("labels.npy is for one severity: the corruptions chosen have different numbers of severities")
@@ -168,14 +167,14 @@ def _check_device(name: str) -> None:
 
 
 def read_input(name: str, labels: str | None) -> tuple[UInt8[ndarray, "n ..."], "ndarray | None"]:
-    """Images ``(n, h, w[, c])``, and labels if there are any.
+    """Read images ``(n, h, w[, c])``, and labels if there are any.
 
     Args:
-        name: a ``.npy`` file of images, or a dataset of labelled images, of which the test split is taken.
+        name: a ``.npy`` file of images, or a dataset of labelled images, whose test split is used.
         labels: a ``.npy`` file of n labels; None for those of the dataset.
 
     Raises:
-        UserError: there is no such file or dataset, or it is not of this kind.
+        UserError: the file or dataset does not exist, or is not of this kind.
     """
     found: Any
     if Path(name).suffix == ".npy":

@@ -1,4 +1,4 @@
-"""Testing a trained run under other data or conditions."""
+"""Testing a trained run on other data or under other conditions."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -21,23 +21,23 @@ from sextant.runs.resolve import resolve_run
 from sextant.runs.source_tree import source_sha256
 from sextant.trained.content import own_config, read_trained
 
-#: What may differ from training; the rest belongs to the weights.
+#: Config groups that may differ from training; all others belong to the weights.
 FREE = (
     *("dataset", "corruption", "test_sampling", "trainer", "tracking", "paths", "reuse"),
-    *("fault", "faults", "recovery", "motion", "filter"),  # how a robot is localized, in the map that was trained
+    *("fault", "faults", "recovery", "motion", "filter"),  # how a robot is localized in the trained map
 )
 
 
 def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SILENT_RUN) -> Outcome:
-    """Rebuild a model from its checkpoint alone and test it; a finished test is returned as it is.
+    """Rebuild a model from its checkpoint alone and test it; a test that is already finished is returned.
 
     Args:
         run: an MLflow run id, a run directory, a checkpoint or a published ``.pth.tar``.
-        overrides: of its config; which may be given, :data:`FREE` says.
-        reporter: listens.
+        overrides: overrides of its config, limited to the groups in :data:`FREE` and the task's test settings.
+        reporter: listens to the test.
 
     Raises:
-        UserError: there is no such run, an override is wrong, or the model does not fit the data.
+        UserError: the run does not exist, an override is wrong, or the model does not fit the data.
     """
     outputs = _outputs(overrides)
     require_outputs(outputs)
@@ -65,11 +65,11 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
 
 
 def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> Config:
-    """The config of a checkpoint with ``overrides``.
+    """The config of a checkpoint with ``overrides`` applied.
 
     Raises:
-        UserError: an override is wrong, label and config are of two tasks, or the checkpoint names an import path that
-            is not one of Sextant's: building it would run code that the file chose. ``trust=true`` allows it.
+        UserError: an override is wrong, the checkpoint's label and config name different tasks, or it names an import
+            path outside Sextant, which would run code chosen by the file. ``trust=true`` allows this.
     """
     trust = "trust=true" in overrides
     merged = merge(trained["config"], [override for override in overrides if override != "trust=true"])
@@ -77,10 +77,10 @@ def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> C
 
 
 def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """The config of a checkpoint with other groups and values; where things lie is taken from here, not from there.
+    """Merge overrides into the config of a checkpoint; paths and tracking are those of this machine.
 
     Raises:
-        UserError: an override is not understood, or would change what the weights were trained with.
+        UserError: an override cannot be parsed, or would change what the weights were trained with.
     """
     parsed, known_groups = parse(overrides), groups()
     settings = [f"task.{key}" for key in recipe_of(str(trained.get("task", {}).get("name"))).test_settings]
@@ -107,7 +107,7 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
 
 
 def _later(trained: Mapping[str, Any], key: str) -> bool:
-    """Whether a key was added to its node after some runs had been made."""
+    """Whether a key was added to its config node after earlier runs had been made without it."""
     *parents, last = key.split(".")
     node: Any = validate(trained)
     for part in parents:

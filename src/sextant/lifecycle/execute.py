@@ -1,4 +1,4 @@
-"""The life of one run: claim its directory, train, test, write the truth, mirror it."""
+"""The life cycle of one run: claim its directory, train, test, write the results, mirror them."""
 
 import math
 import time
@@ -39,11 +39,11 @@ class Outcome:
 
     Attributes:
         status: ``diverged`` is a run that finished without having learnt, by the rule of ``evaluation.protocols``, or
-            whose loss became nan; ``failed`` is a run that an error ended; ``submitted`` one that a cluster has yet to
-            run.
-        directory: where it lies.
-        reused: it had been finished before.
-        message: why it failed.
+            whose loss became nan; ``failed`` is a run ended by an error; ``submitted`` is a run that a cluster has yet
+            to compute.
+        directory: the run directory.
+        reused: whether the run had been finished before.
+        message: why the run failed.
     """
 
     status: Status
@@ -53,32 +53,32 @@ class Outcome:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """Final metrics by name, nan where one is no number; empty if it failed, or a nan stopped it."""
+        """Final metrics by name, nan for one that is not a number; empty if the run failed or was stopped by a nan."""
         found = (RunDirectory(self.directory).results() or {}).get("metrics", {})
         return {name: math.nan if value is None else value for name, value in found.items()}
 
 
 def run_key(config: Config, source: Source) -> RunKey:
-    """Identity of the run that a config describes."""
+    """The identity of the run that a config describes."""
     code = source_sha256(config.custom_targets())
     return RunKey(config.task.name, run_digest(config), config.seed, code, source.fingerprint())
 
 
 def run_digest(config: Config) -> str:
-    """Digest of a typed config, in which 2 and 2.0 are one number."""
+    """The digest of a typed config, in which 2 and 2.0 are the same number."""
     return digest(recipe_of(config.task.name).identity(config))
 
 
 def execute(raw: Mapping[str, Any], *, wait: bool = False, reporter: RunReporter = SILENT_RUN) -> Outcome:
-    """Run what a plain, resolved config describes, unless it is finished already.
+    """Execute the run that a plain, resolved config describes, unless it is already finished.
 
     Args:
         raw: the config.
-        wait: wait for another process that runs the same, rather than give up.
+        wait: whether to wait for another process that computes the same run instead of giving up.
         reporter: listens to the run.
 
     Raises:
-        UserError: a mistake in the config or the data; the run directory keeps what was reached before.
+        UserError: the config or the data are wrong; the run directory keeps earlier progress.
         KeyboardInterrupt: the run was interrupted and can be resumed.
     """
     config = checked(raw)
@@ -106,11 +106,11 @@ def run_once(
     published: Mapping[str, Any] | None = None,
     reporter: RunReporter = SILENT_RUN,
 ) -> Outcome:
-    """Return the finished run ``key`` if there is one, else do its ``work`` in its directory, under its lock.
+    """Return the finished run ``key`` if there is one; otherwise do its ``work`` in its directory, under its lock.
 
-    ``work`` gets the directory and a function that opens the MLflow run, and returns what it wrote to ``metrics.json``.
-    ``published`` is what the file of a network that was not trained here says of its training.
-    ``check`` raises what makes that impossible, before there is a directory.
+    ``work`` receives the directory and a function that opens the MLflow run, and returns the content of its
+    ``metrics.json``. ``published`` is what the file of a network trained elsewhere states about its training. ``check``
+    raises an error if the work is impossible, before a directory is created.
     """
     outputs = Path(config.paths.outputs)
     with run_lock(outputs / "runs" / key.task, key.name, wait, config.launcher.lease_s) as lease:
@@ -125,7 +125,7 @@ def run_once(
 
 
 def fill_if_behind(config: Config, directories: Iterable[RunDirectory], reporter: RunReporter = SILENT_RUN) -> None:
-    """Fill the tracking store if it did not get all of these runs; the lock of none of them may be held."""
+    """Fill the tracking store if it lacks any of these runs; this process must not hold the lock of any of them."""
     notes = [directory.state().get("tracking") or {} for directory in directories]
     if config.tracking.kind != "none" and not all(note.get("sent", True) for note in notes):
         from sextant.tracking.refill import catch_up
@@ -134,7 +134,7 @@ def fill_if_behind(config: Config, directories: Iterable[RunDirectory], reporter
 
 
 class _Run:
-    """One run, from the claim of its directory to its outcome."""
+    """One run, from claiming its directory to its outcome."""
 
     def __init__(self, found: Claim, key: RunKey, config: Config, reporter: RunReporter, lease: Lease):
         self.directory: RunDirectory = found.directory
@@ -157,7 +157,7 @@ class _Run:
     def _begin(self) -> None:
         path = self.directory.path
         path.mkdir(parents=True, exist_ok=True)
-        for leftover in path.rglob(".*.tmp"):  # of a process that was killed while it wrote
+        for leftover in path.rglob(".*.tmp"):  # left by a process that was killed while writing
             leftover.unlink(missing_ok=True)
         plain = dict(self.config.plain)
         params = {key: value for key, value in plain.items() if key not in NO_PARAMETERS}
@@ -177,7 +177,7 @@ class _Run:
         )
 
     def _tracking_note(self, earlier: Mapping[str, Any] | None) -> dict[str, Any] | None:
-        """Where this run is mirrored, or was when it was begun, for whoever finds later that not all of it was."""
+        """Where this run is mirrored, or was when it began; a later refill of the store reads this note."""
         tracking = self.config.tracking
         if tracking.kind == "none":
             return {**earlier, "sent": False} if earlier else None
@@ -211,21 +211,21 @@ class _Run:
                 raise
             self.reporter.say(f"{error.problem}; this run of the sweep goes on without")
             return None
-        if tracking.parent_run is None:  # of a sweep, whoever started it has done this
+        if tracking.parent_run is None:  # for a sweep, its controller has done this
             catch_up(tracking.kind, tracking.uri, outputs, self.reporter)
         return self.mirror
 
     @contextmanager
     def _recorded(self) -> Iterator[None]:
-        """Write how the run ended into its directory and its mirror, whatever ends it."""
+        """Record how the run ended in its directory and its mirror, whatever ends it."""
         try:
             yield
         except BaseException as error:
-            if self.lease.taken_over():  # the directory is another process's now
+            if self.lease.taken_over():  # the directory now belongs to another process
                 raise
             interrupted = isinstance(error, KeyboardInterrupt | SystemExit)
             message = "interrupted" if interrupted else f"{type(error).__name__}: {error}"
-            with suppress(OSError):  # a full disk must not hide what ended the run
+            with suppress(OSError):  # a full disk must not hide the original error
                 if isinstance(error, LossNotFiniteError):
                     self._keep_diverged(message)
                 elif not interrupted and not isinstance(error, UserError):
@@ -237,7 +237,7 @@ class _Run:
         self._end(None, "FINISHED")
 
     def _keep_diverged(self, message: str) -> None:
-        """A run that a nan stopped is finished: the same command would only meet the same nan."""
+        """Mark a run stopped by a nan as finished: repeating the command would only reach the same nan."""
         identity = {name: getattr(self.key, name) for name in ("digest", "seed", "code", "data")}
         timing = {"fit_s": float("nan"), "test_s": float("nan")}
         results = {"outcome": "diverged", "metrics": {}, "message": message, "parameters": 0, "timing": timing}
@@ -246,7 +246,7 @@ class _Run:
     def _end(self, failure: str | None, status: Literal["FINISHED", "FAILED", "KILLED"]) -> None:
         try:
             self.directory.update_state({"ended": time.time(), "failure": failure})
-        except OSError as error:  # a full disk must not hide what ended the run
+        except OSError as error:  # a full disk must not hide the original error
             self.reporter.say(f"could not note the end of the run: {error}")
         if self.mirror is not None:
             from sextant.tracking.mirror import finish_mirror
@@ -257,7 +257,7 @@ class _Run:
 
 
 def execute_cell(raw: Mapping[str, Any], reporter: RunReporter = SILENT_RUN) -> dict[str, Any]:
-    """Run one cell of a sweep: like :func:`execute`, but an error becomes an outcome and the sweep goes on."""
+    """Run one cell of a sweep like :func:`execute`, but turn an error into an outcome so that the sweep goes on."""
     try:
         outcome = execute(raw, wait=True, reporter=reporter)
     except KeyboardInterrupt:

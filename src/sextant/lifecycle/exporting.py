@@ -21,9 +21,9 @@ class ExportedRun:
     """What was written.
 
     Attributes:
-        network: the file.
-        card: the page beside it that says what it is.
-        parity: largest difference to the network's own outputs, as a share of the largest of them or of 1.
+        network: the file of the network.
+        card: the model card beside it.
+        parity: largest difference from the network's own outputs, relative to the largest of them or to 1.
     """
 
     network: Path
@@ -39,19 +39,19 @@ def export_run(
     *,
     trust: bool = False,
 ) -> ExportedRun:
-    """Write the network of a run for programs that know nothing of Sextant, and compare what it says with the original.
+    """Export the network of a run for programs without Sextant, and compare its outputs with the original.
 
     Push-pull layers become plain convolutions. The batch may have any size; height and width are those of training.
 
     Args:
         run: an MLflow run id, a run directory or its name, or a checkpoint.
         form: ``onnx``, or ``torch_export`` for ``torch.export.load``.
-        output: folder of the file; ``exported/<task>/<run>`` among the outputs unless given.
-        outputs: folder of runs; where runs are written unless given.
-        trust: build parts of the user's own that the checkpoint names.
+        output: folder for the file; by default ``exported/<task>/<run>`` in the folder of outputs.
+        outputs: folder of runs; by default where runs are written.
+        trust: allow parts from outside Sextant that the checkpoint names.
 
     Raises:
-        UserError: there is no such run, it has no network of its own, or the file would answer otherwise.
+        UserError: the run does not exist, it has no network of its own, or the file's outputs differ.
 
     Example:
         >>> exported = export_run("1a2b3c4d-s0")  # doctest: +SKIP

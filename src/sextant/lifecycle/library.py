@@ -17,15 +17,15 @@ from sextant.tracking.environment import quiet_libraries
 def run(
     overrides: Sequence[str] = (), *, config_dir: str | Path | None = None, reporter: RunReporter = SILENT_RUN
 ) -> Outcome:
-    """Train and test what overrides describe, as ``train.py`` does, unless it is finished already.
+    """Train and test the run that overrides describe, as ``train.py`` does, unless it is already finished.
 
     Args:
-        overrides: of the config: groups such as ``dataset=mnist``, values such as ``optimizer.lr=0.05``.
-        config_dir: folder of config files of one's own, ``<group>/<option>.yaml``, beside those shipped.
-        reporter: listens to the run; silent unless one is given.
+        overrides: overrides of the config: groups such as ``dataset=mnist``, values such as ``optimizer.lr=0.05``.
+        config_dir: folder of the user's own config files, ``<group>/<option>.yaml``, beside the shipped ones.
+        reporter: listens to the run; silent by default.
 
     Raises:
-        UserError: a mistake in an override or in the data, or a loss that became nan.
+        UserError: an override or the data are wrong, or the loss became nan.
 
     Example:
         >>> import sextant
@@ -46,19 +46,19 @@ def sweep(
     config_dir: str | Path | None = None,
     reporter: RunReporter = SILENT_RUN,
 ) -> SweepOutcome:
-    """Run what is missing of a sweep, as ``train.py -m`` does; a run that fails is an outcome, and the others go on.
+    """Run the missing runs of a sweep, as ``train.py -m`` does; a failed run is an outcome, and the others go on.
 
     Args:
-        name: of a stored sweep; without one, the sweep is of all overrides that list several values, and the last of
-            these (apart from the seed) is what is compared.
-        overrides: of the config, such as ``sweep.seeds=3`` or ``inhibition=none,push_pull``.
-        workers: how many processes on this machine; 1 runs one cell after another in this one. For a cluster, say so
-            in ``overrides``: ``launcher=slurm``.
+        name: name of a stored sweep. Without one, the sweep varies every override that lists several values, and
+            compares the values of the last of these (apart from the seed).
+        overrides: overrides of the config, such as ``sweep.seeds=3`` or ``inhibition=none,push_pull``.
+        workers: number of processes on this machine; 1 runs the cells one after another in this process. A cluster is
+            chosen in ``overrides``: ``launcher=slurm``.
         config_dir: as for :func:`run`.
         reporter: listens to the sweep, not to its runs.
 
     Raises:
-        UserError: a cell's config is wrong; nothing was run then.
+        UserError: a cell's config is wrong; nothing has been run then.
 
     Example:
         >>> import sextant
@@ -75,15 +75,15 @@ def sweep(
 
 
 def evaluate(run: str | Path, overrides: Sequence[str] = (), *, reporter: RunReporter = SILENT_RUN) -> Outcome:
-    """Test a trained run under other data or conditions, as ``evaluate.py`` does.
+    """Test a trained run on other data or under other conditions, as ``evaluate.py`` does.
 
     Args:
         run: an MLflow run id, a run directory, a checkpoint or a published ``.pth.tar``.
-        overrides: such as ``corruption=gaussian``; ``sextant evaluate --help`` lists what may change.
-        reporter: listens.
+        overrides: overrides such as ``corruption=gaussian``; ``sextant evaluate --help`` lists what may change.
+        reporter: listens to the test.
 
     Raises:
-        UserError: there is no such run, an override is wrong, or the model does not fit the data.
+        UserError: the run does not exist, an override is wrong, or the model does not fit the data.
     """
     quiet_libraries()
     return evaluate_run(str(run), overrides, reporter)

@@ -1,4 +1,4 @@
-"""The page of a sweep in the tracking store, kept up to date while its runs end."""
+"""The page of a sweep in the tracking store, kept up to date as its runs end."""
 
 import time
 from collections.abc import Sequence
@@ -20,20 +20,20 @@ from sextant.tracking.refill import refill
 from sextant.tracking.store import Store
 from sextant.tracking.sweep_parent import DONE, PAGE, PICTURES, artifact_address, label_cells, send_page
 
-#: between two looks at the runs, unless the sweep has ended
+#: seconds between two looks at the runs, unless the sweep has ended
 EVERY_S = 20.0
 
 
 class ParentPage:
-    """Writes the page of a sweep's parent run: what it asks, how far it is, and what it has found.
+    """Writes the page of a sweep's parent run: its question, its progress, and its findings so far.
 
-    What goes wrong here is told once, and stops nothing.
+    An error in writing the page is reported once and stops nothing.
 
     Args:
         parent: the MLflow run of the sweep.
-        plan: of the sweep.
+        plan: plan of the sweep.
         outputs: folder that the runs of the plan are relative to.
-        reporter: hears of a failure.
+        reporter: is told of a failure.
     """
 
     def __init__(self, parent: MirroredRun, plan: SweepPlan, outputs: Path, reporter: RunReporter):
@@ -45,20 +45,20 @@ class ParentPage:
         self._named: set[str] = set()
 
     def look(self) -> None:
-        """Write the page anew, if the last time is a while ago."""
+        """Rewrite the page if the last look is more than :data:`EVERY_S` ago."""
         if time.monotonic() - self._looked > EVERY_S:
             self._try()
             self._looked = time.monotonic()
 
     def end(self, plan: SweepPlan) -> None:
-        """Write the page as it stays, with the figures of the contrasts."""
+        """Write the final page, with the figures of the contrasts."""
         self.plan = plan
         self._try(ended=True)
 
     def _try(self, *, ended: bool = False) -> None:
         try:
             self._write(ended)
-        except Exception as error:  # a page that cannot be written must not end the runs that it is about
+        except Exception as error:  # a page that cannot be written must not end its runs
             if not self._failed:
                 self.reporter.say(f"the page of the sweep could not be written: {error}")
             self._failed = True
@@ -69,7 +69,7 @@ class ParentPage:
         send_page(self.parent, self.directory)
 
     def _left_s(self) -> float:
-        if self.plan.is_search:  # how many runs there will be depends on what they find
+        if self.plan.is_search:  # the number of runs depends on their results
             return float("nan")
         done = _done(self.runs)
         new = done - self.before
@@ -77,22 +77,22 @@ class ParentPage:
 
 
 def write_page(plan: SweepPlan, outputs: Path, *, left_s: float = float("nan"), ended: bool = True) -> dict[str, str]:
-    """Write what the parent run of a sweep is to show into the sweep's directory.
+    """Write the page of a sweep's parent run into the sweep's directory.
 
     Args:
-        plan: of the sweep.
+        plan: plan of the sweep.
         outputs: folder that the runs of the plan are relative to.
-        left_s: estimate of what remains, in seconds.
-        ended: with the figures of the contrasts.
+        left_s: estimate of the remaining time, in seconds.
+        ended: whether to include the figures of the contrasts.
 
     Returns:
-        The tags among it, which are those of its runs too.
+        The page's tags, which its runs share.
     """
     directory, runs = plan.directory(outputs), _runs(plan, outputs)
     done = _done(runs)
     try:
         results = read_results(directory, outputs, _measured) if done else None
-    except UserError:  # none of those that ended was tested
+    except UserError:  # none of the ended runs was tested
         results = None
     pictures = [] if results is None or not ended else _pictures(results, directory)
     failures = {cell.run: cell.message for cell in plan.cells if cell.message}
@@ -103,13 +103,13 @@ def write_page(plan: SweepPlan, outputs: Path, *, left_s: float = float("nan"), 
 
 
 def fill_store(store: Store, outputs: Path, reporter: RunReporter) -> int:
-    """Write the pages of sweeps that ended unseen, and bring a store up to date with the run directories.
+    """Write the pages of sweeps that ended unobserved, and bring a store up to date with the run directories.
 
     Args and raises:
-        As :func:`~sextant.tracking.refill.refill`, which this is for every run, wherever it logs to.
+        As :func:`~sextant.tracking.refill.refill`, here for every run, whichever store it logs to.
 
     Returns:
-        How many runs, and parents of sweeps, were made or repaired.
+        The number of runs and parents of sweeps that were created or repaired.
     """
     for directory in read_plans(outputs):
         try:
@@ -117,18 +117,18 @@ def fill_store(store: Store, outputs: Path, reporter: RunReporter) -> int:
                 _renew(read_plan(directory), outputs)
         except LockedError:
             continue
-        except Exception as error:  # a sweep that cannot be read must not keep the runs from the store
+        except Exception as error:  # an unreadable sweep must not keep the runs from the store
             reporter.say(f"the page of {directory.name} could not be written: {error}")
     return refill(store, outputs, reporter=reporter)
 
 
 def _renew(plan: SweepPlan, outputs: Path) -> None:
-    """Write the page of a sweep that no process runs, unless it counts the runs that have ended."""
+    """Write the page of a sweep that no process runs, unless it already counts all runs that have ended."""
     if not plan.cells:
         return
     page, runs = read_json(plan.directory(outputs) / PAGE), _runs(plan, outputs)
     closed = plan.ended or _done(runs) < len(runs)
-    if not closed:  # as of one that was submitted, and whose last run ended while no process waited for it
+    if not closed:  # its last run ended on a cluster while no process waited for it
         plan = replace(plan, ended=max(ended_at(RunDirectory(run)) for run in runs))
         plan.write(outputs)
     if not closed or page is None or page["metrics"].get(DONE) != _done(runs):
@@ -142,7 +142,7 @@ def _tags(plan: SweepPlan) -> dict[str, str]:
 
 
 def _params(plan: SweepPlan) -> dict[str, str]:
-    """What is compared, in which settings, and over which seeds; of a search, what is searched and how."""
+    """The arms, settings and seeds of a sweep; for a search, its method and space."""
     if plan.is_search:
         search = plan.definition["search"]
         return {"search": str(search["method"]), **search["space"]}

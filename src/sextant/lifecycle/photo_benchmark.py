@@ -1,4 +1,4 @@
-"""All methods of a calibrator on a folder of photos of known cameras."""
+"""Benchmark of all methods of a calibrator on a folder of photos with known cameras."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -32,20 +32,20 @@ from sextant.evaluation.calibration.photo_benchmark import (
 from sextant.reports.tables import TextTable
 from sextant.tasks.calibration.network import CameraNetwork
 
-#: of a failed photo
+#: numbers of a failed photo
 NOTHING = (math.nan,) * 12
 
 
 @dataclass(frozen=True, eq=False)
 class PhotoBenchmark:
-    """What every method says of the photos of a folder.
+    """Estimates of every method for the photos of a folder.
 
     Attributes:
-        folder: of the photos.
-        truth: their cameras.
-        names: of the photos.
-        methods: answers by method.
-        skipped: photos that cannot be read, with the reasons.
+        folder: folder of the photos.
+        truth: the ground-truth cameras.
+        names: names of the photos.
+        methods: estimates by method.
+        skipped: reasons by photo that cannot be read.
     """
 
     folder: Path
@@ -55,7 +55,7 @@ class PhotoBenchmark:
     skipped: dict[str, str] = field(default_factory=dict)
 
     def tables(self) -> dict[str, Table]:
-        """By title: errors, intervals, and verdicts of the joint method."""
+        """The tables by title: errors, intervals, and verdicts of the joint method."""
         return {
             "Median error [95 % interval over independent photos] and AUC; *in italics*: published, each on photos of "
             f"its own ({PUBLISHED_BY})": error_table(self.truth, self.methods),
@@ -68,7 +68,7 @@ class PhotoBenchmark:
         return "\n".join(f"{title}:\n\n{TextTable(*table).markdown()}" for title, table in self.tables().items())
 
     def rows(self) -> list[dict[str, object]]:
-        """Each photo's errors under each method."""
+        """The errors of each method on each photo."""
         found: list[dict[str, object]] = []
         for method, answers in self.methods.items():
             errors = self.truth.errors(answers.cameras)
@@ -88,19 +88,19 @@ def benchmark_calibration(
     leave_out: Sequence[str] = (),
     progress: Callable[[int], None] = lambda done: None,
 ) -> PhotoBenchmark:
-    """Lines alone, the network alone and both jointly on photos of known cameras.
+    """Run lines alone, the network alone and both jointly on photos with known cameras.
 
     Args:
-        calibrator: whose network is measured.
-        folder: of the photos, or panoramas; see :mod:`sextant.data.calibration.known_photos`.
-        sampling: of the cameras of photos cut from panoramas.
-        cuts: photos cut from each panorama.
-        seed: of these cameras.
-        leave_out: patterns of the names of files that are not measured.
+        calibrator: calibrator whose network is measured.
+        folder: folder of photos or panoramas; see :mod:`sextant.data.calibration.known_photos`.
+        sampling: distribution of the cameras of photos cut from panoramas.
+        cuts: number of photos cut from each panorama.
+        seed: seed of these cameras.
+        leave_out: file name patterns of files to leave out.
         progress: is called with the number of photos done.
 
     Raises:
-        UserError: there is no photo of a known camera, or a table of them is wrong.
+        UserError: there is no photo with a known camera, or a table of cameras is wrong.
     """
     config = to_plain(compose(["task=calibration", f"sampling={sampling}"]))
     distribution: CameraDistribution = build_part(config["sampling"])
@@ -123,10 +123,10 @@ def benchmark_calibration(
 
 
 def write_benchmark(found: PhotoBenchmark, output: Path) -> list[Path]:
-    """Write ``benchmark.md``, the tables, and ``benchmark.csv``, each photo's errors under each method.
+    """Write ``benchmark.md`` (the tables) and ``benchmark.csv`` (the errors of each method on each photo).
 
     Raises:
-        UserError: the disk is full, or the folder cannot be written to.
+        UserError: the disk is full, or the folder is not writable.
     """
     text, rows = f"# {found.folder.name}\n\n{found.markdown()}", found.rows()
     with telling_write_errors(output):
@@ -136,7 +136,7 @@ def write_benchmark(found: PhotoBenchmark, output: Path) -> list[Path]:
 
 
 def _numbers(found: Finding | FailedPhoto, method: Method, network: CameraNetwork) -> tuple[tuple[float, ...], str]:
-    """Camera and half widths in one row, in heights of the photo, and the verdict."""
+    """The camera and the half-widths of its intervals as one row, lengths in image heights; and the verdict."""
     if not isinstance(found, FailedPhoto):
         found = attempted(found.name, by_method, found, method)
     if isinstance(found, FailedPhoto):

@@ -1,11 +1,11 @@
-"""What the file of a published network says of its training, and whether its accuracy is found again here."""
+"""The accuracy that the file of a published network states, and whether it is reproduced here."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from sextant.config import Config
 
-#: the authors' name of the file of the best epoch; of any other the accuracy told may be another epoch's
+#: the authors' name for the file of the best epoch; any other file may state the accuracy of another epoch
 BEST = "model_best"
 CIFAR10 = "sextant.data.cifar10.CIFAR10"
 CLEAN = "test/accuracy/clean"
@@ -13,10 +13,10 @@ IMAGES = 10_000
 
 
 def says(published: Mapping[str, Any]) -> str:
-    """What is printed before the test.
+    """The text that is printed before the test.
 
     Args:
-        published: ``file``, ``epoch`` and ``best_accuracy``, as the network's file tells them.
+        published: ``file``, ``epoch`` and ``best_accuracy`` as stated in the network's file.
     """
     return (
         f"published, not trained here; {published['file']} says: saved after epoch {published['epoch']}, "
@@ -25,16 +25,16 @@ def says(published: Mapping[str, Any]) -> str:
 
 
 def same_images(config: Config) -> bool:
-    """Whether a test is on the images that the authors tell accuracies of, the 10,000 of CIFAR-10."""
+    """Whether a test uses the images of the authors' accuracies: the 10,000 test images of CIFAR-10."""
     return config.dataset.target == CIFAR10 and getattr(config.task, "test_every", 0) == 1
 
 
 def comparison(published: Mapping[str, Any], metrics: Mapping[str, Any]) -> str:
-    """What is printed after the test: whether the accuracy on clean images is the one of the file.
+    """The text that is printed after the test: whether the accuracy on clean images equals the file's.
 
     Args:
-        published: as for :func:`says`, and ``same_images``.
-        metrics: of the test.
+        published: as for :func:`says`, with ``same_images``.
+        metrics: metrics of the test.
     """
     told, found = published["best_accuracy"], metrics.get(CLEAN)
     told_text = f"best_prec1 of {published['file']}, {100 * told:.2f} %"

@@ -1,4 +1,4 @@
-"""What the other processes of a run do: train their share, and write nothing."""
+"""The other processes of a run, which train their share and write nothing."""
 
 import os
 import sys
@@ -16,7 +16,7 @@ from sextant.tracking.environment import quiet_libraries
 
 
 def main(given: Mapping[str, Any]) -> None:
-    """Train with the process that sent what is ``given``."""
+    """Train together with the process that sent ``given``."""
     threading.Thread(target=_end_with_the_first, daemon=True).start()
     quiet_libraries()
     config, rank = validate(given["config"]), Rank(given["rank"], given["meeting"])

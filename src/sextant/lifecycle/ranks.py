@@ -1,4 +1,4 @@
-"""One run in several processes of this machine: this one, which holds its lock and writes, and those it starts."""
+"""One run in several processes of this machine: this one holds the lock and writes, and it starts the others."""
 
 import json
 import os
@@ -22,22 +22,20 @@ from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory, RunKey
 
 LOOPBACK = "lo"
-ENDS_S = 60.0  # how long another process may take to end after the last step
-DIES_S = 5.0  # and to be seen to have died once it is not heard of any more
+ENDS_S = 60.0  # time that another process may take to end after the last step
+DIES_S = 5.0  # time within which a lost process must be seen to have died
 PROGRAM = "import json, sys; given = json.loads(sys.stdin.readline()); sys.path[:] = given['path']; "
 PROGRAM += "from sextant.lifecycle.rank_process import main; main(given); "
-PROGRAM += (
-    "import os; os._exit(0)"  # nothing is left to do; gloo's threads now and then abort a process that takes leave
-)
+PROGRAM += "import os; os._exit(0)"  # skips clean-up, in which gloo's threads sometimes abort the process
 
 
 class Rank(LightningEnvironment):
-    """Tells Lightning which of the processes of a run this one is, and where they meet.
+    """Tells Lightning the rank of this process, and where the processes of a run meet.
 
     Args:
-        number: of this process; 0 is the one that writes.
-        meeting: a file that is not there yet, in a folder of the user's alone. A port would be open to every process of
-            the machine, and to others.
+        number: rank of this process; rank 0 is the one that writes.
+        meeting: a file that does not exist yet, in a folder private to the user. A port would be open to every process
+            of the machine, and to others.
     """
 
     def __init__(self, number: int, meeting: str):
@@ -46,16 +44,16 @@ class Rank(LightningEnvironment):
 
     @property
     def creates_processes_externally(self) -> bool:
-        """Lightning would start the command line anew, which would wait for the lock of its own run."""
+        """True: Lightning itself would rerun the command line, which would wait for the lock of its own run."""
         return True
 
     def local_rank(self) -> int:
-        """The number, as all processes are on this machine."""
+        """The rank itself, as all processes are on this machine."""
         return self.number
 
 
 class Processes(DDPStrategy):
-    """Distributed data-parallel training in processes that are there; no launcher, which would set their threads."""
+    """Distributed data-parallel training in existing processes, without a launcher, which would set their threads."""
 
     def _configure_launcher(self) -> None:
         pass
@@ -74,12 +72,12 @@ class Processes(DDPStrategy):
             rank=rank.number,
             world_size=len(self.parallel_devices),
         )
-        super().setup_environment()  # which finds the group
+        super().setup_environment()  # finds the existing group
 
 
 @dataclass(frozen=True)
 class _Other:
-    """Another process of the run, and what it says of an error."""
+    """Another process of the run, and its error output."""
 
     number: int
     process: subprocess.Popen[str]
@@ -91,7 +89,7 @@ class _Other:
         self.errors.close()
 
     def require_well(self, wait_s: float) -> None:
-        """Raise a ``UserError`` if it ended, or ends within so many seconds, and not well."""
+        """Raise a ``UserError`` if it has failed, or fails within ``wait_s`` seconds."""
         with suppress(subprocess.TimeoutExpired):
             self.process.wait(wait_s)
         if self.process.poll():
@@ -105,23 +103,23 @@ class _Other:
 
 @contextmanager
 def ranks(config: Config, directory: RunDirectory, key: RunKey, *, resume: bool) -> Iterator[Rank | None]:
-    """Start the other processes of a run, as many as ``trainer.devices`` asks for; None if it needs no other.
+    """Start the other processes that ``trainer.devices`` asks for, and yield this one's rank; None if there are none.
 
     They end when this process does, however it ends.
 
     Args:
-        config: of the run.
-        directory: of the run; the others only read from it.
-        key: of the run.
-        resume: whether to go on from its last checkpoint.
+        config: the run's config.
+        directory: the run's directory, from which the others only read.
+        key: the run's key.
+        resume: whether to resume from the last checkpoint.
 
     Raises:
-        UserError: one of them died.
+        UserError: one of the processes died.
     """
     if config.trainer.devices == 1:
         yield None
         return
-    folder = tempfile.TemporaryDirectory()  # of this user alone
+    folder = tempfile.TemporaryDirectory()  # private to this user
     rank = Rank(0, str(Path(folder.name) / "meeting"))
     given = {"config": config.plain, "directory": str(directory.path), "key": asdict(key), "resume": resume}
     others: list[_Other] = []
@@ -129,7 +127,7 @@ def ranks(config: Config, directory: RunDirectory, key: RunKey, *, resume: bool)
         others += (_start(n, {**given, "meeting": rank.meeting}) for n in range(1, config.trainer.devices))
         yield rank
         _require_well(others, ENDS_S)
-    except RuntimeError:  # that of torch: the connection to another one was lost
+    except RuntimeError:  # raised by torch when the connection to another process is lost
         _require_well(others, DIES_S)
         raise
     finally:
@@ -154,9 +152,9 @@ def _start(number: int, given: dict[str, object]) -> _Other:
         stdout=subprocess.DEVNULL,
         stderr=errors,
         text=True,
-        start_new_session=True,  # Ctrl-C is for the first process, which ends the others
+        start_new_session=True,  # Ctrl-C reaches only the first process, which ends the others
     )
     assert process.stdin is not None
     process.stdin.write(json.dumps({**given, "rank": number, "path": sys.path}) + "\n")
-    process.stdin.flush()  # and stays open: that it closes is how the other one notices the end of this process
+    process.stdin.flush()  # stays open: when it closes, the other process knows that this one has ended
     return _Other(number, process, errors)

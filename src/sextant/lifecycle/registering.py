@@ -1,4 +1,4 @@
-"""Making a trained run a model of MLflow's registry."""
+"""Registering a trained run as a model in MLflow's registry."""
 
 import io
 import re
@@ -21,13 +21,13 @@ from sextant.tracking.store import Kind, open_store, telling_store_errors
 from sextant.trained.content import read_trained
 from sextant.zoo.files import card_of
 
-#: what a model may be called: it is a part of addresses and paths
+#: legal names of models, which become part of addresses and paths
 NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"
 
 
 @dataclass(frozen=True)
 class RegisteredModel:
-    """A version of a model, and the address of the registry that has it."""
+    """A version of a model, and the address of its registry."""
 
     name: str
     version: int
@@ -37,20 +37,20 @@ class RegisteredModel:
 def register_run(
     run: str, name: str, outputs: Path | None = None, *, kind: Kind = "sqlite", uri: str | None = None
 ) -> RegisteredModel:
-    """Make a run the newest version of a model in MLflow's registry.
+    """Register a run as the newest version of a model in MLflow's registry.
 
-    The model is the run's checkpoint and a file of code, ours; nothing is pickled. It takes a table with a column
-    ``image`` of the bytes of image files, and answers a row for each.
+    The model consists of the run's checkpoint and a code file of Sextant; nothing is pickled. It takes a table with a
+    column ``image``, the bytes of image files, and returns one row per image.
 
     Args:
         run: an MLflow run id, a run directory or its name, or a checkpoint.
-        name: of the model.
-        outputs: folder of runs; where runs are written unless given.
-        kind: of the store: the embedded one, or a server.
-        uri: of the server.
+        name: name of the model.
+        outputs: folder of runs; by default where runs are written.
+        kind: kind of the store: the embedded one, or a server.
+        uri: address of the server.
 
     Raises:
-        UserError: there is no such run, its model does not answer photos one by one or needs code of the user's own,
+        UserError: the run does not exist, its model does not predict from single photos or needs the user's own code,
             or the store cannot be used.
 
     Example:
@@ -80,7 +80,7 @@ def register_run(
 
 
 def _example() -> bytes:
-    """A picture of noise as a file."""
+    """The bytes of a PNG file of noise."""
     pixels = np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)
     content = io.BytesIO()
     Image.fromarray(pixels).save(content, "png")

@@ -1,4 +1,4 @@
-"""Rendering the datasets that are made on this machine, whole or in parts."""
+"""Rendering of the datasets that are made on this machine, as a whole or in shards."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,10 +24,10 @@ from sextant.reporter import Advance
 
 
 def plan_of(overrides: Sequence[str]) -> tuple[RenderPlan, Path]:
-    """The plan of the dataset that ``overrides`` choose, and the folder of stores.
+    """The render plan of the dataset that ``overrides`` choose, and the folder of stores.
 
     Raises:
-        UserError: it is not rendered, or an override is wrong.
+        UserError: the dataset is not a rendered one, or an override is wrong.
     """
     config = validate(to_plain(compose(overrides)))
     if not is_rendered(config.dataset.target):
@@ -39,7 +39,7 @@ def plan_of(overrides: Sequence[str]) -> tuple[RenderPlan, Path]:
 
 
 def open_target(plan: RenderPlan, cache: Path, shards: int | None, shard: int | None) -> RenderedStore:
-    """The store that is filled: of the whole, or of a part."""
+    """Open the store to fill: that of the whole dataset, or of one shard."""
     if shards is None or shard is None:
         return open_store(plan, cache)
     return open_shard(plan, cache, shard, shards)
@@ -54,10 +54,10 @@ def fill(
     threads: int,
     progress: Advance | None = None,
 ) -> int:
-    """Render what is missing in a store of :func:`open_target`; without ``shard``, put the parts together.
+    """Render what a store of :func:`open_target` lacks; with ``shards`` but no ``shard``, merge the shards.
 
     Returns:
-        How many items were rendered or copied.
+        The number of items that were rendered or copied.
     """
     if shards is None:
         return store.fill(progress, threads)
@@ -67,7 +67,7 @@ def fill(
 
 
 def state_of(directory: Path) -> tuple[str, str]:
-    """How much of a store is rendered, and in what state it is."""
+    """How much of a store is rendered, and its state."""
     if not StoreLayout(directory).manifest.is_file():
         return "", "to be laid out anew: render it"
     try:

@@ -1,4 +1,4 @@
-"""What the runs of a sweep found: for reports, and as a table."""
+"""Results of the runs of a sweep: for reports, and as a table."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,16 +17,16 @@ Reference = str | Path | SweepOutcome
 
 
 def sweep_results(sweep: Reference, outputs: str | Path | None = None, reporter: Reporter = SILENT) -> "SweepResults":
-    """What the runs of a sweep found.
+    """Read the results of the runs of a sweep.
 
     Args:
-        sweep: its name (the newest of that name), its directory, its MLflow parent run, or what
-            :func:`sextant.sweep` returned.
-        outputs: output folder; the default one unless given.
-        reporter: hears of plans that are damaged and passed over in the search of the newest.
+        sweep: its name (the newest of that name), its directory, its MLflow parent run, or the return value of
+            :func:`sextant.sweep`.
+        outputs: output folder; by default the default one.
+        reporter: is told of damaged plans that are skipped while looking for the newest.
 
     Raises:
-        UserError: there is no such sweep, its files are damaged, or no run is finished yet.
+        UserError: the sweep does not exist, its files are damaged, or no run is finished yet.
     """
     from sextant.reports.results import read_results
 
@@ -38,12 +38,12 @@ def sweep_results(sweep: Reference, outputs: str | Path | None = None, reporter:
 
 
 def load_results(sweep: Reference, outputs: str | Path | None = None) -> list[dict[str, Any]]:
-    """A table of what the runs of a sweep found: one row for each run and condition, as pandas reads it.
+    """Load the results of a sweep as a table with one row per run and condition, ready for pandas.
 
     A row has the ``sweep``, each factor by its key and as text, the ``arm``, ``pair`` and ``seed``, the ``status`` of
-    the run (``finished``, ``diverged``, ``failed``, ``missing``) and its directory ``run``, the ``condition``, and the
-    ``value`` under it of a ``quantity`` in a ``unit``. Of a run without a test there is one row; its condition is
-    None, its value nan.
+    the run (``finished``, ``diverged``, ``failed``, ``missing``), its directory ``run``, the ``condition``, and the
+    ``value`` of a ``quantity`` under that condition in a ``unit``. A run without a test has one row, whose condition is
+    None and whose value is nan.
 
     Args:
         sweep, outputs: as for :func:`sweep_results`.
@@ -86,13 +86,13 @@ def report(sweep: Reference, outputs: str | Path | None = None, *, track: bool =
 
     Args:
         sweep, outputs: as for :func:`sweep_results`.
-        track: false keeps the report off the parent run.
+        track: whether to log the report on the parent run.
 
     Returns:
         The files that were written.
 
     Raises:
-        UserError: as :func:`sweep_results`; or the report is written, and the store of the parent run does not answer.
+        UserError: as :func:`sweep_results`; or the parent run's store does not answer, after the report is written.
     """
     from sextant.reports.sweep_report import write_report
 

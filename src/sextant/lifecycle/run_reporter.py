@@ -1,4 +1,4 @@
-"""What runs and sweeps say from their start to their end."""
+"""Reporters of the progress of runs and sweeps."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class RunReporter(Reporter):
-    """Listens to runs and sweeps. This one shows nothing."""
+    """Listens to runs and sweeps. This base class shows nothing."""
 
     def begin(
         self,
@@ -26,36 +26,36 @@ class RunReporter(Reporter):
         """A run begins.
 
         Args:
-            config: of the run.
-            directory: where it lies.
-            passed_over: why earlier runs of the same config were not taken.
-            published: what the file of a network that was not trained here says of its training.
+            config: config of the run.
+            directory: run directory.
+            passed_over: reasons why earlier runs of the same config were not reused.
+            published: what the file of a network trained elsewhere states about its training.
         """
 
     def training(self) -> "Sequence[Callback]":
-        """Callbacks that show how far training is."""
+        """Callbacks that show the progress of training."""
         return ()
 
     def planned(self, plan: SweepPlan, finished: int) -> None:
         """A sweep is planned.
 
         Args:
-            plan: its cells.
-            finished: how many of their runs are finished already.
+            plan: plan of the sweep.
+            finished: number of runs that are already finished.
         """
 
     def settled(self, number: int, setting: Mapping[str, str], value: float | None, told: str) -> None:
         """A trial of a search gets no further seed.
 
         Args:
-            number: of the trial.
+            number: number of the trial.
             setting: the value of each key.
             value: its mean validation metric; None without a result.
-            told: over how many seeds, or why there is none.
+            told: the number of seeds of the mean, or why there is no result.
         """
 
     def running(self) -> AbstractContextManager[Advance]:
-        """A context whose value is called with how many of a sweep's missing runs are done, every second."""
+        """A context whose value is called every second with the number of a sweep's missing runs that are done."""
         return nullcontext(lambda done, total: None)
 
 

@@ -1,4 +1,4 @@
-"""The code of a registered model: MLflow keeps a copy of this file with it, and runs it where the model is loaded."""
+"""The code of a registered model. MLflow keeps a copy of this file with the model and runs it on loading."""
 
 from sextant.recipes.photo_predictors import photo_predictor
 from sextant.tracking.registry import serve

@@ -1,4 +1,4 @@
-"""Running a sweep: only what is missing, with any launcher."""
+"""Running the missing runs of a sweep with any launcher."""
 
 import threading
 import time
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sextant.lifecycle.parent_page import ParentPage
 
 POLL_S = 1.0
-#: runs cells and says how each ended, None for one that was left to a cluster
+#: runs cells and returns the outcome of each, None for one that was left to a cluster
 Launch = Callable[[Cells], Outcomes]
 
 
@@ -34,10 +34,10 @@ class SweepOutcome:
     """How a sweep ended.
 
     Attributes:
-        name: of the sweep.
-        directory: with its plan, and its report once there is one.
-        cells: what was planned.
-        outcomes: how the run of each cell ended; arms that read different answers share runs.
+        name: name of the sweep.
+        directory: directory with its plan, and with its report once it is written.
+        cells: the planned cells.
+        outcomes: outcome of the run of each cell; arms that read different answers share runs.
     """
 
     name: str
@@ -46,7 +46,7 @@ class SweepOutcome:
     outcomes: tuple[Outcome, ...]
 
     def count(self, status: Status) -> int:
-        """How many cells ended so."""
+        """The number of cells that ended with this status."""
         return sum(outcome.status == status for outcome in self.outcomes)
 
 
@@ -58,17 +58,17 @@ def run_sweep(
     wait: bool | None = None,
     run_cells: Launch | None = None,
 ) -> SweepOutcome:
-    """Plan a sweep and run its missing cells; those that fail do not keep the others from running.
+    """Plan a sweep and run its missing cells; a failed cell does not stop the others.
 
     Args:
         arguments: overrides; those that list several values are the factors of the sweep.
         reporter: listens to the sweep.
-        runs: listens to its runs, where they run.
-        wait: for what is submitted to a cluster; None leaves that to ``launcher.wait``.
-        run_cells: runs cells in place of the config's launcher.
+        runs: listens to its runs, in the processes that compute them.
+        wait: whether to wait for jobs submitted to a cluster; None follows ``launcher.wait``.
+        run_cells: runs cells instead of the config's launcher.
 
     Raises:
-        UserError: a cell's config is wrong, or the launcher cannot be used; nothing was run then.
+        UserError: a cell's config is wrong, or the launcher cannot be used; nothing has been run then.
     """
     plan, planned, config = make_plan(arguments, reporter)
     if wait is not None and isinstance(config.launcher, SlurmLauncher):
@@ -89,10 +89,10 @@ def run_sweep(
 
 
 def dry_run(arguments: Sequence[str], reporter: RunReporter = SILENT_RUN) -> tuple[list[CellTask], str]:
-    """What :func:`run_sweep` would run, and what it would give to sbatch if that is how; nothing is run or written.
+    """The cells that :func:`run_sweep` would run, and its sbatch script under SLURM; nothing is run or written.
 
     Raises:
-        UserError: as :func:`run_sweep`; or it is a search.
+        UserError: as :func:`run_sweep`; or the overrides describe a search.
     """
     if read_search(arguments) is not None:
         raise UserError("--dry-run: what a search runs next depends on what it has found", "Leave it out.")
@@ -108,7 +108,7 @@ def dry_run(arguments: Sequence[str], reporter: RunReporter = SILENT_RUN) -> tup
 
 
 def missing_cells(planned: Sequence[Planned], outputs: Path) -> list[CellTask]:
-    """The runs that are missing, each once: arms that read other answers of the same run share it."""
+    """The missing runs, each listed once: arms that read different answers of the same run share it."""
     missing = {entry.cell.run: entry for entry in planned if not entry.finished}
     return [CellTask(tuple(entry.overrides), outputs / run) for run, entry in missing.items()]
 
@@ -116,7 +116,7 @@ def missing_cells(planned: Sequence[Planned], outputs: Path) -> list[CellTask]:
 def _run_planned(
     plan: SweepPlan, planned: list[Planned], config: Config, outputs: Path, run_cells: Launch, reporter: RunReporter
 ) -> tuple[SweepPlan, set[str]]:
-    """The plan as it ended, and the runs that were left to a cluster."""
+    """Run the missing cells; return the plan at the end, and the runs that were left to a cluster."""
     plan = plan.resumed(outputs)
     plan.write(outputs)
     missing = missing_cells(planned, outputs)
@@ -135,16 +135,19 @@ def run_missing(
     *,
     last: bool = True,
 ) -> tuple[SweepPlan, set[str]]:
-    """Run cells under the parent run of a sweep; without any, only end it, as of one that was submitted and left.
+    """Run cells under the parent run of a sweep. Without cells, only end a sweep that was submitted and not waited for.
 
     Args:
-        plan, missing, config, outputs: of the sweep.
+        plan: plan of the sweep.
+        missing: its missing cells.
+        config: config that gives its tracking and task.
+        outputs: output folder.
         run_cells: runs cells.
         reporter: listens to the sweep.
-        last: false leaves the parent open for a further call, as a search does.
+        last: false leaves the parent run open for another call, as a search needs.
 
     Returns:
-        The plan as it ended, and the runs that were left to a cluster.
+        The plan at the end, and the runs that were left to a cluster.
     """
     added = ["trainer.progress=false", "paths.outputs='{}'".format(str(outputs).replace("'", r"\'"))]
     parent, page = None, None
@@ -194,7 +197,7 @@ def run_missing(
 
 
 def _why_failed(how: Mapping[str, Any], run: Path) -> str:
-    """Why there are no results of a run, by its outcome and what is seen of its directory here; empty if there are."""
+    """Why a run has no results, judged by its outcome and its directory as seen from here; empty if it has some."""
     if how["status"] == "failed":
         return str(how["message"])
     if RunDirectory(run).results() is not None:
@@ -210,7 +213,7 @@ def _ended(plan: SweepPlan, outputs: Path, when: float | None = None) -> SweepPl
 
 @contextmanager
 def _watched(missing: list[RunDirectory], reporter: RunReporter, page: "ParentPage | None") -> Iterator[None]:
-    """Report how many runs are done by looking at their directories: it works with every launcher."""
+    """Report how many runs are done by looking at their directories, which works with every launcher."""
     done = threading.Event()
 
     def watch() -> None:
@@ -232,7 +235,7 @@ def _watched(missing: list[RunDirectory], reporter: RunReporter, page: "ParentPa
 
 
 def cell_outcome(cell: Cell, outputs: Path, *, reused: bool, left: bool) -> Outcome:
-    """How the run of a cell ended, by its directory."""
+    """The outcome of the run of a cell, read from its directory."""
     run = RunDirectory(outputs / cell.run)
     results = run.results()
     status: Status = "submitted" if left else "failed"

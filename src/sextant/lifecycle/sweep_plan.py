@@ -22,7 +22,7 @@ from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import claim
 from sextant.runs.sweep_directory import Cell, SweepPlan
 
-#: name -> the overrides of an arm, and what it adds to the seed
+#: name -> the overrides of an arm, and its offset to the seed
 Arms = dict[str, tuple[list[str], int]]
 
 
@@ -37,10 +37,10 @@ class Planned:
 
 @dataclass(frozen=True)
 class Design:
-    """Factors x arms x seeds, with the overrides that all runs share.
+    """The design of a sweep: factors x arms x seeds, with the overrides that all runs share.
 
     Attributes:
-        definition: the ``sweep`` node, with the arms that the command line made.
+        definition: the ``sweep`` node, with any arms defined by the command line.
     """
 
     name: str
@@ -52,13 +52,13 @@ class Design:
 
 
 def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[SweepPlan, list[Planned], Config]:
-    """Expand overrides into cells, each composed, validated and looked up on disk.
+    """Expand overrides into cells, and compose, validate and look up each on disk.
 
     Returns:
         The plan, its cells with their overrides, and the config of the first cell.
 
     Raises:
-        UserError: a cell's config is wrong, the data is missing, or the sweep's keys contradict each other.
+        UserError: a cell's config is wrong, the data are missing, or the sweep's keys contradict each other.
     """
     design = read_design(arguments)
     planned: list[Planned] = []
@@ -79,10 +79,10 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
 
 
 def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[list[str], Config]:
-    """The overrides of an arm in a setting, and what they compose.
+    """The overrides of an arm in a setting, and the config that they compose.
 
     Raises:
-        UserError: the config is wrong, or the arm reads answers that its runs will not have.
+        UserError: the config is wrong, or the arm reads answers that its runs will not produce.
     """
     overrides = [*design.fixed, *(f"{key}={v}" for key, v in setting.items()), *design.arms[arm][0]]
     config = checked(to_plain(compose(overrides)))
@@ -92,7 +92,7 @@ def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[l
 
 
 def _require_room(config: Config) -> None:
-    """Raise a ``UserError`` unless the launcher gives a run of several processes room for them."""
+    """Raise a ``UserError`` unless the launcher provides a run of several processes with enough devices."""
     launcher, devices = config.launcher, config.trainer.devices
     if devices == 1:
         return
@@ -118,7 +118,7 @@ def over_seeds(
     config: Config,
     reporter: Reporter,
 ) -> list[Planned]:
-    """An arm in a setting at each seed of the design, looked up on disk."""
+    """The runs of an arm in a setting, one per seed of the design, looked up on disk."""
     outputs = Path(config.paths.outputs)
     planned = []
     follows_seed = any("${seed}" in override for override in overrides)
@@ -139,10 +139,10 @@ def over_seeds(
 
 
 def read_design(arguments: Sequence[str]) -> Design:
-    """What overrides ask for.
+    """The design that overrides ask for.
 
-    Their values replace a stored sweep's factors and seeds. Without arms in the config, the last key that
-    lists several values is what is compared, its first value the control.
+    Values of the overrides replace a stored sweep's factors and seeds. Without arms in the config, the sweep compares
+    the values of the last key that lists several, and its first value is the control.
     """
     parsed = parse(arguments)
     given = {o.key: o.choices() for o in parsed}
@@ -165,7 +165,7 @@ def read_design(arguments: Sequence[str]) -> Design:
 
 
 def _check_read(arm: str, definition: Mapping[str, Any], config: Config) -> None:
-    """Raise a ``UserError`` if an arm reads answers that its runs will not have."""
+    """Raise a ``UserError`` if an arm reads answers that its runs will not produce."""
     reads = definition.get("arms", {}).get(arm, {}).get("reads")
     if reads is None:
         return
@@ -179,10 +179,10 @@ def _check_read(arm: str, definition: Mapping[str, Any], config: Config) -> None
 
 
 def seeds_given(given: list[str] | None, default: list[int]) -> list[int]:
-    """Seeds as the command line gives them, if it does.
+    """The seeds given on the command line, or else the default.
 
     Raises:
-        UserError: they are no seeds, or two are equal.
+        UserError: a seed is not a whole number, or two are equal.
     """
     if given is None:
         return default
@@ -194,7 +194,7 @@ def seeds_given(given: list[str] | None, default: list[int]) -> list[int]:
 
 
 def _refuse_arm_keys(given: Mapping[str, object], arms: Arms) -> None:
-    """A key that the arms of a stored sweep set cannot be set on the command line too."""
+    """Raise a ``UserError`` if the command line sets a key that the arms of a stored sweep set."""
     for name, (overrides, _) in arms.items():
         for override in overrides:
             key = override.split("=")[0]
@@ -206,7 +206,7 @@ def _refuse_arm_keys(given: Mapping[str, object], arms: Arms) -> None:
 
 
 def check_sweep_overrides(overrides: Sequence[str]) -> None:
-    """Find a mistake in any single choice of a sweep before the sweep is planned: each is composed once.
+    """Find mistakes in the choices of a sweep before it is planned, by composing each choice once.
 
     Raises:
         UserError: as :func:`~sextant.composing.compose.compose`.
@@ -225,10 +225,10 @@ def check_sweep_overrides(overrides: Sequence[str]) -> None:
 
 
 def _one_value(override: Override) -> str:
-    """An override as it is composed, the middle of a range in its place.
+    """An override as it is composed, with a range replaced by its middle.
 
     Raises:
-        UserError: there is no such range.
+        UserError: the range is invalid.
     """
     if override.deletes or not is_dimension(override.value):
         return override.text

@@ -1,4 +1,4 @@
-"""How far a sweep is that runs in another process, or on a cluster; and ending it."""
+"""Status and cancellation of a sweep that runs in another process or on a cluster."""
 
 import os
 import signal
@@ -16,13 +16,13 @@ from sextant.runs.sweep_directory import read_plan
 
 @dataclass(frozen=True)
 class RunState:
-    """A run of a sweep.
+    """The state of one run of a sweep.
 
     Attributes:
         run: ``<task>/<digest8>-s<seed>``.
-        state: ``finished``, ``diverged``, ``failed``, ``running``, ``queued``, ``silent`` (nothing is heard any more
-            of its process or its host) or ``missing``.
-        where: by which process or job, or why it failed.
+        state: ``finished``, ``diverged``, ``failed``, ``running``, ``queued``, ``silent`` (its process or host gives no
+            sign of life any more) or ``missing``.
+        where: the process or job that computes it, or why it failed.
     """
 
     run: str
@@ -31,14 +31,14 @@ class RunState:
 
 
 def sweep_status(directory: Path, reporter: Reporter = SILENT) -> tuple[list[RunState], Holder | None]:
-    """The state of each run of a sweep, and the process that waits for it, if there is one.
+    """The state of each run of a sweep, and the process that runs the sweep, None if there is none.
 
     Args:
-        directory: of the sweep.
-        reporter: hears that SLURM does not answer; what the run directories say is known nevertheless.
+        directory: directory of the sweep.
+        reporter: is told if SLURM does not answer; the state in the run directories is known nevertheless.
 
     Raises:
-        UserError: its files are damaged.
+        UserError: the sweep's files are damaged.
     """
     plan, outputs = read_plan(directory), directory.parents[1]
     messages = {cell.run: cell.message for cell in plan.cells}
@@ -47,7 +47,7 @@ def sweep_status(directory: Path, reporter: Reporter = SILENT) -> tuple[list[Run
 
 
 def _queued(directory: Path, reporter: Reporter) -> dict[str, str]:
-    """The runs that are in SLURM's queue, and as which job."""
+    """The runs that are in SLURM's queue, with a description of their jobs."""
     ours = submissions(directory)
     try:
         queue = read_queue() if ours else {}
@@ -79,19 +79,19 @@ def _state(run: Path, message: str, queued: dict[str, str]) -> RunState:
 
 
 def cancel_sweep(directory: Path) -> str:
-    """End a sweep: what it has in SLURM's queue, and the process that runs it on this host, as Ctrl-C would.
+    """Cancel a sweep: end its jobs in SLURM's queue, and interrupt the process that runs it on this host.
 
     Returns:
-        What was ended.
+        A description of what was ended.
 
     Raises:
-        UserError: nothing of it runs, it runs on another host, or SLURM does not answer.
+        UserError: the sweep is not running, it runs on another host, or SLURM does not answer.
     """
     said, silent = [], None
     if submissions(directory):
         try:
             said.append(f"{cancel_all(directory)} tasks cancelled")
-        except UserError as error:  # it may be run here by now, without SLURM
+        except UserError as error:  # it may by now be run on this host without SLURM
             silent = error
     holder = sweep_holder(directory)
     if holder is not None and holder.here:

@@ -1,4 +1,4 @@
-"""Fit, validate and test with Lightning; what the life cycle imports once everything light has been checked."""
+"""Fit, validate and test with Lightning; imported by the life cycle once all light checks have passed."""
 
 import platform
 import time
@@ -35,7 +35,7 @@ from sextant.tracking.mirror import MirroredRun
 from sextant.tracking.system_metrics import system_metrics
 from sextant.trained.content import load_weights, read_trained
 
-#: what PyTorch calls x86 processors that only emulate bfloat16, at a tenth of the speed of float32 and less
+#: PyTorch's names for x86 processors that only emulate bfloat16, at a tenth of the speed of float32 or less
 WITHOUT_BFLOAT16 = ("NO AVX", "DEFAULT", "AVX2")
 
 
@@ -47,7 +47,7 @@ def train_and_test(
     mirror: MirroredRun | None,
     reporter: RunReporter,
 ) -> dict[str, Any]:
-    """Train from the last checkpoint or from scratch, test, and write results; ``metrics.json`` is written last.
+    """Train from the last checkpoint or from scratch, test, and write the results, ``metrics.json`` last.
 
     Returns:
         The content of ``metrics.json``.
@@ -74,7 +74,7 @@ def train_and_test(
 
 @dataclass(frozen=True)
 class Fitted:
-    """What training leaves in memory."""
+    """The objects that training leaves in memory."""
 
     trainer: pl.Trainer
     module: Any
@@ -97,14 +97,14 @@ def fit(
     """Train from the last checkpoint or from scratch.
 
     Args:
-        config: of the run.
-        recipe: of its task.
-        source: of its data.
-        directory: with its checkpoints.
-        key: of the run.
-        resume: from the last checkpoint.
-        rank: which of several processes this one is; None if it is alone.
-        logger, clock, shown: of the process that writes; the others have none.
+        config: config of the run.
+        recipe: recipe of its task.
+        source: source of its data.
+        directory: run directory with its checkpoints.
+        key: key of the run.
+        resume: whether to resume from the last checkpoint.
+        rank: rank of this process among several; None if it is the only one.
+        logger, clock, shown: logger and callbacks of the process that writes; the others have none.
     """
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
@@ -117,7 +117,7 @@ def fit(
     callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(config, spec, key), *([clock] if clock else [])]
     if config.trainer.patience is not None:
         callbacks.append(_Patience(module.monitor, mode=module.monitor_mode, patience=config.trainer.patience))
-    if config.task.test_checkpoint == "best":  # before the last, so that the last knows the best of its own epoch
+    if config.task.test_checkpoint == "best":  # first, so that the last checkpoint knows its own epoch's best
         callbacks.append(_best_epoch(directory, module.monitor, module.monitor_mode))
     callbacks += [_every_epoch(directory), *shown]
     trainer = _trainer(config, directory, logger, callbacks, rank)
@@ -130,12 +130,12 @@ def fit(
 
 @contextmanager
 def _prepared(module: Any, *, compiled: bool, shared: bool) -> Iterator[None]:
-    """The network as it is trained: compiled, or with statistics over all processes."""
+    """Prepare the network for training: compile it, or normalise batches over all processes."""
     if compiled:
         module.network.compile()
     with global_batch_norm(module) if shared else nullcontext():
         yield
-    if compiled:  # tests look into the network, and see it once under each condition
+    if compiled:  # a test inspects the network's layers, and runs it only once under each condition
         module.network._compiled_call_impl = None
 
 
@@ -148,7 +148,7 @@ def test_checkpoint(
     key: RunKey,
     reporter: RunReporter,
 ) -> dict[str, Any]:
-    """Test the model in a checkpoint under the conditions of ``config``, and write results as a training run does."""
+    """Test a checkpoint's model under the conditions of ``config``, and write results as a training run does."""
     began = time.monotonic()
     reset_peak_memory()
     _tell_precision(config.trainer, reporter)
@@ -176,7 +176,7 @@ def _write_results(
 
 
 def _effective_precision(settings: Trainer) -> Literal["32-true", "16-mixed", "bf16-mixed"]:
-    """What is computed in: float32 where bfloat16 is asked of a processor that would only emulate it."""
+    """The precision in use: float32 where bfloat16 is requested on a processor that would only emulate it."""
     emulated = (
         (settings.accelerator, settings.precision) == ("cpu", "bf16-mixed")
         and platform.machine() == "x86_64"
@@ -207,7 +207,7 @@ def _trainer(
         logger=logger or False,
         callbacks=callbacks,
         enable_checkpointing=bool(callbacks),
-        # without an environment of ours it would queue jobs of SLURM again by itself
+        # without an explicit environment Lightning would requeue SLURM jobs itself
         plugins=[AtomicCheckpointIO(), rank or LightningEnvironment()],
         default_root_dir=directory.path,
         log_every_n_steps=config.trainer.log_every,
@@ -236,12 +236,12 @@ def _best_epoch(directory: RunDirectory, monitor: str, mode: str) -> ModelCheckp
 
 
 def _test(fitted: Fitted, config: Config, directory: RunDirectory, recipe: Recipe, logger: RunLogger) -> dict[str, Any]:
-    """Validate and test the chosen weights in this process, and write arrays and figures."""
+    """Validate and test the selected weights in this process, and write arrays and figures."""
     trainer, module, data = fitted.trainer, fitted.module, fitted.data
     epochs, steps = trainer.current_epoch, trainer.global_step
     if config.trainer.devices > 1:
         trainer = _trainer(config, directory, logger, [], None)
-        trainer.fit_loop.load_state_dict(fitted.trainer.fit_loop.state_dict())  # what is logged is logged at this step
+        trainer.fit_loop.load_state_dict(fitted.trainer.fit_loop.state_dict())  # metrics are logged at this step
     if config.task.test_checkpoint == "best":
         module.load_state_dict(load_checkpoint(directory.best_checkpoint)["state_dict"])
     validation = dict(trainer.validate(module, data, verbose=False)[0])
@@ -263,7 +263,7 @@ def _with_record(
     directory: RunDirectory,
     recipe: Recipe,
 ) -> dict[str, Any]:
-    """Write results by image and figures of the last test; ``results`` with what else it found."""
+    """Write per-image results and figures of the last test, and return ``results`` with its further findings."""
     record = recipe.record(module, data, config)
     write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **record.arrays))  # type: ignore[arg-type]
     for name, figure in record.figures:
@@ -277,7 +277,7 @@ def _with_record(
 
 
 class _EpochSeed(Callback):
-    """Seeds torch from (seed, epoch) at the start of every epoch, so that a resumed epoch draws what it would have."""
+    """Seeds torch from (seed, epoch) at the start of every epoch, so that a resumed epoch draws the same numbers."""
 
     def __init__(self, seed: int):
         self.seed = seed
@@ -287,17 +287,17 @@ class _EpochSeed(Callback):
 
 
 class _Patience(EarlyStopping):
-    """Ends training when the validation metric has not improved for so many epochs, also one resumed after that."""
+    """Stops training after ``patience`` epochs without a better validation metric, also if resumed after that point."""
 
     def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
         trainer.should_stop = self.wait_count >= self.patience
 
 
 class _Clock(Callback):
-    """Seconds of training, over the parts of a run that was resumed; noted beside the checkpoint of every epoch.
+    """Training time in seconds, summed over the parts of a resumed run and recorded beside every epoch's checkpoint.
 
-    They are no part of the checkpoint, whose hash says what was learnt. What a part computed after its last whole epoch
-    is computed again by the next, and counts once.
+    It is not stored in the checkpoint, whose hash identifies what was learnt. Work after the last complete epoch of a
+    part is repeated by the next part and counts once.
     """
 
     def __init__(self, directory: RunDirectory, began: float, *, resumed: bool):
@@ -305,7 +305,7 @@ class _Clock(Callback):
         self._before = float(directory.state().get("trained_s") or 0.0) if resumed else 0.0
 
     def seconds(self) -> float:
-        """Until now."""
+        """Training time until now."""
         return self._before + time.monotonic() - self._began
 
     def on_train_epoch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
@@ -313,7 +313,7 @@ class _Clock(Callback):
 
 
 class _Provenance(Callback):
-    """Puts the whole config into every checkpoint, as plain containers."""
+    """Stores the whole config in every checkpoint, as plain containers."""
 
     def __init__(self, config: Config, spec: Mapping[str, Any], key: RunKey):
         self.content = {
@@ -335,7 +335,7 @@ class _Provenance(Callback):
     def on_load_checkpoint(
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Let the record of the best checkpoint follow a moved run directory; Lightning would forget it."""
+        """Update the paths of the best checkpoint after the run directory was moved; Lightning would forget it."""
         for callback in trainer.checkpoint_callbacks:
             state = checkpoint["callbacks"].get(callback.state_key, {})
             before, here = str(state.get("dirpath")), str(callback.dirpath)  # type: ignore[attr-defined]

@@ -1,18 +1,18 @@
-r"""How the look of the world has changed since the map was made, learned while driving.
+r"""How the appearance of the world has changed since the map was made, learned while driving.
 
-The mean of the descriptors of a drive differs from that of the map by what has changed everywhere, such as the light
-or the season, and is taken away little by little:
+What has changed everywhere, such as the light or the season, shifts the mean descriptor of a drive away from that of
+the map. This shift is removed little by little:
 
 .. math:: z'_t = z_t - \frac{n_t}{n_t + n_0}\,(\bar z_t - \bar y), \qquad
    \bar z_t = \frac1{n_t} \sum_{s \le t} w_s z_s, \quad n_t = \sum_{s \le t} w_s.
 
-What remains is an appearance variance in every dimension. The map image that explains a descriptor best would do so
-within the predicted variance v if nothing had changed; it is the best of many, so that its excess counts twice:
+What remains is an appearance variance, the same in every dimension. If nothing had changed, the map image that explains
+a descriptor best would do so within the predicted variance v. As it is the best of many, its excess counts twice:
 
 .. math:: s_a^2 = \frac2{n_t} \sum_{s \le t} w_s \max\!\Big(0,\; \min_i \frac{\|z'_s - \mu_i\|^2}{D} - v_i\Big).
 
-The weight w of an image is how far the robot has moved since the last, in units of the map's spacing and of the turn
-that it tells apart, and at most 1: a robot that stands still learns nothing, and forgets nothing.
+The weight w of an image is how far the robot has moved since the last one, in units of the map's spacing and of the
+turn that the map resolves, and at most 1. A robot that stands still learns nothing and forgets nothing.
 """
 
 from dataclasses import dataclass, replace
@@ -25,18 +25,18 @@ from torch import Tensor
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.prediction import Residuals
 
-#: n_0: as many images pass before half of a change is believed
+#: n_0: the number of images after which half of a change is believed
 SLOWLY = 5.0
 
 
 @dataclass(frozen=True)
 class AppearanceChange:
-    """What a drive has shown so far.
+    """The change of appearance that a drive has shown so far.
 
     Attributes:
-        mean: :math:`\\bar z`, of descriptors.
+        mean: :math:`\\bar z`, the weighted mean descriptor.
         excess: mean of what exceeds the predicted variance.
-        images: n, by weight.
+        images: n, the sum of the images' weights.
 
     Example:
         >>> change, bright = AppearanceChange.none(2), torch.tensor([6.0, 0.0])
@@ -52,26 +52,26 @@ class AppearanceChange:
 
     @classmethod
     def none(cls, dimension: int) -> Self:
-        """Before the first image."""
+        """The state before the first image."""
         return cls(torch.zeros(dimension, dtype=torch.float64))
 
     def seen(self, descriptor: Float32[Tensor, " d"], weight: float) -> Self:
-        """With one image more."""
+        """The state after one more image."""
         images = self.images + weight
         step = weight / images if images else 0.0
         return replace(self, mean=self.mean + step * (descriptor.double() - self.mean), images=images)
 
     def exceeded(self, residuals: Residuals, dimension: int, weight: float) -> Self:
-        """With the excess of that image, whose residuals to the map are given in one row."""
+        """The state with the excess of that image added, given one row of its residuals to the map."""
         least = (residuals.squared / dimension - residuals.variance).amin()
         step = weight / self.images if self.images else 0.0
         return replace(self, excess=self.excess + step * (max(float(least), 0.0) - self.excess))
 
     def centred(self, descriptor: Float32[Tensor, " d"], map_mean: Float32[Tensor, " d"]) -> Float32[Tensor, " d"]:
-        """z', a descriptor without what has changed everywhere."""
+        """z', a descriptor with the change common to all images removed."""
         learned = self.images / (self.images + SLOWLY)
         return descriptor - (learned * (self.mean - map_mean)).to(descriptor.dtype)
 
     def likelihood(self, calibrated: Likelihood) -> Likelihood:
-        """With the appearance variance so far, in addition to its own."""
+        """The calibrated likelihood with the appearance variance learned so far added to its own."""
         return replace(calibrated, appearance_variance=calibrated.appearance_variance + 2 * self.excess)

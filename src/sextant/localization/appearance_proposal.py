@@ -1,9 +1,9 @@
-r"""Map images drawn by how well they explain an observation.
+r"""A proposal distribution over map images, by how well they explain an observation.
 
 .. math:: q(i) = \frac{e^{l(z \mid x_i)}}{\sum_{j \in C} e^{l(z \mid x_j)}}, \; i \in C, \qquad
    \log Z = \log \frac1N \sum_{j=1}^N e^{l(z \mid x_j)}
 
-with C all images of the map or the best K. Z is the evidence of z under a prior that is uniform over the map's poses.
+where C holds all images of the map, or the best K. Z is the evidence of z under a uniform prior over the map's poses.
 """
 
 import math
@@ -19,12 +19,12 @@ class AppearanceProposal:
     r"""The distribution q of r runs, made with :meth:`of`.
 
     Attributes:
-        log_scores: :math:`l(z | x_i)` of the images in C; -inf for images that are out of the question.
-        cumulative: sums of :math:`e^l` over C, relative to the run's best.
+        log_scores: :math:`l(z | x_i)` of the images in C; -inf for images that cannot be drawn.
+        cumulative: cumulative sums of :math:`e^l` over C, relative to the run's best image.
         log_total: :math:`\log \sum_C e^l`; -inf where no image explains the observation at all.
         log_evidence: :math:`\log Z`.
-        images: N.
-        rows: which images are in C; None for all.
+        images: N, the number of images in the map.
+        rows: rows of the images in C; None for all.
 
     Example:
         >>> proposal = AppearanceProposal.of(torch.tensor([[0.5, 0.0, 0.25, 0.25]], dtype=torch.float64).log())
@@ -44,15 +44,15 @@ class AppearanceProposal:
 
     @classmethod
     def of(cls, log_likelihood: Float64[Tensor, "r n"], top: int | None = None) -> "AppearanceProposal":
-        """From :meth:`Evidence.over_map`; images whose value is not finite are never drawn.
+        """Build the proposal from :meth:`Evidence.over_map`; images whose value is not finite are never drawn.
 
         Args:
-            log_likelihood: of each run's observation at the pose of every image.
+            log_likelihood: log-likelihood of each run's observation at the pose of every image.
             top: K; None for all images.
         """
         images = log_likelihood.shape[1]
         best = log_likelihood.amax(1, keepdim=True)
-        if not bool(best.isfinite().all()):  # nan and inf are looked for only where there is a sign of them
+        if not bool(best.isfinite().all()):  # search for nan and inf only where the maximum shows one
             log_likelihood = torch.where(log_likelihood.isfinite(), log_likelihood, -torch.inf)
             best = log_likelihood.amax(1, keepdim=True)
         base = torch.where(best.isfinite(), best, 0.0)
@@ -69,15 +69,15 @@ class AppearanceProposal:
     def draw(
         self, count: int | Int64[Tensor, "r"], generator: torch.Generator
     ) -> tuple[Int64[Tensor, "r k"], Float64[Tensor, "r k"]]:
-        r"""Rows of the map with probability q each, stratified; and their :math:`l(z | x_i)`.
+        r"""Draw rows of the map from q by stratified sampling, and return them with their :math:`l(z | x_i)`.
 
-        :math:`\log q(i)` is the latter less ``log_total``. In a run whose ``log_total`` is -inf there is nothing to
-        draw, and its rows mean nothing.
+        :math:`\log q(i)` is the latter minus ``log_total``. A run whose ``log_total`` is -inf has nothing to draw, and
+        its rows are meaningless.
 
         Args:
-            count: one number for all runs or one for each. Then the result is as wide as the largest, and what stands
-                beyond a run's own count means nothing.
-            generator: of random numbers.
+            count: number of draws, one for all runs or one for each. In the second case the result is as wide as the
+                largest count, and entries beyond a run's own count are meaningless.
+            generator: generator of random numbers.
         """
         device = self.cumulative.device
         counts = torch.as_tensor(count, device=device).expand(len(self.cumulative))[:, None]

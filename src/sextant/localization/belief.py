@@ -1,4 +1,4 @@
-"""What a particle filter believes: weighted poses, in the log domain."""
+"""The belief of a particle filter: weighted poses, with weights in the log domain."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ class Belief:
 
     Attributes:
         poses: x, y in metres and heading in rad.
-        log_weights: :math:`\log W`, normalised in each run; -inf marks a particle that stands for nothing.
+        log_weights: :math:`\log W`, normalised in each run; -inf marks a particle without weight.
 
     Example:
         >>> poses = torch.zeros(1, 4, 3, dtype=torch.float64)
@@ -31,7 +31,7 @@ class Belief:
         """A belief from weights that need not be normalised.
 
         Raises:
-            ValueError: there is no particle, or a run has no particle with a weight above zero, or one that is nan.
+            ValueError: there is no particle, or a run has no weight above zero or one that is nan or infinite.
         """
         if poses.shape[1] == 0:
             raise ValueError("a belief needs at least one particle")
@@ -44,7 +44,7 @@ class Belief:
 
     @classmethod
     def uniform(cls, poses: Float64[Tensor, "r p 3"]) -> "Belief":
-        """All particles weigh the same.
+        """A belief in which all particles have the same weight.
 
         Raises:
             ValueError: there is no particle.
@@ -55,7 +55,7 @@ class Belief:
 
     @property
     def weights(self) -> Float64[Tensor, "r p"]:
-        """They sum to one in each run."""
+        """The weights W, which sum to one in each run."""
         return self.log_weights.exp()
 
     def ess(self) -> Float64[Tensor, "r"]:

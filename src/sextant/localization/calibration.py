@@ -1,22 +1,21 @@
-r"""How far a likelihood of descriptors is to be trusted: fitted on a traverse whose poses are known.
+r"""Calibration of a descriptor likelihood: how far to trust it, fitted on a traverse with known poses.
 
-A Gaussian process that was fitted on a map is sure of what an image at a pose looks like in the map's own light. Under
-another season, and with D = 128 outputs whose errors go together, :math:`\log p(z \mid x)` is far too sharp: on a real
-railway the posterior over places is then worse than a uniform one. Three remedies, each from validation images z at
-known poses, none of which is in the map:
+A Gaussian process fitted to a map is sure of what an image at a pose looks like in the map's own light. In another
+season, and with D = 128 outputs whose errors are correlated, :math:`\log p(z \mid x)` is far too sharp: on a real
+railway the posterior over places is then worse than a uniform one. There are three remedies. Each is fitted to
+validation images z at known poses, none of which is in the map:
 
 - *whitening*: errors :math:`e = z - y` between a validation image and the map image nearest to it have the covariance
-  :math:`S = (1 - \lambda) \overline{e e^\top} + \lambda \bar s I`; all descriptors are multiplied by
-  :math:`\sqrt{\bar s}\, S^{-1/2}`, with :math:`\bar s = \operatorname{tr} S / D`, before anything else is done;
+  :math:`S = (1 - \lambda) \overline{e e^\top} + \lambda \bar s I`. Before anything else, all descriptors are multiplied
+  by :math:`\sqrt{\bar s}\, S^{-1/2}`, with :math:`\bar s = \operatorname{tr} S / D`;
 - *appearance noise*: :math:`\sigma_a^2 = \max(0, \overline{\lVert z - \mu(x)\rVert^2} / D - \overline{s^2(x)})`, at the
   true poses x, is added to the variance everywhere;
 - *tempering*: the log-likelihood is multiplied by the :math:`\beta` that makes the posterior over map images most
   likely to be right, ``1 / T`` of :func:`~sextant.evaluation.places.posterior.fit_temperature`.
 
-Source: P. Pfaff, C. Plagemann, W. Burgard, "Improved likelihood models for probabilistic localization based on
-range scans", IROS 2007, on why
-likelihoods of sensors with dependent errors must be smoothed; A. Jaenal et al., Sensors 21:2483, 2021, for appearance
-change as white noise.
+Sources: P. Pfaff, C. Plagemann, W. Burgard, "Improved likelihood models for probabilistic localization based on range
+scans", IROS 2007, on why the likelihoods of sensors with dependent errors must be smoothed; A. Jaenal et al., Sensors
+21:2483, 2021, for appearance change as white noise.
 """
 
 from dataclasses import replace
@@ -30,15 +29,15 @@ from sextant.evaluation.places.positives import Positives
 from sextant.evaluation.places.posterior import PlacePosterior, fit_temperature, place_posterior
 from sextant.localization.likelihood import Likelihood
 
-#: share of the mean variance in the covariance of errors: with fewer images than dimensions there is no other way
+#: share of the mean variance in the covariance of errors, which is singular with fewer images than dimensions
 SHRINKAGE = 0.2
 
 
 def error_whitening(errors: Float[Tensor, "v d"], shrinkage: float = SHRINKAGE) -> Float[Tensor, "d d"]:
-    r"""``√s̄ S^(-1/2)`` of errors whose covariance about zero is S, shrunk; symmetric.
+    r"""The symmetric whitening matrix ``√s̄ S^(-1/2)``, with S the shrunk covariance of the errors about zero.
 
     Raises:
-        ValueError: there is no error, all are zero, or the shrinkage is not in (0, 1].
+        ValueError: there are no errors, all are zero, or the shrinkage is not in (0, 1].
 
     Example:
         >>> errors = torch.tensor([[2.0, 0.0], [-2.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
@@ -63,7 +62,7 @@ def error_whitening(errors: Float[Tensor, "v d"], shrinkage: float = SHRINKAGE) 
 
 
 def appearance_noise(squared: Float[Tensor, " v"], variance: Float[Tensor, " v"], dimension: int) -> float:
-    r""":math:`\sigma_a^2` from squared errors at the true poses, and the variances predicted there.
+    r"""The appearance noise :math:`\sigma_a^2`, from squared errors and predicted variances at the true poses.
 
     Example:
         >>> squared, variance = torch.tensor([2.0, 4.0]), torch.tensor([0.5, 0.5])
@@ -76,10 +75,10 @@ def appearance_noise(squared: Float[Tensor, " v"], variance: Float[Tensor, " v"]
 
 
 def tempered(likelihood: Likelihood, scores: Float[Tensor, "v n"], positives: Positives) -> Likelihood:
-    """The likelihood with the tempering that suits best; 1 where a sharper one would.
+    """The likelihood with the tempering that fits best, capped at 1.
 
     Args:
-        likelihood: its ``tempering`` is replaced.
+        likelihood: the likelihood whose ``tempering`` is replaced.
         scores: log-likelihoods of v validation images at the poses of n map images, without tempering.
         positives: map images at the place of each validation image.
 
@@ -96,7 +95,7 @@ def tempered(likelihood: Likelihood, scores: Float[Tensor, "v n"], positives: Po
 
 
 def posterior(scores: Float[Tensor, "v n"], positives: Positives, tempering: float) -> PlacePosterior:
-    """The posterior over map images at a tempering; see :mod:`sextant.evaluation.places.posterior`.
+    """The posterior over map images at a given tempering; see :mod:`sextant.evaluation.places.posterior`.
 
     Example:
         >>> place, scores = Positives.from_lists([[0]], references=2), torch.tensor([[3.0, 1.0]]).log()
@@ -108,5 +107,5 @@ def posterior(scores: Float[Tensor, "v n"], positives: Positives, tempering: flo
 
 
 def _array(scores: Tensor) -> np.ndarray:
-    # a posterior does not change with what is added to a row, and float32 then keeps the digits that matter
+    # a constant added to a row does not change its posterior; without its maximum float32 keeps the digits that matter
     return np.asarray((scores - scores.max(dim=1, keepdim=True).values).numpy(), np.float32)

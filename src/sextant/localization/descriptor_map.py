@@ -1,4 +1,4 @@
-"""A map: images, given by their descriptors, at known poses."""
+"""A map: images, represented by their descriptors, at known poses."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ from torch import Tensor
 from sextant.errors import UserError
 from sextant.geometry.planar import wrap_angle
 
-#: Descriptor rows that are considered together, so that a mapped file larger than memory is read in pieces.
+#: Descriptor rows processed together, so that a mapped file larger than memory is read in pieces.
 BLOCK = 16_384
 NAMED = 5
 
 
 @dataclass(frozen=True)
 class DescriptorMap:
-    """What is known of n places, in no order.
+    """The images of a map at n poses, in no particular order.
 
     Attributes:
-        poses: x, y in metres and heading in rad; no two rows alike when made by :meth:`of`.
-        descriptors: of the images taken there; may be a view of a mapped file.
-        mean: of the descriptors: what a Gaussian process falls back to far from the map.
+        poses: x, y in metres and heading in rad; all rows differ when made by :meth:`of`.
+        descriptors: descriptors of the images taken there; may be a view of a mapped file.
+        mean: the mean descriptor, to which a Gaussian process falls back far from the map.
 
     Example:
         >>> poses = torch.tensor([[0.0, 0, 0], [0, 0, 0], [5, 0, 0]], dtype=torch.float64)
@@ -41,24 +41,24 @@ class DescriptorMap:
 
     @property
     def dimension(self) -> int:
-        """Values of a descriptor."""
+        """The number of values in a descriptor."""
         return int(self.descriptors.shape[1])
 
     @classmethod
     def of(
         cls, poses: Float64[Tensor, "n 3"], descriptors: Float32[Tensor, "m d"], *, merge_duplicates: bool = False
     ) -> Self:
-        """A map of images at known poses, checked.
+        """Make a map of images at known poses, after checking them.
 
         Args:
-            poses: of the images.
-            descriptors: of the same images in the same order; not copied.
-            merge_duplicates: images at exactly the same pose become one image with their mean descriptor, where the
-                first of them was.
+            poses: poses of the images.
+            descriptors: descriptors of the same images in the same order; not copied.
+            merge_duplicates: merge images at exactly the same pose into one with their mean descriptor, in the place of
+                the first of them.
 
         Raises:
-            UserError: there is no image, a pose or descriptor is not finite, there is not one pose for each
-                descriptor, or two poses are equal and are not to be merged.
+            UserError: there is no image, a pose or descriptor is not finite, the numbers of poses and descriptors
+                differ, or two poses are equal and are not to be merged.
         """
         if len(poses) != len(descriptors):
             raise UserError(
@@ -91,7 +91,7 @@ def _refuse(wrong: Tensor, what: str, fix: str) -> None:
 
 
 def _first_of_equals(poses: Tensor) -> Tensor:
-    """For every row, the first row with the same pose; headings a turn apart are the same."""
+    """For every row, the first row with the same pose; headings a full turn apart are the same."""
     wrapped = torch.cat([poses[:, :2], wrap_angle(poses[:, 2:])], dim=1)
     _, group = torch.unique(wrapped + 0.0, dim=0, return_inverse=True)  # -0 + 0 is 0: both are one place
     rows = torch.arange(len(poses))
@@ -107,7 +107,7 @@ def _merged(poses: Tensor, descriptors: Tensor, first: Tensor) -> tuple[Tensor, 
 
 
 def mean_of_blocks(blocks: Iterable[Float32[Tensor, "_ d"]]) -> Float32[Tensor, " d"]:
-    """The mean of all rows; the same however they are stored, if they come in blocks of ``BLOCK`` of them.
+    """The mean of all rows; it does not depend on how they are stored if they come in blocks of ``BLOCK`` rows.
 
     Raises:
         ValueError: there is no block.

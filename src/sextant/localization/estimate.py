@@ -1,18 +1,19 @@
-r"""One pose from a cloud of them: the mean of the cloud's heaviest part, and how many parts there are.
+r"""A pose estimate from a cloud of particles: the mean of the heaviest mode, and the number of modes.
 
-A mean over all particles lies between two places that both look right, where nobody is. So the heaviest box of a grid
-over position and heading, with its neighbours, says where to look; and the mean is taken over the particles within a
-radius of it, moved to their mean a few times (mean shift with a flat kernel; Comaniciu & Meer, PAMI 2002).
+The mean over all particles may lie between two places that both look right, where the robot is not. So the search
+starts at the heaviest box, together with its neighbours, of a grid over position and heading. The mean is taken over
+the particles within a radius of it, and the centre is moved to their mean a few times (mean shift with a flat kernel;
+Comaniciu & Meer, PAMI 2002).
 
 Means and covariances are weighted, with axes x, y of the map (metres) and heading (rad):
 
 .. math:: \mu = \Big(\bar x, \bar y, \bar\theta\Big), \qquad \Sigma = \sum_i W_i\, d_i d_i^\top, \qquad
    d_i = (x_i - \bar x,\; y_i - \bar y,\; \mathrm{wrap}(\theta_i - \bar\theta)).
 
-The mean is of the heaviest part, the covariance of the belief: where other places may be right as well, the pose told
-may be wrong by the way to them, and a covariance of the heaviest part alone would not say so. It is taken over the
-particles of that part and those nearest to it, until they hold 99 % of the weight: what a restart puts elsewhere counts
-once it holds more than a hundredth.
+The mean describes the heaviest mode, the covariance the whole belief. Where other places may be right as well, the
+reported pose may be off by the distance to them, and the covariance of the heaviest mode alone would not say so. The
+covariance is taken over the particles of that mode and those nearest to it, until they hold 99 % of the weight:
+particles that a restart puts elsewhere count once they hold more than a hundredth.
 """
 
 import math
@@ -28,28 +29,28 @@ from sextant.localization.pose_bins import PoseBins
 
 #: Mean-shift steps.
 SHIFTS = 2
-#: The share of the belief that a covariance is of.
+#: The share of the belief that the covariance describes.
 BELIEVED = 0.99
-#: What a group of boxes must hold to count as a mode.
+#: Mass that a group of boxes must hold to count as a mode.
 LEAST_MODE_MASS = 0.05
-#: What a box must hold to be in a group: a mode on the corner of boxes is shared by eight of them.
+#: Mass that a box must hold to be in a group: a mode at the corner of boxes is shared by eight of them.
 BOX_MASS = LEAST_MODE_MASS / 8
-#: Boxes of a run that are considered, the heaviest.
+#: Number of boxes considered in each run, the heaviest ones.
 BOXES = 64
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The heaviest part of each run's belief.
+    """The heaviest mode of each run's belief.
 
     Attributes:
-        pose: its mean.
-        covariance: about the mean, of 99 % of the belief: the particles within the radius and the nearest others; axes
-            x, y of the map and heading.
-        mode_covariance: of the particles within the radius only.
-        mass: of the particles within the radius: the filter's confidence in it.
-        modes: groups of neighbouring boxes that hold more than 5 % of the mass together; 0 if the belief is spread so
-            wide that no box stands out.
+        pose: mean of the mode.
+        covariance: covariance about that mean of 99 % of the belief, the particles within the radius and the nearest
+            others; axes x, y of the map and heading.
+        mode_covariance: covariance of the particles within the radius only.
+        mass: mass of the particles within the radius, the filter's confidence in the mode.
+        modes: number of groups of neighbouring boxes that together hold more than 5 % of the mass; 0 if the belief is
+            spread so widely that no box stands out.
     """
 
     pose: Float64[Tensor, "r 3"]
@@ -63,9 +64,9 @@ def estimate(belief: Belief, radius: float, heading_radius: float = math.radians
     """The mean of the dominant mode.
 
     Args:
-        belief: of each run.
-        radius: metres; the side of a box, too.
-        heading_radius: rad.
+        belief: belief of each run.
+        radius: radius in metres; also the side of a box.
+        heading_radius: radius in heading, in rad.
 
     Raises:
         ValueError: a radius is not above 0.
@@ -90,7 +91,7 @@ def estimate(belief: Belief, radius: float, heading_radius: float = math.radians
         x, y, heading = apart.unbind(2)
         outside = (x * x + y * y > radius * radius) | (heading.abs() > heading_radius)
         nearer = weights.masked_fill(outside, 0.0)
-        # the mean of a ring may be far from all of it: then the particles stay the same
+        # the mean of a ring may have no particle near it: then the particles stay the same
         chosen = torch.where((nearer.sum(1) > 0)[:, None], nearer, chosen)
     shift = _mean(chosen, apart)
     within = _covariance(chosen, apart, shift)
@@ -100,7 +101,7 @@ def estimate(belief: Belief, radius: float, heading_radius: float = math.radians
 
 
 def mean_over_all(belief: Belief) -> tuple[Float64[Tensor, "r 3"], Float64[Tensor, "r 3 3"]]:
-    r"""Mean and covariance over all particles, with the heading's mean :math:`\arg \sum_i W_i e^{i\theta_i}`.
+    r"""Mean and covariance over all particles, with the mean heading :math:`\arg \sum_i W_i e^{i\theta_i}`.
 
     Example:
         >>> poses = torch.tensor([[[0.0, 0, 0.3], [4, 0, 2 * math.pi - 0.1]]], dtype=torch.float64)
@@ -126,7 +127,7 @@ def _with_nearest(
     far = torch.maximum(torch.linalg.vector_norm(apart[..., :2], dim=2), apart[..., 2].abs())
     order = far.masked_fill(chosen > 0, -1.0).argsort(dim=1, stable=True)
     held = weights.gather(1, order)
-    short = held.cumsum(1) - held < BELIEVED  # those nearer do not hold enough
+    short = held.cumsum(1) - held < BELIEVED  # the nearer particles do not hold enough
     return torch.maximum(chosen, torch.zeros_like(weights).scatter_(1, order, held * short))
 
 
@@ -152,7 +153,7 @@ def _heaviest_boxes(poses: Tensor, weights: Tensor, bins: PoseBins) -> _Boxes:
     near = _neighbours(cells.gather(1, member[..., None].expand(-1, -1, 3)), bins.turns)
     heavy = mass > BOX_MASS
     heavy[:, 0] = True
-    around = (near @ mass[..., None])[..., 0] + 1e-9 * mass  # of boxes with the same surroundings, the heavier
+    around = (near @ mass[..., None])[..., 0] + 1e-9 * mass  # among boxes with equal surroundings, prefer the heavier
     first = member.gather(1, around.masked_fill(~heavy, 0.0).argmax(1, keepdim=True))
     middle = poses.gather(1, first[..., None].expand(-1, -1, 3))[:, 0]
     return _Boxes(keys == keys.gather(1, first), middle, _modes(near, mass.masked_fill(mass <= BOX_MASS, 0.0)))
@@ -165,7 +166,7 @@ def _neighbours(cell: Int64[Tensor, "r b 3"], turns: int) -> Float64[Tensor, "r 
 
 
 def _modes(near: Float64[Tensor, "r b b"], mass: Float64[Tensor, "r b"]) -> Int64[Tensor, "r"]:
-    """Groups of boxes that hang together and are heavy: each box counts for one over the number in its group."""
+    """The number of connected heavy groups of boxes: each box counts as one over the size of its group."""
     some = (mass > 0).double()
     reach = near * some[:, :, None] * some[:, None]
     for _ in range(max(1, mass.shape[1] - 1).bit_length()):

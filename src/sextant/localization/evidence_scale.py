@@ -1,20 +1,20 @@
-r"""How much one image counts, by how far apart it tells the places of the map.
+r"""How much one image counts, scaled by how well it tells the places of the map apart.
 
 A likelihood that was not fitted to another drive knows neither how alike images of one place are in another season nor
-how independent consecutive ones are: it is far too sure of itself in one world and says nothing in the next. Its scale
-follows from the map instead. With the log-likelihoods :math:`\ell_i` of an image at the images i of the map and the
-running mean :math:`\bar s` of their spread :math:`s = \ell_{97.5} - \ell_{2.5}`, it is tempered by
+how independent consecutive images are. It is far too sure of itself in one world and says nothing in the next. Its
+scale therefore follows from the map. With the log-likelihoods :math:`\ell_i` of an image at the images i of the map and
+the running mean :math:`\bar s` of their spread :math:`s = \ell_{97.5} - \ell_{2.5}`, it is tempered by
 
 .. math:: \beta = \min\!\Big(1,\; \frac{\log \delta}{\bar s}\Big) :
 
-a place of the map that is among the most alike becomes :math:`\delta` times as likely as one among the least alike,
-whatever the descriptor, and less than that where the likelihood itself finds hardly a difference. The spread of an
-image counts by the way since the last, as in
+whatever the descriptor, a place of the map that is among the most alike becomes :math:`\delta` times as likely as one
+among the least alike, and less than that where the likelihood itself finds hardly a difference. The spread of an image
+is weighted by how far the robot has moved since the last one, as in
 :class:`~sextant.localization.appearance_change.AppearanceChange`.
 
 Source: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic Visual Place Recognition for Hierarchical Localization", RA-L
-2021, for the quantiles, with :math:`\delta = 5` and the distances of descriptors of a drive's first image. With as few
-as a thousand particles 5 starts too slowly in a town of 800 images; 10 and 20 do not.
+2021, for the quantiles, with :math:`\delta = 5` and the descriptor distances of a drive's first image. With as few as a
+thousand particles, 5 starts too slowly in a town of 800 images; 10 and 20 do not.
 """
 
 import math
@@ -29,18 +29,18 @@ from sextant.errors import ArgumentError
 from sextant.localization.observation.evidence import Evidence
 
 USUAL_ODDS = 20.0
-#: images of the map that are looked at, evenly chosen
+#: number of map images that are compared, evenly chosen
 LOOKED_AT = 4096
 
 
 @dataclass(frozen=True)
 class EvidenceScale:
-    r"""What the images of a drive have told so far.
+    r"""The scale that the images of a drive have shown so far.
 
     Attributes:
         odds: :math:`\delta`, above 1.
         spread: :math:`\bar s` in nats.
-        images: by weight.
+        images: sum of the images' weights.
 
     Raises:
         ArgumentError: the odds are not above 1 and finite.
@@ -59,7 +59,7 @@ class EvidenceScale:
             raise ArgumentError(f"odds={self.odds} must be above 1 and finite", "odds=5")
 
     def seen(self, over_map: Float64[Tensor, " n"], weight: float) -> Self:
-        """With one image more, by its log-likelihoods over the map; those that are not finite tell nothing."""
+        """The scale after one more image, given its log-likelihoods over the map; non-finite ones are ignored."""
         some = over_map[:: -(-len(over_map) // LOOKED_AT)]
         some = some[some.isfinite()]
         if len(some) < 2:
@@ -79,9 +79,9 @@ class ScaledEvidence(Evidence):
     """Evidence whose log-likelihoods are tempered.
 
     Args:
-        evidence: to be tempered.
-        over_map: its log-likelihoods at the images of the map, which are known.
-        tempering: that they are multiplied by.
+        evidence: the evidence to be tempered.
+        over_map: its log-likelihoods at the images of the map, which are already known.
+        tempering: the factor of its log-likelihoods.
 
     Example:
         >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m

@@ -1,18 +1,19 @@
 r"""Whether images look like the places where the robot was believed to be before they were taken.
 
 A filter that is sure of itself may follow wrong odometry, or images of another world: some place of the map always
-looks most alike. What cannot be had by chance is to foresee. With F_i the share of the map's images that an image looks
-less like than like image i, and with i(x) the image nearest to a pose, the belief had foreseen it by
+looks most alike. Foresight, however, does not come by chance. Let F_i be the share of the map's images that an image
+resembles less than it resembles image i, and i(x) the map image nearest to a pose. The belief then foresaw the image by
 
 .. math:: f_t = \sum_k W_{t-1}^k \, F_{i(x_{t-1}^k \circ u_t)} :
 
-1 if nothing else looks more alike, 1/2 on average if the belief has nothing to do with what is seen, whatever the
-descriptor. A running mean of f that remembers about n images, each of which counts by how new it is and by how much of
-the belief is on the map, says whether the filter knows where it is. Where odometry is missing nothing can be foreseen.
+1 if nothing else looks more alike, and 1/2 on average, whatever the descriptor, if the belief has nothing to do with
+what is seen. A running mean of f that remembers about n images says whether the filter knows where it is. Each image is
+weighted by how new it is and by how much of the belief is on the map. Without odometry nothing can be foreseen.
 
-It is the innovation test of Kalman filters (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with Applications to
-Tracking and Navigation", 2001, section 5.4) in ranks, which need no likelihood that is right in absolute terms.
-Constants were chosen on Gardens Point and the railway of Nordland (docs/localization_change.md, "When it is lost").
+This is the innovation test of Kalman filters (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with Applications to
+Tracking and Navigation", 2001, section 5.4) in terms of ranks, which do not need a likelihood that is right in absolute
+terms. The constants were chosen on Gardens Point and the railway of Nordland (docs/localization_change.md, "When it is
+lost").
 """
 
 import math
@@ -23,23 +24,23 @@ import torch
 from jaxtyping import Float64, Int64
 from torch import Tensor
 
-#: n: an image counts for one part in so many of the mean, once there were as many
+#: n: once this many images have been seen, a new one contributes one part in n to the mean
 REMEMBERED = 20.0
-#: images without which nothing is said
+#: number of images needed for a verdict
 FEWEST = 5.0
-#: a belief that foresaw less than that has lost the way
+#: a belief that foresaw less than this is lost
 LEAST = 0.65
-#: images of the map that an image is compared with, and poses of the belief that are asked, evenly chosen
+#: number of map images that an image is compared with, and of poses drawn from the belief, both evenly chosen
 LOOKED_AT, ASKED = 4096, 128
 
 
 @dataclass(frozen=True)
 class Foresight:
-    r"""How well the images of late were foreseen.
+    r"""How well recent images were foreseen.
 
     Attributes:
-        mean: of f.
-        images: by weight, at most n.
+        mean: running mean of f.
+        images: sum of the images' weights, at most n.
 
     Example:
         >>> foresight, over_map = Foresight(), torch.arange(10.0).double()  # each image looks most like the tenth
@@ -53,7 +54,7 @@ class Foresight:
     images: float = 0.0
 
     def seen(self, foreseen: float, weight: float) -> Self:
-        """With one image more; one that is not a number tells nothing."""
+        """The state after one more image; a value that is not a number is ignored."""
         if weight <= 0 or not math.isfinite(foreseen):
             return self
         images = min(self.images + weight, REMEMBERED)
@@ -61,25 +62,25 @@ class Foresight:
 
     @property
     def told(self) -> float:
-        """The mean, nan before the fifth image."""
+        """The running mean; nan before the fifth image."""
         return self.mean if self.images >= FEWEST else math.nan
 
     @property
     def failed(self) -> bool:
-        """Whether the belief did not foresee what was seen."""
+        """Whether the belief failed to foresee what was seen."""
         return self.told < LEAST
 
 
 def foreseen(over_map: Float64[Tensor, " n"], expected: Int64[Tensor, " k"]) -> float:
-    """f of one image.
+    """The foresight f of one image.
 
     Args:
-        over_map: its log-likelihoods at the images of the map.
-        expected: rows of the images of the map nearest to poses of the belief, which count alike.
+        over_map: log-likelihoods of the image at the images of the map.
+        expected: rows of the map images nearest to poses of the belief, which have equal weight.
 
     Returns:
-        the mean share of the other images that it looks less like; of as many as look alike, half. nan if there is no
-        other image.
+        The mean share of the other map images that the image resembles less; ties count half. nan if there is no other
+        image.
 
     Example:
         >>> over_map = torch.tensor([0.0, -1.0, -2.0, -3.0, -4.0], dtype=torch.float64)
@@ -96,7 +97,7 @@ def foreseen(over_map: Float64[Tensor, " n"], expected: Int64[Tensor, " k"]) -> 
 
 
 def drawn_evenly(weights: Float64[Tensor, " p"]) -> Int64[Tensor, " k"]:
-    """Rows of particles that count alike, without chance: at the middles of 128 equal parts of the weight.
+    """Rows of equally weighted particles, chosen without chance at the middles of 128 equal parts of the weight.
 
     Example:
         >>> drawn_evenly(torch.tensor([0.5, 0.0, 0.25, 0.25])).bincount()

@@ -1,4 +1,4 @@
-r"""As many particles as the belief is wide.
+r"""KLD-sampling: the number of particles adapts to the width of the belief.
 
 .. math:: n = \frac{k-1}{2\varepsilon} \Big\{1 - \frac{2}{9(k-1)} + \sqrt{\frac{2}{9(k-1)}}\, z_{1-\delta}\Big\}^3
 
@@ -7,7 +7,8 @@ are drawn from below :math:`\varepsilon` with probability :math:`1-\delta`. The 
 approximation of a quantile of :math:`\chi^2_{k-1}`.
 
 Source: D. Fox, "Adapting the Sample Size in Particle Filters Through KLD-Sampling", IJRR 2003. There k grows while
-particles are drawn; here k is that of one resampling of the particles at hand, so that all runs are drawn at once.
+particles are drawn; here k is counted after one resampling of the current particles, so that all runs are drawn at
+once.
 """
 
 import math
@@ -28,15 +29,15 @@ class KLDSize:
 
     Attributes:
         epsilon: the largest divergence, in nats.
-        delta: chance that it is larger.
-        minimum: fewest particles of a run.
-        maximum: most particles of a run.
+        delta: probability that the divergence is larger.
+        minimum: smallest number of particles of a run.
+        maximum: largest number of particles of a run.
         position_bin: side of a box in metres.
-        heading_bin_rad: its width in heading.
-        tolerance: a run is resampled to its new size only if that is another by more than this share.
+        heading_bin_rad: width of a box in heading, in rad.
+        tolerance: a run is resampled to its new size only if the size changes by more than this share.
 
     Raises:
-        UserError: an argument is outside of what is allowed.
+        UserError: an argument is outside its allowed range.
 
     Example:
         >>> size = KLDSize(minimum=100, maximum=10_000)
@@ -69,7 +70,7 @@ class KLDSize:
             raise UserError(f"kld.tolerance={self.tolerance} must be at least 0", "For example kld.tolerance=0.2")
 
     def wanted(self, occupied: Int64[Tensor, "r"]) -> Int64[Tensor, "r"]:
-        """Particles for k occupied boxes, between minimum and maximum."""
+        """The number of particles for k occupied boxes, between minimum and maximum."""
         degrees = (occupied - 1).clamp(min=1).double()
         ninth = 2 / (9 * degrees)
         quantile = degrees * (1 - ninth + ninth.sqrt() * NormalDist().inv_cdf(1 - self.delta)) ** 3
@@ -77,5 +78,5 @@ class KLDSize:
         return size.long().clamp(self.minimum, self.maximum)
 
     def for_poses(self, poses: Float64[Tensor, "r p 3"]) -> Int64[Tensor, "r"]:
-        """Particles for draws of the belief."""
+        """The number of particles for each run, given draws from its belief."""
         return self.wanted(PoseBins(self.position_bin, self.heading_bin_rad).occupied(poses))

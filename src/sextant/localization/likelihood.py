@@ -1,7 +1,7 @@
 r"""How well a descriptor agrees with what a map predicts at a pose.
 
 With the squared distance :math:`q = \|z - \mu(x)\|^2` to the predicted mean, its variance
-:math:`v = s^2(x) + s_a^2`, the same in all D dimensions, and a temperature's inverse :math:`\beta`:
+:math:`v = s^2(x) + s_a^2`, the same in all D dimensions, and an inverse temperature :math:`\beta`:
 
 .. math:: \text{full:}\quad       & \beta \left[-\tfrac D2 \log(2\pi v) - \tfrac{q}{2v}\right] \\
    \text{univariate:}\quad & \beta \left[-\tfrac 12 \log(2\pi v) - \tfrac{q}{2v}\right] \\
@@ -9,12 +9,12 @@ With the squared distance :math:`q = \|z - \mu(x)\|^2` to the predicted mean, it
    - \tfrac D2 \log(\nu\pi v) - \tfrac{\nu + D}2 \log\!\left(1 + \tfrac{q}{\nu v}\right)\right]
 
 ``full`` is the Gaussian density of the descriptor, and ``student`` that of the multivariate t distribution with scale
-v. ``univariate`` is no density of the descriptor: it takes its distance from the mean for one Gaussian number, and so
-punishes uncertain poses less. All are too sure of themselves if the dimensions' errors are correlated or the world's
-look has changed, which is what :math:`\beta < 1` and the appearance variance :math:`s_a^2` are for.
+v. ``univariate`` is not a density of the descriptor: it treats its distance from the mean as one Gaussian number, and
+so punishes uncertain poses less. All are too sure of themselves if errors are correlated across dimensions or the
+appearance of the world has changed, which is what :math:`\beta < 1` and the appearance variance :math:`s_a^2` are for.
 
-Source: the univariate form is that of the public code AppearanceSeqMCL of A. Jaenal; why peaked likelihoods starve a
-particle filter: P. Pfaff, W. Burgard, D. Fox, "Robust Monte-Carlo localization using adaptive likelihood models",
+Sources: the univariate form is that of the public code AppearanceSeqMCL of A. Jaenal; on why peaked likelihoods starve
+a particle filter, P. Pfaff, W. Burgard, D. Fox, "Robust Monte-Carlo localization using adaptive likelihood models",
 European Robotics Symposium 2006.
 """
 
@@ -35,9 +35,9 @@ class Likelihood:
     """A form of likelihood with its calibration.
 
     Attributes:
-        form: of the module's equations.
-        tempering: :math:`\\beta` in (0, 1]: how many independent observations one image is worth.
-        appearance_variance: :math:`s_a^2`, by which one dimension differs between map and query season.
+        form: one of the module's equations.
+        tempering: :math:`\\beta` in (0, 1], the number of independent observations that one image is worth.
+        appearance_variance: :math:`s_a^2`, the variance of one dimension between the seasons of map and query.
         dof: degrees of freedom :math:`\\nu` of the Student form; the others ignore it.
 
     Example:
@@ -71,9 +71,9 @@ class Likelihood:
         """The log-likelihood in nats; shapes are broadcast.
 
         Args:
-            squared: distance between descriptor and predicted mean.
-            variance: predicted, of one dimension, noise included; the appearance variance is added here.
-            dimension: D, values of a descriptor.
+            squared: squared distance between descriptor and predicted mean.
+            variance: predicted variance of one dimension, noise included; the appearance variance is added here.
+            dimension: D, the number of values in a descriptor.
         """
         variance = variance + self.appearance_variance
         if self.form == "student":

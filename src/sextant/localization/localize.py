@@ -1,4 +1,4 @@
-"""Filtering whole runs, many at once."""
+"""Running a particle filter along whole runs, many at once."""
 
 import time
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from sextant.localization.observers import Observer
 from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.reporter import Advance
 
-#: called with the number of the step and what is believed after it
+#: called with the number of a step and the belief after it
 Watch = Callable[[int, Belief], None]
 
 
@@ -27,16 +27,16 @@ class Track:
     """A filter's estimates of r runs in t steps.
 
     Attributes:
-        pose: the mean of the heaviest mode.
-        covariance: about it, of 99 % of the belief (:class:`~sextant.localization.estimate.Estimate`).
-        mode_covariance: of the particles in that mode.
-        mass: the share of the weight that it holds.
-        modes: how many there are.
-        ess: effective particles, before resampling.
-        particles: how many there were.
-        injected: how many of them were drawn again by the recovery.
-        degenerate: steps in which no particle explained the observation.
-        seconds: that each step took, for all runs together.
+        pose: mean of the heaviest mode.
+        covariance: covariance about it of 99 % of the belief (:class:`~sextant.localization.estimate.Estimate`).
+        mode_covariance: covariance of the particles in that mode.
+        mass: share of the weight that the mode holds.
+        modes: number of modes.
+        ess: effective sample size before resampling.
+        particles: number of particles.
+        injected: number of particles that the recovery drew anew.
+        degenerate: whether no particle explained the observation in a step.
+        seconds: time that each step took, for all runs together.
     """
 
     pose: Float64[ndarray, "t r 3"]
@@ -68,17 +68,17 @@ def localize(
     """Run a filter along runs, step by step.
 
     Args:
-        filter: its prior is the map's.
+        filter: the filter, whose prior is the map's.
         start: where the particles are before the first image.
         observer: the sensor.
-        frames: which frame of the drive each run is at in each step.
-        motion: odometry since the step before; that of the first step is not used.
+        frames: the frame of the drive that each run is at in each step.
+        motion: odometry since the previous step; that of the first step is not used.
         seen: whether there is an image.
-        generator: of all random numbers.
-        particles: of a run, unless their number adapts.
-        radius: of the mode that is reported, in the unit of the map.
-        watch: sees every belief.
-        progress: called with steps done and steps in all.
+        generator: generator of all random numbers.
+        particles: number of particles of a run, unless it adapts.
+        radius: radius of the reported mode, in the unit of the map.
+        watch: called with every belief.
+        progress: called with the number of steps done and of all.
 
     Example:
         >>> from sextant.localization import initialisation, map_prior, motion, recovery, resampling
@@ -107,7 +107,7 @@ def localize(
         evidence = _observed(observer, frames[step], looked)
         if state is None:
             state = filter.start(start, frames.shape[1], particles, generator, evidence, looked)
-            weighed = start.uses_evidence and evidence is not None  # then the first image is in the belief
+            weighed = start.uses_evidence and evidence is not None  # then the belief contains the first image
             state, told = filter.step(state, None, None if weighed else evidence, looked, generator)
         else:
             state, told = filter.step(state, moved, evidence, looked, generator)

@@ -1,10 +1,10 @@
-r"""Where a robot may be before anything is seen: near an image of the map, no one likelier than another.
+r"""The prior over poses before anything is seen: near an image of the map, all images being equally likely.
 
 .. math:: p_0(x) = \frac1N \sum_{i=1}^N p(x \mid i), \qquad
    x = x_i \circ (\epsilon_x, \epsilon_y, \epsilon_\theta), \quad \epsilon \sim \mathcal N(0, \mathrm{diag}(\sigma^2))
 
-with the offset in the frame of the image: along its heading, across it, and turned. It takes the place of a uniform
-density over the map's bounding box, most of which may be houses.
+with the offset in the frame of the image: along its heading, across it, and turned. It replaces a uniform density over
+the map's bounding box, most of which may be houses.
 """
 
 from dataclasses import dataclass
@@ -18,16 +18,16 @@ from torch import Tensor
 from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
 
-#: positions nearer to each other are taken to be so far apart
+#: smallest spacing: positions nearer to each other are taken to be this far apart
 LEAST_SPACING = 1e-6
 
 
 @dataclass(frozen=True)
 class MapPrior:
-    """Uniform over the map's images, with jitter.
+    """A uniform prior over the map's images, with jitter.
 
     Attributes:
-        poses: of the images.
+        poses: poses of the images.
         position_sigma: standard deviation in metres, one number or (along, across); on a railway the second is 0.
         heading_sigma_rad: standard deviation of the heading.
 
@@ -58,7 +58,7 @@ class MapPrior:
 
     @property
     def sigmas(self) -> tuple[float, float, float]:
-        """Standard deviations along, across and of the heading."""
+        """Standard deviations along and across the heading, and of the heading itself."""
         sigma = self.position_sigma
         along, across = (sigma, sigma) if isinstance(sigma, (int, float)) else sigma
         return float(along), float(across), float(self.heading_sigma_rad)
@@ -78,9 +78,9 @@ class MapPrior:
 
 
 def half_spacing(poses: Float64[Tensor, "n 3"]) -> float:
-    """Half the median distance from a position of a map to the next: what a prior that leaves no gaps is as wide as.
+    """Half the median distance from a position of a map to the nearest other one: the width of a prior without gaps.
 
-    Images at one position count once; of a map of one position it is 0.5.
+    Images at one position count once; a map of one position gives 0.5.
 
     Example:
         >>> half_spacing(torch.tensor([[0.0, 0, 0], [0, 0, 3], [2, 0, 0], [4, 0, 0]], dtype=torch.float64))

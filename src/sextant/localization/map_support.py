@@ -1,21 +1,21 @@
-r"""Where a map says what an image would look like, and what it can say of an image taken anywhere else: nothing.
+r"""The support of a map: the poses at which it says what an image would look like. Elsewhere it says nothing.
 
-A Gaussian process falls back to its mean and prior variance off the map, and an image of another season, which is far
-from every prediction, is explained by that better than by the truth. So the process is asked on the map alone. With the
-share s(x) in [0, 1] of the map in a pose, at the distance d from the nearest image,
+A Gaussian process falls back to its mean and prior variance off the map. An image of another season, which is far from
+every prediction, is explained by that better than by the truth, so the process is asked on the map only. Let s(x) in
+[0, 1] be the map's share in a pose at distance d from the nearest image,
 
 .. math:: s(x) = e^{-2 \max(0,\, d - 1)^2}, \qquad
-   d^2 = \min_i \frac{\|p - p_i\|^2}{r^2} + \frac{2(1 - \cos(\theta - \theta_i))}{\rho^2},
+   d^2 = \min_i \frac{\|p - p_i\|^2}{r^2} + \frac{2(1 - \cos(\theta - \theta_i))}{\rho^2}.
 
-an image is worth
+Then an image is worth
 
 .. math:: \tilde l(z \mid x) = \log\!\big[a(x)\, e^{l(z|x)} + (1 - a(x))\, e^{b(z)}\big], \qquad a = (1 - o)\, s(x),
    \quad b(z) = \log \tfrac1N \sum_{i=1}^N e^{l(z \mid x_i)}:
 
-off the map, and where a share o of images shows something else than the place, such as a passing car, it looks as
-likely as at any place of the map. And a robot is off the map with a chance of
-:math:`\epsilon`: the belief holds the factor :math:`g(x) = \epsilon + (1 - \epsilon)\, s(x)` once, however long it
-drives, since a step multiplies weights by :math:`g(x_t) / g(x_{t-1})`.
+off the map it is as likely as it is on average over the map. The same holds for the share o of images that show
+something other than the place, such as a passing car. A robot is off the map with probability :math:`\epsilon`: the
+belief contains the factor :math:`g(x) = \epsilon + (1 - \epsilon)\, s(x)` once, however long the robot drives, since a
+step multiplies weights by :math:`g(x_t) / g(x_{t-1})`.
 """
 
 import math
@@ -37,29 +37,30 @@ from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery.recovery import check_share
 
-#: how far a camera may be turned from the map's nearest: rad
+#: how far a camera may be turned from the map's nearest image, in rad
 HEADING_REACH = math.radians(10)
-#: how far an image stands for poses beside it, in lengths of a kernel that was learnt
+#: how far an image stands for poses beside it, in lengths of a learnt kernel
 LENGTHS = 1.5
-#: spacings of a dense map that its kernel's shorter length is at least. Through a town with an image every 3 m, whose
-#: kernel is 1.5 spacings long, 1.5 of its lengths would be 7 m: a filter then drifts 6 m aside, into the houses
+#: a map is dense if its kernel's shorter length is at least this many spacings. In a town with an image every 3 m,
+#: whose kernel is 1.5 spacings long, 1.5 of its lengths would be 7 m: a filter then drifts 6 m aside, into the houses
 DENSE = 2.5
-#: images that are looked at for the spacing of a map, evenly chosen, and neighbours of each
+#: number of evenly chosen images from which the spacing of a map is found, and neighbours of each
 LOOKED_AT, NEIGHBOURS = 4096, 24
-#: an image further off than so many times the nearest one is no neighbour
+#: an image farther away than this many times the nearest one is not a neighbour
 FURTHEST = 4.0
 
 
 @dataclass(frozen=True)
 class MapSupport:
-    """The poses that a map tells something of.
+    """The poses about which a map says something.
 
     Attributes:
-        poses: of the map's images.
-        reach: r, in the unit of positions: up to where an image stands for poses beside it; infinite: everywhere.
-        heading_reach: ρ in rad, likewise.
-        leave: ε in (0, 1), the chance of being off the map.
-        outliers: o in (0, 1), the share of images that tell nothing of where they were taken.
+        poses: poses of the map's images.
+        reach: r, the distance up to which an image stands for poses beside it, in the unit of positions; infinite for
+            everywhere.
+        heading_reach: ρ, the same for the heading, in rad.
+        leave: ε in (0, 1), the probability of being off the map.
+        outliers: o in (0, 1), the share of images that say nothing about where they were taken.
 
     Raises:
         ArgumentError: a number is outside its range.
@@ -90,13 +91,13 @@ class MapSupport:
 
     @classmethod
     def of(cls, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> "MapSupport":
-        """With half of the map's own spacing as reach, and half of the turn between images at one place.
+        """The support that reaches half of the map's own spacing, and half of the turn between images at one place.
 
         Args:
-            poses: of the map's images.
-            kernel: that was learnt on them. In a dense map, where its shorter length is 2.5 spacings or more, images
-                reach up to 1.5 of that, unless the map runs along one line: that tells nothing of how far they reach
-                aside.
+            poses: poses of the map's images.
+            kernel: kernel learnt on them. In a dense map, where its shorter length is 2.5 spacings or more, images
+                reach 1.5 times that length. This does not hold for a map along one line, which does not show how far
+                images reach sideways.
         """
         spacing, length = map_spacing(poses), 0.0 if kernel is None else min(kernel.length)
         learnt = DENSE * spacing <= length <= _breadth(poses)
@@ -104,7 +105,7 @@ class MapSupport:
 
     @classmethod
     def everywhere(cls, poses: Float64[Tensor, "n 3"], outliers: float) -> "MapSupport":
-        """The observation model is asked at every pose, but so many images tell nothing of where they were taken.
+        """Ask the observation model at every pose, with a share of images that say nothing about where they were taken.
 
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
         >>> MapSupport.everywhere(line, outliers=0.1).share(line + 1000).min()
@@ -117,7 +118,7 @@ class MapSupport:
         return Neighbourhoods(self.poses, PoseKernel("rbf", (self.reach, self.reach), self.heading_reach, 1.0, 0.0))
 
     def share(self, poses: Float64[Tensor, "*b 3"]) -> Float64[Tensor, "*b"]:
-        """s(x) of poses."""
+        """The share s(x) of the map in each pose."""
         if self.reach == math.inf:
             return poses.new_ones(poses.shape[:-1])
         flat = poses.reshape(-1, 3)
@@ -130,7 +131,7 @@ class MapSupport:
         return self._log_prior(after) - self._log_prior(before)
 
     def off_map(self, belief: Belief) -> Float64[Tensor, "r"]:
-        """The chance that each run is off the map."""
+        """The probability that each run is off the map."""
         return (belief.weights * (1 - self.share(belief.poses))).sum(1)
 
     def _log_prior(self, poses: Tensor) -> Tensor:
@@ -138,7 +139,7 @@ class MapSupport:
 
 
 class EvidenceOnMap(Evidence):
-    """What an observation says, on the map alone; off the map as much as of any place of it.
+    """Evidence that counts on the map only; off the map, an observation is as likely as on average over the map.
 
     Example:
         >>> class Ahead(Evidence):  # the further ahead, the likelier: 1, 3 and 5 at the images
@@ -173,7 +174,7 @@ class EvidenceOnMap(Evidence):
 
 
 def images_near(poses: Float64[Tensor, "n 3"]) -> Neighbourhoods:
-    """Finds the images of a map nearest to a pose: half a spacing counts as half of the turn between images at a place.
+    """Search for the map images nearest to a pose; half a spacing counts as much as half the turn between images there.
 
     >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
     >>> int(images_near(line).nearest(torch.tensor([[4.2, 0.3, 0.1]], dtype=torch.float64))[0])
@@ -184,11 +185,11 @@ def images_near(poses: Float64[Tensor, "n 3"]) -> Neighbourhoods:
 
 
 def map_spacing(poses: Float64[Tensor, "n 3"]) -> float:
-    """How far apart the positions of a map are that lie side by side: the median over images of the widest gap.
+    """The spacing of a map: how far apart neighbouring positions are, as the median over images of the widest gap.
 
-    In each of the four directions in which an image has a neighbour at all the nearest is taken, and the furthest of
-    those: along a line the distance from one image to the next, in an area that between rows. Images at one position
-    count once; of a map of one position it is 1.
+    The widest gap of an image is the distance to the farthest of its nearest neighbours in four directions, as far as
+    it has any. Along a line this is the distance from one image to the next; in an area, the distance between rows.
+    Images at one position count once; a map of one position has spacing 1.
 
     Example:
         >>> rows = [[float(x), 3.0 * row, 0.0] for x in range(9) for row in range(5)]
@@ -211,7 +212,7 @@ def map_spacing(poses: Float64[Tensor, "n 3"]) -> float:
 
 
 def heading_reach(poses: Float64[Tensor, "n 3"]) -> float:
-    """Half the turn from one image to the next at one position, in rad; 10 degrees if that is less, or there is one.
+    """Half the turn from one image to the next at one position, in rad; 10 degrees if it is less or there is one image.
 
     Example:
         >>> four = torch.tensor([[0.0, 0.0, math.radians(turn)] for turn in (0, 90, 180, 270)], dtype=torch.float64)
@@ -228,12 +229,12 @@ def heading_reach(poses: Float64[Tensor, "n 3"]) -> float:
     first = np.concatenate([[0], last[:-1] + 1])
     turns = np.diff(headings, append=0.0)
     turns[last] = headings[first] + math.tau - headings[last]
-    turns = np.delete(turns, np.lexsort((turns, position))[last])  # the widest leads round to where nobody looked
+    turns = np.delete(turns, np.lexsort((turns, position))[last])  # the widest spans directions that nobody looked in
     turns = turns[turns > HEADING_REACH]
     return max(HEADING_REACH, float(np.median(turns)) / 2) if len(turns) else HEADING_REACH
 
 
 def _breadth(poses: Float64[Tensor, "n 3"]) -> float:
-    """The standard deviation of positions across the line that fits them best; 0 of fewer than two."""
+    """The standard deviation of positions across the line that fits them best; 0 for fewer than two."""
     positions = poses[:, :2] - poses[:, :2].mean(0)
     return float(torch.linalg.svdvals(positions)[-1]) / math.sqrt(len(poses)) if len(poses) > 1 else 0.0

@@ -1,4 +1,4 @@
-"""What makes evidence of the frames of a drive: a camera by its map of descriptors, or a laser by its grid."""
+"""Sensors that turn frames of a drive into evidence: a camera with a map of descriptors, or a laser with a grid."""
 
 from abc import ABC, abstractmethod
 
@@ -15,7 +15,7 @@ from sextant.localization.observation.model import ObservationModel
 
 
 class Observer(ABC):
-    """A sensor on a drive, in a map."""
+    """A sensor on a drive through a map."""
 
     @abstractmethod
     def observe(self, frames: Int64[ndarray, " r"]) -> Evidence:
@@ -23,12 +23,12 @@ class Observer(ABC):
 
 
 class Camera(Observer):
-    """Images by their descriptors.
+    """A camera, whose images are represented by their descriptors.
 
     Args:
-        model: of the map.
-        likelihood: of a descriptor given what the model predicts.
-        descriptors: of all frames of the drive, as the map's are.
+        model: observation model of the map.
+        likelihood: likelihood of a descriptor given the model's prediction.
+        descriptors: descriptors of all frames of the drive, of the same kind as the map's.
 
     Example:
         >>> from sextant.localization.descriptor_map import DescriptorMap
@@ -51,12 +51,12 @@ class Camera(Observer):
 
 
 class Laser(Observer):
-    """Scans in an occupancy grid.
+    """A laser scanner in an occupancy grid.
 
     Args:
-        model: of a scan.
+        model: measurement model of a scan.
         scans: ranges in metres of all frames of the drive.
-        map_poses: where restarts begin.
+        map_poses: poses at which restarts begin.
 
     Example:
         >>> from sextant.worlds import LaserScanner, OccupancyGrid

@@ -1,16 +1,17 @@
-r"""By how much odometry errs alike in every step, learned while driving.
+r"""Odometry scale: the relative error that odometry makes in every step, learned while driving.
 
-Worn tyres make every way too long, and what one camera tells of its own motion has no unit. A filter that takes errors
-for independent falls behind such odometry, held back by its images: its estimates move further than it foresaw, or less
-far, again and again. So the factor s by which odometry is multiplied follows what is left over,
+Worn tyres make every distance too long, and a single camera measures its own motion without a unit. A filter that takes
+errors for independent falls behind such odometry, held back by its images: again and again, its estimates move farther
+than it foresaw, or less far. So the factor s by which odometry is multiplied follows the remaining error,
 
 .. math:: s \leftarrow s \, \big(1 + \kappa\, [e]_{-1}^{1}\big), \qquad
    e = \frac{(d - s\,u) \cdot s\,u}{\|s\,u\|\, \max(\|s\,u\|, \Delta)},
 
-with u the way that odometry reports, d the way between the estimates before and after, both in the robot's frame
-before, and Δ the spacing of the map: an integral controller, which rests where estimates move as far as odometry says.
-A. Martinelli, N. Tomatis, R. Siegwart, "Simultaneous localization and odometry self calibration for mobile robot",
-Autonomous Robots 22, 2007, estimate such errors as part of the state instead; particles would need a dimension more.
+with u the translation that odometry reports, d the translation between the estimates before and after the step, both in
+the robot's frame before it, and Δ the spacing of the map. This is an integral controller, which is at rest where
+estimates move as far as odometry says. A. Martinelli, N. Tomatis, R. Siegwart, "Simultaneous localization and odometry
+self calibration for mobile robot", Autonomous Robots 22, 2007, estimate such errors as part of the state instead;
+particles would then need another dimension.
 
 The gain was chosen on Gardens Point by night and the railway of Nordland from 300 on (docs/localization_change.md,
 "When odometry is wrong").
@@ -25,17 +26,17 @@ from torch import Tensor
 
 from sextant.geometry.planar import se2_compose, se2_inverse
 
-#: κ: an error is made good in about twenty steps of the map
+#: κ: an error is corrected over about twenty spacings of the map
 GAIN = 0.05
-#: s at least and at most
+#: smallest and largest s
 BOUNDS = (0.25, 4.0)
-#: spacings of the map by which an estimate may differ from what was foreseen: beyond, it is another place
+#: spacings of the map by which an estimate may differ from the expected pose; beyond, it is at another place
 FURTHEST = 2.0
 
 
 @dataclass(frozen=True)
 class OdometryScale:
-    """What odometry is multiplied by.
+    """The factor by which odometry is multiplied.
 
     Attributes:
         factor: s.
@@ -52,7 +53,7 @@ class OdometryScale:
     factor: float = 1.0
 
     def applied(self, motion: Float64[Tensor, "3"]) -> Float64[Tensor, "3"]:
-        """A motion as it is taken to be: its way is scaled, its turn is not."""
+        """The corrected motion: its translation is scaled, its rotation is not."""
         return torch.cat([self.factor * motion[:2], motion[2:]])
 
     def seen(
@@ -62,12 +63,12 @@ class OdometryScale:
         after: Float64[Tensor, "3"],
         spacing: float,
     ) -> Self:
-        """With one step more.
+        """The scale after one more step.
 
         Args:
             moved: s u, the motion as it was applied.
-            before, after: estimated poses.
-            spacing: of the map.
+            before, after: estimated poses before and after the step.
+            spacing: spacing of the map.
         """
         way = moved[:2]
         length = float(way.norm())

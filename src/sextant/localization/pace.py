@@ -1,14 +1,14 @@
 r"""How far a robot moves from image to image, learned where nothing measures its motion.
 
-Where there is no odometry, all that is known of the next motion is how the robot has moved so far. Its pace is the
-median of the ways, along its heading, between its last estimates, each weighted by how sure both were and by how much
-of the belief was on the map. So a camera that passes five images of the map from one of its own to the next is followed
-like one that passes one, and a pace outlasts images that tell little. Ways of a filter that is lost lead anywhere:
-there is no pace as long as their interquartile range exceeds four spacings of the map and the pace itself. It is the
-model of constant velocity, with a velocity per step that is estimated from displacements.
+Without odometry, all that is known of the next motion is how the robot has moved so far. Its pace is the median
+displacement, along its heading, between its last estimates. Each displacement is weighted by how sure both estimates
+were and by how much of the belief was on the map. So a camera that passes five images of the map between two of its own
+is followed as well as one that passes one, and a pace outlasts images that say little. The estimates of a lost filter
+jump anywhere: there is no pace as long as the interquartile range of displacements exceeds four spacings of the map
+plus the pace itself. This is the constant-velocity model, with a velocity per step estimated from displacements.
 
-Chosen on walks of Gardens Point, the railway of Nordland, a tower and towns: docs/localization_change.md, "Without
-odometry".
+The constants were chosen on walks of Gardens Point, the railway of Nordland, a tower and towns:
+docs/localization_change.md, "Without odometry".
 """
 
 import math
@@ -21,22 +21,22 @@ from torch import Tensor
 
 from sextant.geometry.planar import se2_between
 
-#: the last ways that weigh so much together are remembered: of a filter that is sure of itself, one weighs 1
+#: total weight of the last displacements that are remembered; one of a filter that is sure of itself weighs 1
 REMEMBERED = 10.0
-#: ways at most
+#: largest number of displacements
 MOST = 100
-#: the largest interquartile range of ways that agree, in spacings of the map, beyond the pace itself
+#: the largest interquartile range of displacements that agree, in spacings of the map, beyond the pace itself
 AGREE = 4.0
-#: ways before anything is said
+#: number of displacements needed for a pace
 ENOUGH = 5
 
 
 @dataclass(frozen=True)
 class Pace:
-    """The way from one step to the next.
+    """The displacement from one step to the next.
 
     Attributes:
-        ways: the last ones, in the unit of the map, with their weights.
+        ways: the last displacements, in the unit of the map, with their weights.
 
     Example:
         >>> import torch
@@ -50,10 +50,10 @@ class Pace:
     ways: tuple[tuple[float, float], ...] = ()
 
     def along(self, spacing: float) -> float | None:
-        """Their weighted median; None as long as there are too few, or where they disagree.
+        """The weighted median of the displacements; None while they are too few, or where they disagree.
 
         Args:
-            spacing: of the map.
+            spacing: spacing of the map.
         """
         if len(self.ways) < ENOUGH:
             return None
@@ -62,12 +62,12 @@ class Pace:
         return float(middle) if last - first <= AGREE * spacing + abs(middle) else None
 
     def seen(self, before: Float64[Tensor, "3"], after: Float64[Tensor, "3"], weight: float, steps: int = 1) -> Self:
-        """With the way between two estimated poses.
+        """The pace with the displacement between two estimated poses added.
 
         Args:
             before, after: the poses.
             weight: how sure they are, in [0, 1].
-            steps: from one to the other.
+            steps: number of steps from one to the other.
         """
         way = float(se2_between(before, after)[0]) / steps
         if not (math.isfinite(way) and weight > 0):

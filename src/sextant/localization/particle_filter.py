@@ -3,9 +3,9 @@ r"""A particle filter over poses in the plane, for many runs at once.
 .. math:: x_t^i \sim p(x_t \mid x_{t-1}^i, u_t), \qquad \log w_t^i = \log W_{t-1}^i + l(z_t \mid x_t^i), \qquad
    W_t^i = w_t^i \Big/ \sum_j w_t^j,
 
-all in the log domain, so that a constant added to the log-likelihoods changes nothing but the evidence. Between
-weighing and normalising, a recovery may add particles elsewhere. Particles are resampled only where the effective
-sample size has fallen below a share of their number.
+all in the log domain, so that a constant added to the log-likelihoods changes only the evidence. Between weighting and
+normalising, a recovery may add particles elsewhere. Particles are resampled only where the effective sample size has
+fallen below a share of their number.
 
 Source: Doucet, Godsill & Andrieu, "On Sequential Monte Carlo Sampling Methods for Bayesian Filtering", 2000.
 """
@@ -32,12 +32,13 @@ from sextant.localization.weighed import Weighed
 
 @dataclass(frozen=True)
 class FilterState:
-    """All that a filter carries from step to step.
+    """The state that a filter carries from step to step.
 
     Attributes:
-        belief: of each run.
+        belief: belief of each run.
         memory: what the recovery remembers of each run.
-        way: of each run since the last observation that counted, in the filter's ``apart``; infinite before the first.
+        way: distance of each run since the last observation that counted, in units of the filter's ``apart``; infinite
+            before the first.
     """
 
     belief: Belief
@@ -50,14 +51,14 @@ class FilterStep:
     r"""What happened in one step of each run.
 
     Attributes:
-        ess: effective sample size after weighing, before resampling.
-        resampled: whether it was resampled.
-        injected: particles that a recovery added.
-        log_evidence: :math:`\log p(z_t \mid z_{1:t-1})`, as far as the likelihoods are ones; 0 where nothing was seen,
-            -inf where no particle explained the observation.
-        particles: that carry weight after the step.
-        degenerate: whether no particle had a weight above zero: the observation was then dropped, all particles
-            weigh the same, and the run goes on.
+        ess: effective sample size after weighting, before resampling.
+        resampled: whether the run was resampled.
+        injected: number of particles that a recovery added.
+        log_evidence: :math:`\log p(z_t \mid z_{1:t-1})`, to the extent that the likelihoods are proper; 0 where nothing
+            was seen, -inf where no particle explained the observation.
+        particles: number of particles that carry weight after the step.
+        degenerate: whether no particle had a weight above zero. The observation is then dropped, all particles get
+            equal weights, and the run goes on.
     """
 
     ess: Float64[Tensor, "r"]
@@ -70,7 +71,7 @@ class FilterStep:
 
 @dataclass(frozen=True)
 class ParticleFilter:
-    """Steps of the filter; it holds no state, which is passed to each step.
+    """The steps of the filter. It holds no state itself; the state is passed to each step.
 
     Attributes:
         motion: how particles move.
@@ -78,15 +79,15 @@ class ParticleFilter:
         recovery: what is added for robots that are lost.
         prior: where a robot may be before anything is seen.
         ess_threshold: resample below this share of the particles; 0 never, 1 whenever weights differ.
-        kld: adapts the number of particles of each run; None keeps it. The arrays are then as wide as the largest run
+        kld: adapts the number of particles of each run; None keeps it. Arrays are then as wide as the largest run
             needs, and in the others the places beyond their own number have weight zero.
-        support: where the map tells anything; None asks the observation model everywhere.
-        apart: after which way, or which turn in rad, an observation counts again: what a map does not know about a
-            place is wrong in every image taken there, and these err alike. The shares of both add up, and a motion that
-            is unknown is far enough. None takes every observation for a new one.
+        support: where the map says anything; None asks the observation model everywhere.
+        apart: distance, and turn in rad, after which an observation counts again. What a map does not know about a
+            place is wrong in every image taken there, so that their errors are correlated. The shares of both add up,
+            and an unknown motion is far enough. None counts every observation.
 
     Raises:
-        UserError: the threshold is not between 0 and 1, or a way or turn is not above 0.
+        UserError: the threshold is not between 0 and 1, or the distance or turn is not above 0.
 
     Example:
         >>> from sextant.localization import initialisation, motion, recovery, resampling
@@ -131,16 +132,16 @@ class ParticleFilter:
         """The state before the first step.
 
         Args:
-            initialisation: where particles are put. If it ``uses_evidence``, the first image is in the belief, and the
-                first step is that of the second image.
-            runs: r, filtered together.
-            particles: of each run.
-            generator: of random numbers.
-            evidence: of the first image.
+            initialisation: where particles are placed. If it ``uses_evidence``, the belief contains the first image,
+                and the first step is that of the second image.
+            runs: r, the number of runs filtered together.
+            particles: number of particles in each run.
+            generator: generator of random numbers.
+            evidence: evidence of the first image.
             seen: in which runs there is a first image; None for all.
 
         Raises:
-            UserError: there is to be no particle.
+            UserError: the number of particles is below 1.
         """
         if particles < 1:
             raise ArgumentError(f"particles={particles} must be at least 1", "For example particles=1000")
@@ -151,7 +152,7 @@ class ParticleFilter:
         return FilterState(belief, self.recovery.memory(runs, belief.poses.device), way)
 
     def counts(self, state: FilterState, motion: Float64[Tensor, "r 3"] | None) -> Bool[Tensor, "r"]:
-        """In which runs an observation would count after a motion: the others need not look, and ``step`` drops it.
+        """In which runs an observation would count after a motion; the others need not look, as ``step`` drops it.
 
         Example:
             >>> from dataclasses import replace
@@ -168,7 +169,7 @@ class ParticleFilter:
         return self._way(state, motion) >= 1
 
     def _way(self, state: FilterState, motion: Float64[Tensor, "r 3"] | None) -> Float64[Tensor, "r"]:
-        """Since the last observation that counted, with a motion more."""
+        """The distance since the last observation that counted, including a motion."""
         if self.apart is None:
             return torch.full_like(state.way, math.inf)
         if motion is None:
@@ -183,15 +184,15 @@ class ParticleFilter:
         seen: Bool[Tensor, "r"] | None,
         generator: torch.Generator,
     ) -> tuple[FilterState, FilterStep]:
-        """Move, weigh, recover, resample.
+        """Move, weigh, recover and resample.
 
         Args:
-            state: after the step before.
-            motion: of each run since then, in the robot's frame; a row with nan is a motion that is unknown, None is no
+            state: state after the previous step.
+            motion: motion of each run since then, in the robot's frame; a row with nan is an unknown motion, None is no
                 motion at all.
             evidence: what is seen now; None if no run sees anything.
             seen: which runs see something; None for all.
-            generator: of random numbers.
+            generator: generator of random numbers.
         """
         belief, way = state.belief, self._way(state, motion)
         if evidence is not None and self.apart is not None:
@@ -221,7 +222,7 @@ class ParticleFilter:
         return FilterState(belief, memory, way), step
 
     def _moved(self, belief: Belief, poses: Tensor, normalise: bool) -> Belief:
-        """Where something is seen, weights stay as they are: restarts gain what a belief that left the map lost."""
+        """Move particles; if something is seen, weights are not normalised: restarts gain what leaving the map lost."""
         if self.support is None:
             return Belief(poses, belief.log_weights)
         log_weights = belief.log_weights + self.support.log_change(belief.poses, poses)
@@ -252,7 +253,7 @@ class ParticleFilter:
         sizes = torch.where(needed, wanted, alive)
         width = int(sizes.max())
         ancestors = self.resampling.resample(log_weights, sizes, generator)
-        # runs that stay as they are: those with weight first, which moves them but changes nothing
+        # unchanged runs: particles with weight first, which reorders them but changes nothing
         order = log_weights.argsort(1, descending=True)[:, :width]
         order = torch.nn.functional.pad(order, (0, width - order.shape[1]))
         chosen = torch.where(needed[:, None], ancestors, order)
@@ -262,12 +263,12 @@ class ParticleFilter:
 
 
 def way_moved(motion: Float64[Tensor, "*b 3"], way: float, turn: float) -> Float64[Tensor, "*b"]:
-    """How far motions lead, in so much of a way and a turn together; infinitely far where one is unknown.
+    """The extent of motions, as the sum of their distance and turn in given units; infinite for an unknown motion.
 
     Args:
         motion: dx and dy in the unit of the map, and dtheta in rad.
-        way: that counts as one, in the unit of the map.
-        turn: that counts as one, in rad.
+        way: distance that counts as one, in the unit of the map.
+        turn: turn that counts as one, in rad.
 
     >>> way_moved(torch.tensor([[3.0, 4.0, 0.5], [math.nan, 0.0, 0.0]]), way=10.0, turn=1.0)
     tensor([1., inf])
@@ -277,7 +278,7 @@ def way_moved(motion: Float64[Tensor, "*b 3"], way: float, turn: float) -> Float
 
 
 def _joined(weighed: Weighed, injection: Injection | None, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
-    """Poses and weights, not normalised, with the injected particles in the places that thinning freed."""
+    """Poses and unnormalised weights, with the injected particles in the places that thinning freed."""
     poses, log_weights = weighed.belief.poses, weighed.log_weights
     if injection is None:
         return poses, log_weights, torch.zeros_like(weighed.seen, dtype=torch.int64)

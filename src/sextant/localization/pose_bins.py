@@ -1,4 +1,4 @@
-"""The plane and the circle of headings cut into boxes, to count and to group poses."""
+"""A grid of boxes over the plane and the circle of headings, to count and group poses."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ class PoseBins:
 
     Attributes:
         position: side of a box in metres.
-        heading: wanted width in rad; what is used divides the circle into whole boxes, at least one.
+        heading: desired width in rad; the width used divides the circle into whole boxes, at least one.
 
     Example:
         >>> import torch
@@ -28,7 +28,7 @@ class PoseBins:
 
     @property
     def turns(self) -> int:
-        """Boxes round the circle."""
+        """The number of boxes around the circle."""
         return max(1, round(2 * math.pi / self.heading))
 
     def cells(self, poses: Float64[Tensor, "r p 3"]) -> Int64[Tensor, "r p 3"]:
@@ -39,7 +39,7 @@ class PoseBins:
         return cells
 
     def keys(self, cells: Int64[Tensor, "r p 3"]) -> Int64[Tensor, "r p"]:
-        """One number a box, the same in all runs."""
+        """One number for each box, the same in all runs."""
         column, row, heading = (cells - cells.amin((0, 1))).unbind(2)
         return (column * (row.max() + 1) + row) * self.turns + heading
 

@@ -1,4 +1,4 @@
-r"""Covariance functions over poses in the plane that are positive definite and know that headings wrap.
+r"""Positive definite covariance functions over poses in the plane, with headings that wrap.
 
 .. math:: k(x, x') = s_f^2\; g(r)\; e^{-(1 - \cos(\theta - \theta')) / l_\theta^2}, \qquad
    r^2 = \frac{(x - x')^2}{l_x^2} + \frac{(y - y')^2}{l_y^2}
@@ -6,12 +6,12 @@ r"""Covariance functions over poses in the plane that are positive definite and 
 with :math:`g(r) = e^{-r^2/2}` (``rbf``), :math:`(1 + \sqrt3 r)\,e^{-\sqrt3 r}` (``matern32``) or
 :math:`(1 + \sqrt5 r + \tfrac53 r^2)\,e^{-\sqrt5 r}` (``matern52``). As
 :math:`|(\cos\theta, \sin\theta) - (\cos\theta', \sin\theta')|^2 = 2 - 2\cos(\theta - \theta')`, the factor of the
-headings is the squared exponential on the circle, and with ``rbf`` the whole is one on the features
-:math:`(x/l_x, y/l_y, \cos\theta/l_\theta, \sin\theta/l_\theta)`. A squared exponential of the wrapped angle would not
-be positive definite.
+heading is the squared exponential on the circle, and with ``rbf`` the whole kernel is a squared exponential of the
+features :math:`(x/l_x, y/l_y, \cos\theta/l_\theta, \sin\theta/l_\theta)`. A squared exponential of the wrapped angle
+would not be positive definite.
 
-Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", MIT Press 2006, chapter 4; for
-the periodic factor D. J. C. MacKay, "Introduction to Gaussian processes", 1998. GPyTorch's length scale of that factor
+Sources: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", MIT Press 2006, chapter 4; for
+the periodic factor, D. J. C. MacKay, "Introduction to Gaussian processes", 1998. GPyTorch's length scale of that factor
 is :math:`l_\theta^2`.
 """
 
@@ -35,8 +35,8 @@ class PoseKernel:
         spatial: how covariance falls with distance.
         length: length scales of x and y in metres.
         heading_length: length scale on the unit circle, a chord: 1 is about 60 degrees.
-        signal_variance: of one output dimension about the mean, :math:`s_f^2`.
-        noise_variance: what images at one pose differ by, :math:`s_n^2`; not part of the covariance.
+        signal_variance: variance of one output dimension about the mean, :math:`s_f^2`.
+        noise_variance: variance between images at one pose, :math:`s_n^2`; not part of the covariance.
 
     Example:
         >>> kernel = PoseKernel("rbf", (2.0, 2.0), heading_length=1.0, signal_variance=1.0, noise_variance=0.1)
@@ -66,9 +66,9 @@ class PoseKernel:
 
         Args:
             length: factor of the lengths of x and y.
-            noise: its noise variance at most, as a share of the signal's.
+            noise: largest noise variance of the new kernel, as a share of the signal variance.
             heading: factor of the heading's length. A map of few headings does not show how alike the views between
-                them are; where they are more alike than it taught, they are found by a factor above 1.
+                them are. Where they are more alike than the map taught, a factor above 1 helps to find them.
 
         >>> PoseKernel("rbf", (4.0, 2.0), 0.5, 1.0, 0.6).sharpened(0.5, 0.001, heading=1.6)
         PoseKernel(spatial='rbf', length=(2.0, 1.0), heading_length=0.8, signal_variance=1.0, noise_variance=0.001)
@@ -88,9 +88,9 @@ class PoseKernel:
         return self.signal_variance * spatial * torch.exp((turned - 1) / self.heading_length**2)
 
     def features(self, poses: Float64[Tensor, "*b 3"]) -> Float64[Tensor, "*b 4"]:
-        r"""Points whose squared distance is :math:`r^2 + 2(1 - \cos\Delta\theta)/l_\theta^2`: who is whose neighbour.
+        r"""Points whose squared distance is :math:`r^2 + 2(1 - \cos\Delta\theta)/l_\theta^2`, to search for neighbours.
 
-        With ``rbf`` that is :math:`-2 \log(k / s_f^2)`, so the nearest are those with the highest covariance.
+        With ``rbf`` this is :math:`-2 \log(k / s_f^2)`, so the nearest poses are those with the highest covariance.
         """
         x, y, heading = poses.unbind(-1)
         scaled = (x / self.length[0], y / self.length[1])

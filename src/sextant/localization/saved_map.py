@@ -1,8 +1,8 @@
-"""Maps on disk: a fitted observation model with its likelihood, as arrays that are mapped into memory and a header.
+"""Maps on disk: a fitted observation model with its likelihood, as memory-mapped arrays and a header.
 
 A folder holds ``map.json`` and one ``.npy`` file for each array: ``poses``, ``descriptors``, ``mean`` and, under
-``state``, what the model computed. The header has the size and hash of every file and is written last, so that a
-folder in which writing was broken off is not taken for a map. Nothing is pickled.
+``state``, what the model computed. The header contains the size and hash of every file and is written last, so that a
+folder in which writing was interrupted is not taken for a map. Nothing is pickled.
 """
 
 import re
@@ -29,19 +29,19 @@ from sextant.localization.pose_kernel import PoseKernel
 
 HEADER = "map.json"
 KIND = FolderFormat("a map", "sextant.localization_map", 1, HEADER)
-#: Files of fewer bytes are read, not mapped.
+#: Files with fewer bytes are read, not mapped.
 SMALL = 2**16
 _NAME = re.compile(r"(state/)?[A-Za-z_][A-Za-z0-9_]*")
 
 
 @dataclass(frozen=True)
 class SavedMap:
-    """What was saved.
+    """The contents of a saved map.
 
     Attributes:
-        model: fitted; its arrays are mapped, so that they take memory only as far as they are used.
-        likelihood: with its calibration.
-        facts: what else was known of the map, such as which descriptor it was described with.
+        model: the fitted model, whose arrays are mapped, so that they take memory only as far as they are used.
+        likelihood: the likelihood with its calibration.
+        facts: other facts about the map, such as the descriptor of its images.
     """
 
     model: ObservationModel
@@ -50,12 +50,12 @@ class SavedMap:
 
 
 def save_map(folder: Path, model: ObservationModel, likelihood: Likelihood, facts: dict[str, Any]) -> None:
-    """Write a fitted model into a folder, which is made if need be; a map that was there is replaced.
+    """Write a fitted model into a folder, which is created if need be; an existing map is replaced.
 
     Args:
-        folder: where to.
-        model: may be one that was loaded from this folder.
-        likelihood: to be used with it.
+        folder: folder to write to.
+        model: the model, which may have been loaded from this folder.
+        likelihood: likelihood to be used with it.
         facts: anything that JSON can hold.
 
     Raises:
@@ -92,14 +92,14 @@ def write_header(
     facts: dict[str, Any],
     arrays: Iterable[str],
 ) -> None:
-    """Make a map of a folder in which all arrays lie, by hashing them.
+    """Turn a folder that contains all arrays into a map, by hashing them and writing the header.
 
     Args:
-        folder: with :func:`array_path` of every array.
-        model: its class and arguments are written; it need not be fitted.
-        kernel: that of the model once it is fitted.
+        folder: folder with the :func:`array_path` of every array.
+        model: model whose class and arguments are written; it need not be fitted.
+        kernel: kernel of the model once it is fitted.
         likelihood, facts: as for :func:`save_map`.
-        arrays: names of all of them.
+        arrays: names of all arrays.
 
     Raises:
         OSError: an array is missing, or the folder cannot be written.
@@ -137,13 +137,13 @@ def load_map(folder: Path, *, verify: bool = True, trust: bool = False) -> Saved
     """Open a saved map.
 
     Args:
-        folder: that it was saved to.
-        verify: compare the hash of every file, which reads them once; their sizes are compared anyway.
+        folder: folder that it was saved to.
+        verify: compare the hash of every file, which reads them once; their sizes are compared in any case.
         trust: import a model of the user's own that the map names.
 
     Raises:
-        UserError: the folder is not there, holds no map, one of another version, a damaged one, or one that needs code
-            of the user's own and ``trust`` is false.
+        UserError: the folder does not exist, or holds no map, a map of another version or a damaged one; or the map
+            needs code of the user's own and ``trust`` is false.
 
     Example:
         >>> try:  # how one is written and read again: see save_map
@@ -202,7 +202,7 @@ def _header(folder: Path) -> dict[str, Any]:
 
 
 def _tensor(folder: Path, name: str, mark: dict[str, Any], verify: bool) -> Tensor:
-    # copy-on-write: nothing that is written into it reaches the file
+    # copy-on-write: changes to the array do not reach the file
     mapped: Literal["c"] | None = None if mark["bytes"] < SMALL else "c"
     sha256 = mark["sha256"] if verify else None
     array = KIND.open_array(folder, array_path(folder, name), mapped, sha256=sha256, size=mark["bytes"])
@@ -213,7 +213,7 @@ def _tensor(folder: Path, name: str, mark: dict[str, Any], verify: bool) -> Tens
 
 
 def array_path(folder: Path, name: str) -> Path:
-    """Where an array lies.
+    """The path of an array's file.
 
     Example:
         >>> array_path(Path("town"), "state/factor").as_posix()

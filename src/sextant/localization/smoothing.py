@@ -1,11 +1,12 @@
-r"""Where a robot was, by what it has seen since: beliefs of a filter, weighed anew from the last to the first.
+r"""Smoothing: where a robot was, given what it has seen since. Beliefs are reweighted from the last to the first.
 
 .. math:: W_{t|T}^i = W_t^i \sum_j W_{t+1|T}^j \, \frac{f(x_{t+1}^j \mid x_t^i)}{\sum_k W_t^k f(x_{t+1}^j \mid x_t^k)}
 
 (forward filtering, backward smoothing: Doucet, Godsill & Andrieu, "On Sequential Monte Carlo Sampling Methods for
 Bayesian Filtering", 2000, section 5). The motion of a robot in its own frame has the same distribution wherever it is,
-so f is the normal density with the mean and covariance of draws of it. A particle that a recovery put somewhere else
-has no particle behind it: beyond six standard deviations f is constant, so that it says nothing of the pose before.
+so f is the normal density with the mean and covariance of draws of the motion. A particle that a recovery placed
+elsewhere descends from no particle. Beyond six standard deviations f is therefore constant and says nothing about the
+previous pose.
 """
 
 from collections.abc import Sequence
@@ -19,13 +20,13 @@ from sextant.localization.belief import Belief
 from sextant.localization.motion import MotionModel
 from sextant.reporter import Advance
 
-#: of a motion, to learn its mean and covariance from
+#: number of draws of a motion, from which its mean and covariance are estimated
 DRAWS = 4096
-#: standard deviations of a motion that does not err, in the map's unit and rad
+#: standard deviations of a motion without noise, in the map's unit and rad
 LEAST = (1e-3, 1e-3, 1e-3)
-#: log density below its peak where a motion no longer explains a particle: six standard deviations
+#: log density relative to its peak below which a motion does not explain a particle: six standard deviations
 ELSEWHERE = -18.0
-#: particles after a motion that are compared with all before it at a time
+#: number of particles after a motion that are compared with all before it at a time
 CHUNK = 256
 
 
@@ -38,20 +39,20 @@ def smoothed(
     *,
     progress: Advance = lambda done, total: None,
 ) -> list[Belief]:
-    """The beliefs of a drive, each given everything until its end.
+    """The beliefs of a drive, each given all observations up to its end.
 
     Args:
-        beliefs: after each step of the filter, of r runs.
-        motions: between them, in the robot's frame, nan where unknown; one fewer than there are beliefs.
-        model: of these motions, or of each.
-        generator: of random numbers.
-        progress: called with the number of beliefs that are smoothed, and of all.
+        beliefs: beliefs of r runs after each step of the filter.
+        motions: motions between them, in the robot's frame, nan where unknown; one fewer than there are beliefs.
+        model: motion model of all these motions, or one for each.
+        generator: generator of random numbers.
+        progress: called with the number of beliefs smoothed and of all.
 
     Returns:
-        The same particles with other weights; the last belief is as it was.
+        The same particles with new weights; the last belief is unchanged.
 
     Raises:
-        ValueError: there are not as many motions or models as there should be.
+        ValueError: the number of motions or models does not fit the number of beliefs.
 
     Example:
         >>> from sextant.localization.motion import ExponentialMotion
@@ -84,7 +85,7 @@ def _reweighed(
     later_log_weights: Float64[Tensor, "q"],
     increments: Float64[Tensor, "d 3"],
 ) -> Float64[Tensor, "p"]:
-    """Log weights of the particles of a run, given those after it."""
+    """Log weights of the particles of a run, given those of the next step."""
     first = increments[:1]
     off = _less(increments, first)
     mean = first + off.mean(0)
@@ -100,6 +101,6 @@ def _reweighed(
 
 
 def _less(motions: Float64[Tensor, "*n 3"], mean: Float64[Tensor, "1 3"]) -> Float64[Tensor, "*n 3"]:
-    """Differences, of headings by the shorter way."""
+    """Differences of motions, with headings by the shorter way."""
     off = motions - mean
     return torch.cat([off[..., :2], wrap_angle(off[..., 2:])], dim=-1)

@@ -1,19 +1,19 @@
-"""An order of places in which neighbours on the ground are neighbours in a file."""
+"""Spatial order: an order of places in which neighbours on the ground are neighbours in a file."""
 
 import numpy as np
 import torch
 from jaxtyping import Float64, Int64
 from torch import Tensor
 
-#: Cells along the longer side of the map: of 1 mm in a map of 2,000 km.
+#: Bits for the cells along the longer side of the map: cells of 1 mm in a map of 2,000 km.
 BITS = 31
 
 
 def spatial_order(poses: Float64[Tensor, "n 3"]) -> Int64[Tensor, " n"]:
-    """Rows in Morton's order (the Z curve) of their square cells on the ground; in one cell, by heading.
+    """Rows in Morton order (the Z-order curve) of their square cells on the ground; within a cell, by heading.
 
-    A map whose rows are stored in this order, ``poses[rows]`` and ``descriptors[rows]``, is read in few pages when it
-    is larger than memory and mapped: images near each other lie near each other.
+    A map stored in this order, as ``poses[rows]`` and ``descriptors[rows]``, is read in few pages when it is larger
+    than memory and mapped, because images near each other are stored near each other.
 
     Raises:
         ValueError: a pose is not finite.
@@ -38,7 +38,7 @@ def spatial_order(poses: Float64[Tensor, "n 3"]) -> Int64[Tensor, " n"]:
 
 
 def _spread(values: np.ndarray) -> np.ndarray:
-    """The 32 bits of every value at the even places of 64."""
+    """Spread the 32 bits of every value over the even bits of 64."""
     for shift, mask in (
         (16, 0x0000FFFF0000FFFF),
         (8, 0x00FF00FF00FF00FF),

@@ -1,13 +1,13 @@
-"""A map of any number of images, made of a stream of them in bounded memory: descriptors never lie in memory together.
+"""Maps of any number of images, built from a stream in bounded memory: descriptors are never all in memory at once.
 
-Images go into a file as they come. Then their descriptors are sorted in
-:func:`~sextant.localization.spatial_order.spatial_order`, a block at a time; and their neighbourhoods are prepared tile
-by tile, each from its own images and a halo around them. What is left is the folder of a map like any other,
+Images are written to a file as they come. Their descriptors are then sorted in
+:func:`~sextant.localization.spatial_order.spatial_order`, a block at a time, and their neighbourhoods are prepared tile
+by tile, each from its own images and a halo around them. The result is the folder of a map like any other,
 :mod:`~sextant.localization.saved_map`, whose observations read the tiles that poses ask for.
 
-In memory are a tile with its halo, and some 100 bytes an image while the poses are sorted. On disk the descriptors are
-there twice until they are sorted. A builder that is made on the folder of one that was interrupted goes on from the
-images, blocks and tiles that are done.
+Memory holds one tile with its halo, and some 100 bytes an image while the poses are sorted. The disk holds the
+descriptors twice until they are sorted. A builder on the folder of an interrupted one resumes after the images, blocks
+and tiles that are done.
 """
 
 import shutil
@@ -38,23 +38,23 @@ from sextant.localization.saved_map import HEADER, array_path, write_header
 from sextant.localization.spatial_order import spatial_order
 from sextant.reporter import Advance
 
-#: images of a tile: 2 MiB of 128 values
+#: number of images in a tile: 2 MiB for 128 values
 TILE = 4096
 PROGRESS, INCOMING = "building.json", "incoming"
 FORMAT = "sextant.tiled_map_in_the_making"
 
 
 class TiledMapBuilder:
-    """Makes a map in a folder: images are added, then it is finished.
+    """Builds a map in a folder: images are added, then the map is finished.
 
     Args:
-        folder: is made if need be; that of a builder that was interrupted is gone on with.
+        folder: folder of the map, created if need be; that of an interrupted builder is resumed.
 
     Attributes:
-        images: that were added, by an interrupted builder too: a stream goes on with the next one.
+        images: number of images added, including those by an interrupted builder; a stream resumes with the next one.
 
     Raises:
-        UserError: the folder already holds a map, or what is in it is not of a builder.
+        UserError: the folder already holds a map, or its contents are not from a builder.
 
     Example:
         >>> from tempfile import TemporaryDirectory
@@ -82,19 +82,19 @@ class TiledMapBuilder:
 
     @property
     def images(self) -> int:
-        """See the class."""
+        """The number of images added; see the class."""
         return int(self._state["images"])
 
     def add(self, poses: Float64[Tensor, "m 3"], descriptors: Float32[Tensor, "m d"]) -> None:
-        """Take the next images; when it returns they are in the files of the folder.
+        """Add the next images; when it returns, they are in the files of the folder.
 
         Args:
-            poses: x, y in metres and heading in rad, in no order.
-            descriptors: of the images there.
+            poses: x, y in metres and heading in rad, in any order.
+            descriptors: descriptors of the images there.
 
         Raises:
-            UserError: a pose or descriptor is not finite, or of another dimension than those before; or the map was
-                being finished already.
+            UserError: a pose or descriptor is not finite, or of a different dimension from earlier ones; or the map is
+                already being finished.
             OSError: the folder cannot be written.
         """
         if self._state["stage"] != "adding":
@@ -118,18 +118,18 @@ class TiledMapBuilder:
         facts: dict[str, Any] | None = None,
         progress: Advance | None = None,
     ) -> None:
-        """Sort the images, prepare their neighbourhoods, and make a map of the folder.
+        """Sort the images, prepare their neighbourhoods, and turn the folder into a map.
 
         Args:
-            kernel: of the model once it is fitted.
+            kernel: kernel of the model once it is fitted.
             likelihood: see :func:`~sextant.localization.saved_map.save_map`.
-            neighbours, blend, map_evidence, tile: of the :class:`CachedLocalGP` that the map is opened as.
-            facts: what else is kept with the map.
-            progress: called with the number of images done in the current step, and of all.
+            neighbours, blend, map_evidence, tile: arguments of the :class:`CachedLocalGP` that the map is opened as.
+            facts: other facts that are kept with the map.
+            progress: called with the number of images done in the current stage and of all.
 
         Raises:
-            UserError: there is no image, there are two at one pose, ``neighbours`` or ``blend`` is not a number of
-                images that the map has, or the covariance of neighbours is not positive definite.
+            UserError: there is no image, two are at one pose, ``neighbours`` or ``blend`` is not between 1 and the
+                number of images, or the covariance of neighbours is not positive definite.
             OSError: the folder cannot be written.
         """
         if not self.images:
@@ -163,7 +163,7 @@ class TiledMapBuilder:
             )
 
     def _append(self, name: str, array: ndarray) -> None:
-        """Write rows after those that are known of; whatever an interrupted call left there is overwritten."""
+        """Write rows after the recorded ones; what an interrupted call left there is overwritten."""
         path = self._incoming(name)
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("r+b" if path.is_file() else "wb") as file:
@@ -192,7 +192,7 @@ class TiledMapBuilder:
             self._note(stage="sorting", sorted=0)
         for start in range(int(self._state["sorted"]), self.images, BLOCK):
             block = order[start : start + BLOCK]
-            # opened for each block, so that pages of one are not held while the next ones are read
+            # reopened for each block, so that its pages are not held while the next ones are read
             come = np.memmap(self._incoming("descriptors"), np.float32, "r", shape=shape)
             self._write("descriptors", start, come[block.numpy()])
             self._note(sorted=start + len(block))
@@ -222,11 +222,11 @@ class TiledMapBuilder:
 
     def _prepare(self, kernel: PoseKernel, k: int, size: int, progress: Advance | None) -> None:
         settings = {"kernel": asdict(kernel) | {"length": list(kernel.length)}, "neighbours": k, "tile": size}
-        if self._state.get("settings") != settings:  # not begun, or begun with others
+        if self._state.get("settings") != settings:  # not begun, or begun with other settings
             for name, (shape, dtype) in self._caches(kernel, k).items():
                 _make_file(array_path(self.folder, name), shape, dtype)
             self._note(settings=settings, prepared=0)
-        # copied, so that tensors may be made of it; its pages are the file's until then
+        # copy-on-write, so that tensors can be made from it; unless written to, its pages are those of the file
         poses = torch.from_numpy(np.load(array_path(self.folder, "poses"), mmap_mode="c", allow_pickle=False))
         mean = torch.from_numpy(np.load(array_path(self.folder, "mean"), allow_pickle=False))
         tiles = Tiles(poses, kernel, size, least=k)

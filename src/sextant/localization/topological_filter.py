@@ -1,20 +1,20 @@
-r"""Where a robot is among the images of a map: Bayes' filter over them, as a hidden Markov model's forward pass.
+r"""A topological Bayes filter over the images of a map: the forward pass of a hidden Markov model.
 
-The state is an image i of the map. With the motion u since the step before, an image leads to those near
-:math:`x_i \circ u`, and with the chance :math:`\epsilon` the robot was carried to any of them:
+The state is an image i of the map. With the motion u since the previous step, an image leads to those near
+:math:`x_i \circ u`; with probability :math:`\epsilon` the robot was carried to any image:
 
 .. math:: \bar b_t(j) = \frac\epsilon n + (1 - \epsilon) \sum_i b_{t-1}(i)\, p(j \mid i, u), \qquad
    p(j \mid i, u) \propto e^{-\frac12 d^2(x_i \circ u,\; x_j)}, \qquad
    d^2(x, y) = \frac{\|x_{xy} - y_{xy}\|^2}{\sigma^2} + \frac{2(1 - \cos(x_\theta - y_\theta))}{\rho^2}.
 
-An image at the distance :math:`d_j` (of descriptors) from image j of the map weighs them by
+A query image at descriptor distance :math:`d_j` from image j of the map weighs them by
 
 .. math:: b_t(j) \propto \bar b_t(j)\, e^{-\lambda d_j}, \qquad \lambda = \frac{\log\delta}{q_{97.5} - q_{2.5}},
 
-with the quantiles of the distances of a drive's first image to all of the map: what is among the most alike images is
-:math:`\delta` times as likely as what is among the least alike. With :math:`\sigma`, half of the map's
-spacing, motions of a third of a spacing still add up, to 6 % less; :math:`\rho` is half of the turn between images at
-one place. A step costs O(n²).
+with the quantiles of the distances from a drive's first image to the whole map: an image among the most alike is
+:math:`\delta` times as likely as one among the least alike. :math:`\sigma` is half of the map's spacing, with which
+motions of a third of a spacing still add up, to 6 % less. :math:`\rho` is half of the turn between images at one place.
+A step costs O(n²).
 
 Sources: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic Visual Place Recognition for Hierarchical Localization", RA-L
 2021, for the likelihood and :math:`\delta = 5`; odometry in the transition as in M. Xu, T. Fischer, N. Sünderhauf,
@@ -35,18 +35,18 @@ from sextant.geometry.planar import se2_compose
 from sextant.localization.map_support import heading_reach, map_spacing
 from sextant.localization.recovery.recovery import check_share
 
-#: below, distances of images differ by rounding
+#: range of distances below which they differ by rounding only
 LEAST_RANGE = 1e-12
-#: standard deviations; further away all images are alike, whatever the motion
+#: distance in standard deviations beyond which all images are treated alike, whatever the motion
 FURTHEST = 1e150
 
 
 @dataclass(frozen=True)
 class TopologicalFilter:
-    r"""Steps of the filter; the belief is passed to each.
+    r"""The steps of the filter; the belief is passed to each step.
 
     Attributes:
-        poses: of the map's images: x, y in any unit and heading in rad.
+        poses: poses of the map's images: x, y in any unit and heading in rad.
         position_sigma: :math:`\sigma`, in the unit of positions.
         heading_sigma: :math:`\rho` in rad.
         jump: :math:`\epsilon` in (0, 1).
@@ -85,7 +85,7 @@ class TopologicalFilter:
 
     @classmethod
     def of(cls, poses: Float64[Tensor, "n 3"], jump: float = 1e-3) -> Self:
-        """With the scales of the map's own spacing."""
+        """A filter with scales from the map's own spacing."""
         return cls(poses, map_spacing(poses.double()) / 2, heading_reach(poses.double()), jump)
 
     def uniform(self) -> Float64[Tensor, " n"]:
@@ -96,11 +96,11 @@ class TopologicalFilter:
         r"""The belief :math:`\bar b_t` after a motion, before anything is seen.
 
         Args:
-            belief: before, of sum one.
-            motion: dx, dy in the unit of the map and dtheta in rad since then, in the robot's frame then.
+            belief: belief before the motion, which sums to one.
+            motion: dx, dy in the unit of the map and dtheta in rad, in the robot's frame before the motion.
 
         Raises:
-            ArgumentError: the motion is not three finite numbers, or the belief is not of the map's images.
+            ArgumentError: the motion is not three finite numbers, or the belief is not over the map's images.
         """
         if belief.shape != (len(self.poses),) or not bool(belief.isfinite().all()):
             raise ArgumentError(
@@ -120,11 +120,11 @@ class TopologicalFilter:
     def step(
         self, belief: Float64[Tensor, " n"], motion: Sequence[float], distances: Float[Tensor, " n"], rate: float
     ) -> Float64[Tensor, " n"]:
-        r"""Move and look: the belief :math:`b_t`.
+        r"""The belief :math:`b_t` after a motion and an observation.
 
         Args:
             belief, motion: as for :meth:`moved`.
-            distances: of the image's descriptor from those of the map, in its order.
+            distances: distances of the image's descriptor from those of the map, in the map's order.
             rate: :math:`\lambda`, from :func:`likelihood_rate` of the first image.
 
         Raises:
@@ -142,10 +142,10 @@ class TopologicalFilter:
 
 
 def likelihood_rate(distances: Float[Tensor, " n"], odds: float = 5.0) -> float:
-    r""":math:`\lambda` by the distances of an image from all of a map; 0 if they are all alike.
+    r"""The rate :math:`\lambda`, from the distances of an image to all of a map; 0 if they are all equal.
 
     Args:
-        distances: of descriptors.
+        distances: distances of descriptors.
         odds: :math:`\delta`, above 1.
 
     Raises:

@@ -1,4 +1,4 @@
-"""A belief that an observation weighs, as recoveries see it."""
+"""A belief weighed by an observation, as recoveries see it."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ class Weighed:
 
     Attributes:
         belief: after the motion, before the observation.
-        log_likelihood: :math:`l(z | x)` of each particle; 0 in runs that saw nothing, -inf where it was not a number.
+        log_likelihood: :math:`l(z | x)` of each particle; 0 in runs that saw nothing, -inf where it is not finite.
         seen: which runs saw something.
         evidence: what they saw.
     """
@@ -28,7 +28,7 @@ class Weighed:
 
     @classmethod
     def of(cls, belief: Belief, evidence: Evidence, seen: Bool[Tensor, "r"] | None) -> "Weighed":
-        """Ask the evidence at every particle; ``seen`` None means all runs."""
+        """Evaluate the evidence at every particle; ``seen`` None means all runs."""
         runs = len(belief.log_weights)
         seen = torch.ones(runs, dtype=torch.bool, device=belief.poses.device) if seen is None else seen
         told = evidence.log_likelihood(belief.poses)
@@ -47,5 +47,5 @@ class Weighed:
 
     @property
     def particles(self) -> Int64[Tensor, "r"]:
-        """How many carried weight before the observation."""
+        """The number of particles that carried weight before the observation."""
         return (self.belief.log_weights > -torch.inf).sum(1)

@@ -1,8 +1,8 @@
-"""Training losses: of a calibrated camera, by its parameters or by the rays of its pixels; of place descriptors.
+"""Training losses for camera calibration, by parameters or by the rays of pixels, and for place descriptors.
 
-A loss of calibration takes what a network predicts and the truth, ``(b, 4)`` each in the numbers of a
-:class:`~sextant.geometry.ParameterSpace`, with the aspects of the images, and returns one value an image. A loss of
-places takes the descriptors of a batch, ``(b, d)``, and which of them show one place.
+A calibration loss takes a network's prediction and the ground truth, each ``(b, 4)`` in the numbers of a
+:class:`~sextant.geometry.ParameterSpace`, with the aspects of the images, and returns one value per image. A place loss
+takes the descriptors of a batch, ``(b, d)``, and which of them show the same place.
 """
 
 from sextant.losses.bearing import BearingLoss

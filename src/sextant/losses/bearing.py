@@ -1,13 +1,13 @@
-r"""The bearing loss: how far the rays of the image's points turn when the predicted camera replaces the true one.
+r"""The bearing loss: how far the rays of image points turn when the predicted camera replaces the true one.
 
-A point :math:`u_i` of the image has in the gravity frame the bearing :math:`p_i(\Omega) = R(\theta, \psi)\, c_i`, with
+In the gravity frame, an image point :math:`u_i` has the bearing :math:`p_i(\Omega) = R(\theta, \psi)\, c_i`, with
 c_i its unit ray in the camera frame. Over a regular grid of n points
 
 .. math:: L(\hat\Omega, \Omega) = \frac1n \sum_i \|p_i(\hat\Omega) - p_i(\Omega)\|^2 .
 
-The four numbers so share one unit that means something, but they can make up for each other's errors. The
-*disentangled* loss takes that way out: for each number a, only a is taken from the prediction and the other three from
-the truth, :math:`L^* = \sum_a w_a L_a`, with :math:`w_a = \frac14`. The *harmonic* one weighs by :math:`w_a \propto
+This gives the four numbers one meaningful unit, but they can compensate for each other's errors. The *disentangled*
+loss prevents this: for each number a, only a is taken from the prediction and the other three from the ground truth,
+:math:`L^* = \sum_a w_a L_a`, with :math:`w_a = \frac14`. The *harmonic* one uses the weights :math:`w_a \propto
 1/S_a`, with S_a the mean of L_a when a runs over its range, so that all four learn at the same pace.
 
 Source: M. Lopez-Antequera et al., "Deep single image camera calibration with radial distortion", CVPR 2019, section 4;
@@ -45,7 +45,7 @@ def world_bearings(
     tilt, roll, focal, k1 = camera
     rays = perspective_bearings(grid, focal[..., None], k1[..., None], parameterization.k2(k1)[..., None])
     rotation = rotation_from_tilt_roll(tilt, roll)[..., None, :, :]  # (*b, 1, 3, 3)
-    return (rotation * rays[..., None, :]).sum(-1)  # products and sums, as mixed precision would round a matmul
+    return (rotation * rays[..., None, :]).sum(-1)  # products and sums, since mixed precision would round a matmul
 
 
 class BearingLoss(CameraLoss):
@@ -57,7 +57,7 @@ class BearingLoss(CameraLoss):
         grid: points along each side of the image.
 
     Raises:
-        UserError: the mode is unknown or the grid has fewer than 2 points a side.
+        UserError: the mode is unknown or the grid has fewer than 2 points per side.
 
     Example:
         >>> cameras = torch.tensor([[0.0, 0.0, 100.0, 0.0], [0.1, 0.0, 100.0, 0.0]])  # f = 100 image heights
@@ -107,9 +107,9 @@ def one_at_a_time(
     parameterization: Parameterization,
     grid: Float[Tensor, "b n 2"],
 ) -> Float[Tensor, "b 4"]:
-    """Bearing difference when one number is the predicted one and the other three are true, for each of the four.
+    """Bearing difference with one number predicted and the other three true, for each of the four.
 
-    Replaced in the numbers that the network predicts: a wrong vfov beside a true rho moves the tilt as well.
+    The replacement is in the numbers that the network predicts: a wrong vfov beside a true rho moves the tilt as well.
     """
     alone = torch.eye(4, dtype=torch.bool, device=truth.device)
     mixed = torch.where(alone, predicted[:, None], truth[:, None])  # (b, 4 replaced, 4 numbers)
@@ -117,10 +117,11 @@ def one_at_a_time(
 
 
 def harmonic_weights(space: ParameterSpace, grid: int = 7, aspect: float = 4 / 3) -> Float[Tensor, "4"]:
-    """Weights that sum to 1 and go with ``1 / S_a``, S_a the mean of L_a as a runs over its range.
+    """Weights proportional to ``1 / S_a`` that sum to 1, with S_a the mean of L_a as a runs over its range.
 
-    The other three numbers, and the truth, are in the middle of theirs. A number whose whole range turns the rays by
-    less than :data:`STILL` gets weight 0: it is as good as given, and 1 / S_a would leave nothing for the others.
+    The other three numbers, and the ground truth, are in the middle of their ranges. A number whose whole range turns
+    the rays by less than :data:`STILL` gets weight 0: it is practically fixed, and 1 / S_a would leave nothing for the
+    others.
     """
     low, high = space.low.double(), space.high.double()
     share = torch.linspace(0, 1, STEPS, dtype=low.dtype, device=low.device)[:, None]

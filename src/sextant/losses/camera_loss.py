@@ -1,4 +1,4 @@
-"""What every loss of a predicted camera offers to the task that trains with it."""
+"""The interface of every loss of a predicted camera to the task that trains with it."""
 
 from abc import abstractmethod
 
@@ -28,5 +28,5 @@ class CameraLoss(nn.Module):
 
 
 def at_least_single(*values: Tensor) -> tuple[Tensor, ...]:
-    """Values in float32 or wider: what a network says in half precision is compared in single."""
+    """Values in float32 or wider: a network's outputs in half precision are compared in single precision."""
     return tuple(value.to(torch.promote_types(value.dtype, torch.float32)) for value in values)

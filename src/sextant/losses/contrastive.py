@@ -1,8 +1,8 @@
-r"""The contrastive loss, over pairs: positives together, negatives at least a margin apart.
+r"""The contrastive loss over pairs: it pulls positives together and pushes negatives at least a margin apart.
 
 .. math:: L = \tfrac12 \operatorname{mean}_{+} d^2 + \tfrac12 \operatorname{mean}_{-} \max(0, \alpha - d)^2
 
-Each mean is over its own sort of pairs, since a batch has many times more negatives; one that has none counts 0.
+Each mean is over its own kind of pairs, since a batch has many times more negatives; the mean of no pairs is 0.
 
 Source: R. Hadsell et al., "Dimensionality reduction by learning an invariant mapping", CVPR 2006.
 """
@@ -16,10 +16,10 @@ from sextant.losses.place_loss import Pairing, PlaceLoss, PlaceLossOutput, as_re
 
 
 class ContrastiveLoss(PlaceLoss):
-    """The contrastive loss; see the module. Active is the share of negative pairs nearer than the margin.
+    """The contrastive loss; see the module. ``active`` is the share of negative pairs nearer than the margin.
 
     Args:
-        margin: in the unit of the descriptors, above 0.
+        margin: distance in the unit of the descriptors, above 0.
 
     Raises:
         UserError: the margin is not positive.

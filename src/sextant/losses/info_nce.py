@@ -1,4 +1,4 @@
-r"""InfoNCE: the negative log of the probability that an anchor's likeliest image is one of its place.
+r"""InfoNCE: the negative log of the probability that an anchor's likeliest image shows its place.
 
 With the cosine similarity :math:`s_{ij}` and temperature T, for every anchor i with a positive and a negative
 
@@ -21,8 +21,9 @@ from sextant.losses.place_loss import Pairing, PlaceLoss, PlaceLossOutput, as_re
 
 
 class InfoNCELoss(PlaceLoss):
-    """InfoNCE over the pairs of a batch; see the module. Active is the share of anchors with a negative before all
-    their positives.
+    """InfoNCE over the pairs of a batch; see the module.
+
+    ``active`` is the share of anchors with a negative at least as similar as all their positives.
 
     Args:
         temperature: T, above 0.

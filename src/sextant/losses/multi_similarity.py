@@ -1,11 +1,11 @@
 r"""The multi-similarity loss.
 
-With the cosine similarity :math:`s_{ij}`, of anchor i
+With the cosine similarity :math:`s_{ij}`, the loss of anchor i is
 
 .. math:: L_i = \frac1\alpha \log\Big(1 + \sum_{j \in +} e^{-\alpha (s_{ij} - \lambda)}\Big)
               + \frac1\beta \log\Big(1 + \sum_{j \in -} e^{\beta (s_{ij} - \lambda)}\Big),
 
-averaged over all images of the batch, also those without a pair, whose loss is 0. Only pairs that tell something are
+averaged over all images of the batch, including those without a pair, whose loss is 0. Only informative pairs are
 kept: positives less similar than the most similar negative plus :math:`\epsilon`, negatives more similar than the least
 similar positive minus :math:`\epsilon`. Pairs are those of a relation, in which images may be ignored.
 
@@ -23,13 +23,13 @@ from sextant.retrieval import Relation
 
 
 class MultiSimilarityLoss(PlaceLoss):
-    """The multi-similarity loss; see the module. Active is the share of the pairs that the mining keeps.
+    """The multi-similarity loss; see the module. ``active`` is the share of the pairs that the mining keeps.
 
     Args:
         alpha: weight of positives, above 0.
         beta: weight of negatives, above 0.
         base: the similarity λ that positives should exceed and negatives stay below, in [-1, 1].
-        epsilon: of the mining of pairs; None keeps all.
+        epsilon: margin for the mining of pairs; None keeps all.
 
     Raises:
         UserError: a parameter is out of its range.
@@ -67,13 +67,13 @@ class MultiSimilarityLoss(PlaceLoss):
 
 
 def _log_of_one_plus_sum(exponents: Float[Tensor, "b b"], chosen: Bool[Tensor, "b b"]) -> Float[Tensor, "b"]:
-    """The log of 1 and of the exponentials of the chosen entries of each row, without overflow."""
+    """Log of 1 plus the exponentials of each row's chosen entries, without overflow."""
     return torch.logsumexp(F.pad(exponents.masked_fill(~chosen, -torch.inf), (1, 0)), dim=1)
 
 
 @torch.no_grad()
 def informative_pairs(descriptors: Float[Tensor, "b d"], relation: Relation, epsilon: float) -> Relation:
-    """The pairs that the multi-similarity loss learns from; anchors that lack either sort have none."""
+    """The pairs that the multi-similarity loss learns from; anchors without positives or negatives have none."""
     unit = F.normalize(descriptors, dim=1)
     similarity = unit @ unit.T
     best_wrong = similarity.masked_fill(~relation.negative, -torch.inf).amax(1, keepdim=True)

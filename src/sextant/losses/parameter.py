@@ -1,7 +1,7 @@
 r"""Losses on the parameters themselves: :math:`\frac14 \sum_a h(s_a(\hat a - a))` over the four numbers.
 
-The scale :math:`s_a` is the question: in ``raw`` units (degrees, and the focal length in pixels of an image 224 high)
-the large numbers drown the small ones; ``range`` divides by the width of each number's range; ``natural`` takes
+The losses differ in the scale :math:`s_a`: in ``raw`` units (degrees, and the focal length in pixels of an image 224
+high) the large numbers drown the small ones; ``range`` divides by the width of each number's range; ``natural`` takes
 radians and image heights as they are.
 """
 
@@ -24,7 +24,7 @@ RAW = {"focal": RAW_HEIGHT_PX, "k1": 1.0, "k1_hat": 1.0, "rho": RAW_HEIGHT_PX, "
 
 
 class ParameterLoss(CameraLoss):
-    r"""Squares or Huber's penalty of the errors of the four numbers.
+    r"""Squared or Huber penalty on the errors of the four numbers.
 
     ``l2``: :math:`h(e) = e^2`. ``huber``: :math:`h(e) = \tfrac12 e^2` for :math:`|e| \le \delta`, else
     :math:`\delta(|e| - \tfrac12 \delta)`, twice over, so that it equals ``l2`` near 0.

@@ -1,8 +1,8 @@
-r"""What losses of place descriptors share: pairs or triplets in, one number and the share that pulls on it out.
+r"""What losses of place descriptors share: they map pairs or triplets to one number and the share that is active.
 
 A triplet is an anchor, a positive of its place and a negative of another. With f the descriptors,
-:math:`d_+ = \|f_a - f_p\|` and :math:`d_- = \|f_a - f_n\|`. At two equal descriptors the distance has no gradient; its
-subgradient 0 is taken.
+:math:`d_+ = \|f_a - f_p\|` and :math:`d_- = \|f_a - f_n\|`. Where two descriptors are equal the distance has no
+gradient, and its subgradient 0 is taken.
 """
 
 from abc import abstractmethod
@@ -19,11 +19,11 @@ Pairing: TypeAlias = Relation | Int64[Tensor, "t 3"]
 
 
 class PlaceLossOutput(NamedTuple):
-    """A loss, and how much of what was asked still takes part in it.
+    """A loss, and the share of its triplets or pairs that still contribute.
 
     Attributes:
-        value: the loss, to be minimised. 0, with a gradient of 0, where there was nothing to compare.
-        active: share of triplets or pairs that are not yet as the loss wants them; each loss says which. 0 for none.
+        value: the loss, to be minimised; 0, with a gradient of 0, where there was nothing to compare.
+        active: share of triplets or pairs that do not yet satisfy the loss; each loss says which. 0 if there are none.
     """
 
     value: Float[Tensor, ""]
@@ -38,7 +38,7 @@ class PlaceLoss(nn.Module):
         """Loss of descriptors, and the share that is active.
 
         Args:
-            descriptors: one a row; half precision is computed in single.
+            descriptors: one per row; half precision is computed in single.
             pairing: a square relation of the batch, of which every pair or triplet counts, or mined triplets.
 
         Raises:
@@ -56,7 +56,7 @@ class TripletLoss(PlaceLoss):
         """Loss of each triplet, and whether it is active."""
 
     def forward(self, descriptors: Float[Tensor, "b d"], pairing: Pairing) -> PlaceLossOutput:
-        """Mean loss over the triplets; of a relation, over all it has."""
+        """Mean loss over the triplets, or over all triplets of a relation."""
         check_pairing(descriptors, pairing)
         triplets = all_triplets(pairing) if isinstance(pairing, Relation) else pairing
         if len(triplets) == 0:
@@ -68,13 +68,13 @@ class TripletLoss(PlaceLoss):
 
 
 def pairwise_distances(descriptors: Float[Tensor, "b d"]) -> Float[Tensor, "b b"]:
-    """Euclidean distances in float32 or wider, by differences, so that those of near descriptors keep their digits."""
+    """Euclidean distances in float32 or wider, by differences, so that near descriptors lose no digits."""
     wide = descriptors.to(torch.promote_types(descriptors.dtype, torch.float32))
     return torch.cdist(wide, wide, compute_mode="donot_use_mm_for_euclid_dist")
 
 
 def as_relation(descriptors: Float[Tensor, "b d"], pairing: Pairing) -> Relation:
-    """The pairs of a pairing: of triplets, each anchor with its positive and with its negative, once.
+    """The pairs of a pairing; triplets give each anchor with its positive and with its negative, once.
 
     Raises:
         ValueError: the pairing is not of this batch, or a pair is positive in one triplet and negative in another.

@@ -1,13 +1,13 @@
-r"""How far gravity, focal length and distortion of a camera are off, each on its own and by its size.
+r"""Errors of a camera's gravity direction, focal length and distortion, each on its own and by its size.
 
 .. math:: L = \rho(\hat g - g) + w_f\, \rho(\ln \hat f - \ln f)
           + w_k \frac1n \sum_i \rho\big(c_i(f, \hat k_1) - c_i(f, k_1)\big), \qquad
           \rho(e) = \sqrt{|e|^2 + \epsilon^2} - \epsilon ,
 
-with g the direction of up in the camera frame and :math:`c_i` the unit rays of a grid of image points. Where a camera
-looks steeply down its roll hardly moves g and so hardly counts, which a loss of the roll itself does not know; and no
-heading is asked for. Errors count by their size, not its square: it is medians that are learnt, and a crop that shows
-nothing of its camera does not drown the others.
+with g the up direction in the camera frame and :math:`c_i` the unit rays of a grid of image points. Where a camera
+looks steeply down, its roll hardly moves g and so hardly counts; a loss of the roll itself ignores this. No heading is
+needed. Errors count by their size rather than its square, so that medians are learnt and a crop that shows nothing of
+its camera does not drown the others.
 """
 
 from jaxtyping import Float
@@ -28,8 +28,8 @@ class PoseLensLoss(CameraLoss):
 
     Args:
         space: the parameterization and its ranges.
-        focal_weight: of the log of the focal length.
-        bend_weight: of the rays that a wrong distortion turns.
+        focal_weight: weight of the error in the log of the focal length.
+        bend_weight: weight of the turn of rays by a wrong distortion.
 
     Example:
         >>> import torch

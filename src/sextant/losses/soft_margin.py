@@ -1,7 +1,7 @@
-r"""The soft margin: :math:`L = \log(1 + e^{s (d_+ - d_-)})`, which never quite stops pulling.
+r"""The soft-margin loss: :math:`L = \log(1 + e^{s (d_+ - d_-)})`, whose gradient never quite vanishes.
 
 Source: A. Hermans et al., "In defense of the triplet loss for person re-identification", 2017, with s = 1. Distances of
-unit vectors are at most 2, where s = 1 leaves a loss of at least log(1 + e⁻²) = 0.13; a larger s lets it end.
+unit vectors are at most 2, where s = 1 leaves a loss of at least log(1 + e⁻²) = 0.13; a larger s takes it closer to 0.
 """
 
 import torch.nn.functional as F
@@ -13,7 +13,7 @@ from sextant.losses.place_loss import TripletLoss
 
 
 class SoftMarginLoss(TripletLoss):
-    """The soft margin; see the module. A triplet counts as active while ``d- <= d+``: its order is wrong.
+    """The soft-margin loss; see the module. A triplet counts as active while ``d- <= d+``: its order is wrong.
 
     Args:
         scale: s, above 0.

@@ -1,6 +1,6 @@
-r"""The margin loss: :math:`L = \max(0,\; d_+ - d_- + \alpha)`, or with the squares of both distances.
+r"""The triplet margin loss: :math:`L = \max(0,\; d_+ - d_- + \alpha)`, or the same with both distances squared.
 
-The squares pull hardest on what is furthest apart, the distances on all alike.
+Squares pull hardest on what is furthest apart, distances on all alike.
 
 Sources: K. Weinberger, L. Saul, "Distance metric learning for large margin nearest neighbor classification", JMLR 2009;
 F. Schroff et al., "FaceNet", CVPR 2015 (squares).
@@ -17,7 +17,7 @@ class TripletMarginLoss(TripletLoss):
     """The margin loss; see the module. A triplet is active while its loss is above 0.
 
     Args:
-        margin: in the unit of the descriptors, or of their squares; above 0. Of unit vectors distances are at most 2.
+        margin: in the unit of the descriptors, or of their squares; above 0. Distances of unit vectors are at most 2.
         squared: compare squared distances.
 
     Raises:

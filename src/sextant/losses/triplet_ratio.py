@@ -1,12 +1,12 @@
-r"""The ratio loss: of each triplet
+r"""The ratio loss, for each triplet
 
 .. math:: L = \max\left(0,\; 1 - \frac{d_-}{d_+ + m}\right) + w\, d_+^2 .
 
-It lies in [0, 1] but for the pair term, is active while :math:`d_- < d_+ + m`, and has the derivatives
+Apart from the pair term it lies in [0, 1], is active while :math:`d_- < d_+ + m`, and has the derivatives
 :math:`\partial L/\partial d_- = -1/(d_+ + m)` and :math:`\partial L/\partial d_+ = d_-/(d_+ + m)^2`. As m goes to 0 it
 depends on the ratio alone, so that descriptors need no normalisation; but near :math:`d_+ = 0` the gradient grows like
-:math:`1/m`, hence :data:`SMALLEST_MARGIN`. The pair term, which the sum of the source has with w = 1, keeps the
-descriptors of one place together; without it the loss does not bound their size.
+:math:`1/m`, hence :data:`SMALLEST_MARGIN`. The pair term, which the source has with w = 1, keeps the descriptors of one
+place together; without it the loss does not bound their size.
 
 Source: P. Wohlhart, V. Lepetit, "Learning descriptors for object recognition and 3D pose estimation", CVPR 2015, whose
 loss M. Lopez-Antequera et al., "Appearance-invariant place recognition by discriminatively training a convolutional

@@ -1,4 +1,4 @@
-"""Networks. Each backbone is built from ``in_channels``, ``image_size`` and ``num_classes``, the outputs it gives."""
+"""Networks. Each backbone is built from ``in_channels``, ``image_size`` and ``num_classes``, its number of outputs."""
 
 from sextant.models.alexnet_cifar import AlexNetCifar
 from sextant.models.caffenet import CaffeNet

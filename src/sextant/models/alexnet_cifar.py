@@ -1,6 +1,6 @@
-"""AlexNet for images of 32x32 pixels, whose errors under corruption others are divided by.
+"""AlexNet for images of 32x32 pixels, the baseline that the corruption errors of other networks are divided by.
 
-Of this network the push-pull paper states that all kernels are 3x3, that the first convolution has stride 2, and that
+The push-pull paper states that all kernels of this network are 3x3, that the first convolution has stride 2, and that
 1024 numbers enter the fully connected layers. Widths, pooling, hidden layers and dropout are not published; AlexNet's
 own widths with three 2x2 poolings give 256 x 2 x 2 = 1024. No weights are published either: the paper's *errors* are in
 :mod:`sextant.evaluation.classification.corruption_baseline`.
@@ -27,7 +27,7 @@ class AlexNetCifar(nn.Module):
         num_classes: number of logits.
         hidden: units of the two hidden layers.
         dropout: share of the inputs of each hidden layer that training drops.
-        mean, std: of the training images by channel; by default those of CIFAR-10 for three channels.
+        mean, std: statistics of the training images by channel; by default those of CIFAR-10 for three channels.
 
     Raises:
         ValueError: the image is too small for the poolings, or ``dropout`` is not in [0, 1].

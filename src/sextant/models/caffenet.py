@@ -1,9 +1,9 @@
 """The convolutions of CaffeNet, the AlexNet that comes with Caffe, which can be cut off after any layer.
 
-Lopez-Antequera et al. 2017 cut a CaffeNet trained for objects within its convolutions and put one fully connected layer
-on top; :class:`~sextant.models.FeatureMap` cuts after ``features.conv4``, say. After which convolution they cut is not
-known to us. Pooling comes before local response normalisation, which is the difference to A. Krizhevsky et al. 2012.
-For pretrained weights there is torchvision's ``alexnet``, a variant of 2014.
+Lopez-Antequera et al. 2017 cut off a CaffeNet trained on objects within its convolutions and put one fully connected
+layer on top; :class:`~sextant.models.FeatureMap` can cut it off, for example, after ``features.conv4``. We do not know
+after which convolution they did. Unlike in A. Krizhevsky et al. 2012, pooling comes before local response
+normalisation. For pretrained weights there is torchvision's ``alexnet``, a variant of 2014.
 
 Source: Y. Jia et al., "Caffe: convolutional architecture for fast feature embedding", 2014, bvlc_reference_caffenet.
 """

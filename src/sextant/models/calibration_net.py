@@ -1,4 +1,4 @@
-"""From an image to the four numbers of a camera, each with how far off it may be."""
+"""From an image to the four numbers of a camera, each with its expected error."""
 
 from typing import NamedTuple
 
@@ -11,15 +11,15 @@ from sextant.models.canvas import pictures_on_canvas
 from sextant.models.trunk_input import standardized_before
 
 HIDDEN = 64
-#: of the log of a predicted scale: e^-7 rad is 0.05 degrees, e^2 is beyond any range
+#: range of the log of a predicted scale: e^-7 rad is 0.05 degrees, e^2 is beyond any range
 LOG_SCALE = (-7.0, 2.0)
 
 
 class CalibrationOutput(NamedTuple):
-    """What the network says.
+    """The network's prediction.
 
     Attributes:
-        unit: the four numbers along their ranges, each in (0, 1).
+        unit: the four numbers as positions within their ranges, each in (0, 1).
         log_scale: log of the expected absolute error of tilt, roll, vfov (radians) and apparent distortion.
     """
 
@@ -28,7 +28,7 @@ class CalibrationOutput(NamedTuple):
 
 
 def coordinate_channels(height: int, width: int, aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 3 height width"]:
-    """Where each pixel lies: u, v in image heights from the centre, and u² + v²; ``aspect`` is width over height.
+    """Coordinates of each pixel: u, v in image heights from the centre, and u² + v²; ``aspect`` is width over height.
 
     Source: R. Liu et al., "An intriguing failing of convolutional neural networks and the CoordConv solution", 2018.
 
@@ -45,14 +45,14 @@ def coordinate_channels(height: int, width: int, aspect: Float[Tensor, "b"]) -> 
 class CalibrationNet(nn.Module):
     """A backbone with a head for each of the four numbers, and one for each expected error.
 
-    The heads of the expected errors see the features but do not shape them: with them or without, the same camera is
-    predicted.
+    The heads of the expected errors see the features but do not shape them: the predicted camera is the same with and
+    without them.
 
     Args:
         backbone: maps ``(b, c, h, w)`` to ``features`` numbers; c is 6 with ``coordinates``, else 3.
-        features: how many.
+        features: number of features.
         coordinates: append the channels of :func:`coordinate_channels`.
-        lines: the images are squares with pictures in their middles, low-passed to so many lines a side
+        lines: the images are squares with pictures in their middles, low-passed to this many lines per side
             (:mod:`sextant.models.canvas`); None for pictures squashed to the input.
 
     Example:
@@ -80,7 +80,7 @@ class CalibrationNet(nn.Module):
         if self.coordinates:
             x = torch.cat([x, coordinate_channels(images.shape[-2], images.shape[-1], aspect.to(x))], 1)
         features = F.relu(self.backbone(x.contiguous(memory_format=torch.channels_last)))
-        # a camera is computed in single precision, whatever the network was: of three digits tilt would lose degrees
+        # a camera is computed in single precision, whatever the network's: with three digits tilt would lose degrees
         unit = torch.sigmoid(torch.cat([head(features) for head in self.values], 1).float())
         log_scale = torch.cat([head(features.detach()) for head in self.scales], 1).float()
         return CalibrationOutput(unit, log_scale.clamp(*LOG_SCALE))

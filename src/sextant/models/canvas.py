@@ -1,9 +1,9 @@
-r"""What a network sees of pictures in squares: no more detail than it was trained on, and grey around the picture.
+r"""Pictures in squares, as a network sees them: with no more detail than it was trained on, and grey around them.
 
-The picture is low-passed by a Gaussian that leaves a tenth of a wave of ``lines`` / 2 periods a side,
-:math:`\sigma = \frac{\sqrt{2 \ln 10}}{\pi} \frac{N}{\text{lines}}` pixels of N. A network that sees finer than its
-training crops are sharp reads the lens off their sharpness: of long lenses they are enlarged, and photos never are.
-Near the picture's border the mean is that over its own pixels, so that nothing of what lies outside gets in.
+The picture is low-passed by a Gaussian that leaves a tenth of a wave of ``lines`` / 2 periods per side,
+:math:`\sigma = \frac{\sqrt{2 \ln 10}}{\pi} \frac{N}{\text{lines}}` pixels of N. A network that sees finer detail than
+its training crops contain reads the lens off their sharpness: crops of long lenses are enlarged, photos never are.
+Near the picture's border the mean is over its own pixels only, so that nothing from outside leaks in.
 """
 
 import math
@@ -25,19 +25,19 @@ def low_pass_sigma(side: int, lines: float) -> float:
 def pictures_on_canvas(
     images: Float[Tensor, "b c n n"], aspect: Float[Tensor, "b"], lines: float
 ) -> Float[Tensor, "b c n n"]:
-    """Squares with pictures of these aspects in their middles, low-passed, and 0 around them."""
+    """Squares with low-passed pictures of these aspects in their middles, and 0 around them."""
     side = images.shape[-1]
     sizes = [picture_size(side, shape) for shape in aspect.tolist()]
     means = {count: _means(side, count, low_pass_sigma(side, lines)).to(images) for count in set(chain(*sizes))}
     across, down = (torch.stack([means[count] for count in counts])[:, None] for counts in zip(*sizes, strict=True))
-    with torch.autocast(images.device.type, enabled=False):  # three digits would be seen as steps
+    with torch.autocast(images.device.type, enabled=False):  # with three digits, steps would show
         return down @ images @ across.mT
 
 
 def pictures_of_canvas(
     images: Float[Tensor, "b c n n"], aspect: Float[Tensor, "b"], lines: float
 ) -> Iterator[Float[Tensor, "1 c _ _"]]:
-    """The same pictures one by one, without what is around them."""
+    """The same pictures one by one, without what surrounds them."""
     side = images.shape[-1]
     for image, shape in zip(pictures_on_canvas(images, aspect, lines), aspect.tolist(), strict=True):
         columns, rows = picture_size(side, shape)
@@ -46,7 +46,7 @@ def pictures_of_canvas(
 
 
 def _means(side: int, count: int, sigma: float) -> Float[Tensor, "n n"]:
-    """What each of the ``count`` middle pixels of a line of ``side`` is the mean of; the others are 0."""
+    """Weights of the means that give the ``count`` middle pixels of a line of ``side``; the others are 0."""
     place = torch.arange(side) + 0.5 - side / 2
     inside = (place.abs() < count / 2).double()
     weights = torch.exp(-0.5 * ((place[:, None] - place) / sigma).square()).double() * inside

@@ -1,6 +1,6 @@
 """The convolutional layers that the small networks share.
 
-Group normalisation judges each image alone, so that batches may be of any size and mix conditions.
+Group normalisation treats each image alone, so that batches may be of any size and mix conditions.
 
 Source: Y. Wu, K. He, "Group normalization", ECCV 2018.
 """
@@ -14,9 +14,9 @@ def convolutions(channels: int, widths: tuple[int, ...], strides: tuple[int, ...
     """3x3 convolutions, each followed by group normalisation in groups of eight channels and ReLU.
 
     Args:
-        channels: of the input.
+        channels: channels of the input.
         widths: channels of the layers, multiples of 8.
-        strides: of the layers.
+        strides: strides of the layers.
 
     Raises:
         ValueError: a width is not a multiple of 8, or widths and strides differ in number.

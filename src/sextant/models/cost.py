@@ -1,13 +1,13 @@
-r"""What a network costs: parameters, and multiplications with addition (MACs) for one image.
+r"""The cost of a network: its parameters, and the multiply-accumulate operations (MACs) for one image.
 
-Per output pixel a convolution with C input and O output channels, g groups and an :math:`s \times s` kernel takes
-:math:`O C s^2 / g` MACs, a linear layer as many as it has weights. Push-pull adds for its K x K pull kernel
+Per output pixel, a convolution with C input and O output channels, g groups and an :math:`s \times s` kernel takes
+:math:`O C s^2 / g` MACs; a linear layer takes as many as it has weights. For its K x K pull kernel, push-pull adds
 
 .. math:: O C K^2 / g \quad\text{(direct)}, \qquad O C s^2 / g + C (1 + s) a \quad\text{(factorised)},
 
-with a the entries other than zero of the s x K interpolation matrix A: as the pull kernel is :math:`A^T W A`, its
-response is a sum over :math:`s^2` separable responses of the input. With h = 1 pull and push are one convolution. This
-is what the arithmetic needs: an implementation may multiply by zeros as well, if that is faster, and with a stride the
+with a the number of nonzero entries of the s x K interpolation matrix A: as the pull kernel is :math:`A^T W A`, its
+response is a sum over :math:`s^2` separable responses of the input. With h = 1, pull and push are one convolution. This
+is what the arithmetic needs: an implementation may also multiply by zeros if that is faster, and with a stride the
 first of the two separable passes runs over more pixels than the output has. The layer of 2024 adds :math:`O C s^2 / g`
 with a second convolution (direct) or :math:`C s^2` for the sum over the window that replaces it (factorised).
 
@@ -43,8 +43,8 @@ class NetworkCost:
     """Cost of a network for one image.
 
     Attributes:
-        parameters: numbers that training changes; parameters that two layers share count once.
-        layers: by layer, in the order of the first pass; a layer that runs twice counts twice.
+        parameters: number of trainable parameters; those that two layers share count once.
+        layers: cost of each layer, in the order of the pass; a layer that runs twice counts twice.
         uncounted: paths of modules with parameters for which there is no rule; ``macs`` is too low if there are any.
     """
 
@@ -136,7 +136,7 @@ def pull_macs_per_pixel(layer: PushPullConv2d | PushPullAvgConv2d, pull: Pull = 
 
 
 def interpolation_entries(size: int, stretched: int) -> int:
-    """Entries other than zero of the matrix that interpolates ``size`` samples to ``stretched``, corners aligned.
+    """Number of nonzero entries of the matrix that interpolates ``size`` samples to ``stretched``, corners aligned.
 
     A stretched sample falls onto a sample (one entry) or between two: sizes 3 and 7 give 3 + 5 + 3 = 11.
     """

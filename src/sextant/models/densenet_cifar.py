@@ -54,7 +54,7 @@ class Transition(nn.Module):
 class DenseNetCifar(nn.Module):
     """A 3x3 convolution, three dense blocks of (depth - 4) / 6 layers with transitions, the mean, a linear layer.
 
-    The paper's are 40-12, 100-12 and 100-24 (depth-growth).
+    The paper's networks are 40-12, 100-12 and 100-24 (depth-growth).
 
     Args:
         in_channels: channels of the image.
@@ -62,7 +62,7 @@ class DenseNetCifar(nn.Module):
         num_classes: number of logits.
         depth: layers with weights; 4 more than a multiple of 6.
         growth: channels that each dense layer adds.
-        mean, std: of the training images by channel; by default those of CIFAR-10 for three channels.
+        mean, std: statistics of the training images by channel; by default those of CIFAR-10 for three channels.
 
     Raises:
         ValueError: there is no such depth, the growth is not positive, or the image is too small.

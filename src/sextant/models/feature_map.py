@@ -1,7 +1,7 @@
 """The feature map within a classification network: what comes before its pooling and its classes.
 
-The network is run as it is, up to the layer that is asked for; its own code decides how. Layers that are not reached
-are dropped, so that they neither take memory nor appear among the weights that are trained.
+The network runs unchanged, by its own code, up to the requested layer. Layers that are not reached are dropped, so that
+they neither take memory nor appear among the trained weights.
 """
 
 import torch
@@ -34,7 +34,7 @@ class FeatureMap(nn.Module):
         size: h and w for images of ``image_size``.
 
     Raises:
-        UserError: there is no such layer, it gives no map with height and width, or the images are too small for it.
+        UserError: the layer does not exist or gives no map with height and width, or the images are too small for it.
 
     Example:
         >>> from sextant.models import ResNetCifar
@@ -99,7 +99,7 @@ class FeatureMap(nn.Module):
         raise UserError(f"layer={self.layer!r} is not used by {type(self.network).__name__}", "Choose another layer.")
 
     def _kept_on_the_way(self, x: Tensor) -> Tensor:
-        """The same for tracers, which do not follow exceptions: the network goes on, and nothing uses what follows."""
+        """The same for tracers, which do not follow exceptions: the network runs on, and nothing uses what follows."""
         kept: list[Tensor] = []
         layer = self.network.get_submodule(self.layer)
         hook = layer.register_forward_hook(lambda module, inputs, output: kept.append(output))
@@ -115,7 +115,7 @@ def _stop(module: nn.Module, inputs: object, output: Tensor) -> None:
 
 
 def _drop(network: nn.Module, layer: str, reached: set[nn.Module]) -> None:
-    """Replace by identities what lies beside the layer, or beside what holds it, and was not reached."""
+    """Replace by identities the modules beside the layer, or beside those that hold it, that were not reached."""
     parts = layer.split(".")
     for depth in range(len(parts)):
         outer = network.get_submodule(".".join(parts[:depth]))

@@ -1,4 +1,4 @@
-"""How much of a pretrained network is trained: layers that stay as they are, and layers that learn more slowly."""
+"""Fine-tuning of a pretrained network: layers that are frozen, and layers that learn more slowly."""
 
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -12,11 +12,11 @@ FACTOR = "learning_rate_factor"
 
 
 def freeze(network: nn.Module, paths: Sequence[str]) -> None:
-    """Keep some modules of a network as they are: their weights, and their statistics of batches.
+    """Freeze some modules of a network: their weights and their batch statistics.
 
     Args:
-        network: changed in place; each time that it is run, the modules are put in evaluation mode.
-        paths: of the modules, such as ``stem`` or ``layer1.0``.
+        network: changed in place; each time it runs, the modules are put in evaluation mode.
+        paths: paths of the modules, such as ``stem`` or ``layer1.0``.
 
     Raises:
         ArgumentError: the network has no such module.
@@ -28,13 +28,13 @@ def freeze(network: nn.Module, paths: Sequence[str]) -> None:
 
 
 def set_rate_factors(network: nn.Module, paths: Sequence[str], decay: float) -> None:
-    """Let modules learn more slowly, the more so the nearer they are to the image.
+    """Let modules learn more slowly the nearer they are to the image.
 
     Args:
-        network: whose parameters are marked, in place.
-        paths: of its modules in the order in which they are run; the last learns at ``decay`` times the rate, the one
-            before it at ``decay^2`` times, and so on. What is not named learns at the rate.
-        decay: above 0, at most 1, where all learn alike.
+        network: the network whose parameters are marked, in place.
+        paths: paths of its modules in the order in which they run; the last learns at ``decay`` times the full rate,
+            the one before it at ``decay^2`` times, and so on. All others learn at the full rate.
+        decay: above 0 and at most 1, where all learn alike.
 
     Raises:
         ArgumentError: the decay is out of range, or the network has no such module.
@@ -48,11 +48,11 @@ def set_rate_factors(network: nn.Module, paths: Sequence[str], decay: float) -> 
 
 
 def parameter_groups(parameters: Iterable[nn.Parameter], rate: float) -> list[dict[str, Any]]:
-    """What an optimiser takes: the parameters by their rate, those of the full rate first.
+    """Parameter groups for an optimiser, one for each learning rate, the full rate first.
 
     Args:
-        parameters: of a module.
-        rate: of those that were not marked by :func:`set_rate_factors`.
+        parameters: the parameters of a module.
+        rate: the full learning rate, of those that were not marked by :func:`set_rate_factors`.
     """
     groups: dict[float, list[nn.Parameter]] = {1.0: []}
     for parameter in parameters:

@@ -1,4 +1,4 @@
-r"""The linear map by which places differ most and one place differs least between its conditions, in closed form.
+r"""Learned whitening: the linear map that best tells places apart across conditions, in closed form.
 
 Let :math:`x_{ic}` be features of place i under condition c, :math:`\mu` their mean over all, and
 :math:`y = P (x - \mu)` their first principal components. With :math:`\bar y_i` the mean of a place,
@@ -8,7 +8,7 @@ Let :math:`x_{ic}` be features of place i under condition c, :math:`\mu` their m
 
 where :math:`\bar S_W` is the mean of the diagonal. The vectors v of the largest λ, of norm one in the lifted
 :math:`S_W`, are the rows of V; the map is :math:`V P (x - \mu)`. Unlike a layer that is trained by gradients it has one
-optimum, and γ keeps it from believing the few places that it has seen.
+optimum, and γ keeps it from overfitting the few places that it has seen.
 
 Sources: K. Mikolajczyk and J. Matas, "Improving descriptors for fast tree matching by optimal linear projection", ICCV
 2007; F. Radenović, G. Tolias, O. Chum, "Fine-tuning CNN image retrieval with no human annotation", PAMI 2018; the ridge
@@ -31,18 +31,18 @@ def learned_whitening(
 ) -> tuple[Float[Tensor, "k d"], Float[Tensor, "k"]]:
     """Weight and bias of the map, as a linear layer takes them; see the module.
 
-    Where the features vary in fewer directions than come out (channels may be dead), the last rows are zero.
+    Where the features vary in fewer than k directions (channels may be dead), the last rows are zero.
 
     Args:
-        features: of places, each seen under two or more conditions.
-        place: of each image, from 0 on without gaps.
-        dimension: k, numbers that come out.
-        components: principal components that are considered; fewer where the features do not span as many.
+        features: features of places, each seen under two or more conditions.
+        place: index of each image's place, from 0 on without gaps.
+        dimension: k, the number of outputs.
+        components: number of principal components considered; fewer where the features do not span as many.
         shrinkage: γ, above 0.
 
     Raises:
-        ValueError: a place has a single image, ``components``, features or images are fewer than what comes out, the
-            features of no place differ, or the shrinkage is not above 0.
+        ValueError: a place has a single image; ``components``, features or images are fewer than k; no place has
+            features that differ; or the shrinkage is not above 0.
     """
     images = place.bincount()
     if len(images) == 0 or int(images.min()) < 2 or not shrinkage > 0:

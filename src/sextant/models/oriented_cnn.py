@@ -1,14 +1,14 @@
 r"""A small network that is given the directions of edges instead of having to learn them.
 
-The camera shows in the directions of lines: how they lean (roll), converge (tilt, field of view) and bow (distortion).
+The directions of lines reveal the camera: they lean (roll), converge (tilt, field of view) and bow (distortion).
 A network trained from scratch spends most of its first hundred thousand images on learning edge detectors; here the
 first layer is a histogram of oriented gradients in cells, as a fixed function of the image. With the gradient
 :math:`(g_x, g_y) = m(\cos\varphi, \sin\varphi)` of the grey image, a pixel votes for orientation b with
 
-.. math:: m \max(0, \cos 2(\varphi - \varphi_b))^2, \qquad \varphi_b = \pi b / B,
+.. math:: m \max(0, \cos 2(\varphi - \varphi_b))^2, \qquad \varphi_b = \pi b / B.
 
-votes are averaged over cells of a few pixels, and divided by the mean vote of 3 x 3 cells, so that contrast does not
-matter. The log of that mean, the colours and all further channels, averaged over cells, go along.
+Votes are averaged over cells of a few pixels and divided by the mean vote of 3 x 3 cells, so that contrast does not
+matter. The log of that mean, the colours and all further channels, averaged over cells, are appended.
 
 Source: N. Dalal, B. Triggs, "Histograms of oriented gradients for human detection", CVPR 2005.
 """
@@ -70,7 +70,7 @@ class OrientedGradients(nn.Module):
     def _cells(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b d h2 w2"]:
         gx, gy = sobel((x[:, 0] + x[:, 1] + x[:, 2])[:, None] / 3)
         strength = torch.hypot(gx, gy).add_(1e-6)
-        # votes are homogeneous: of (cos 2 phi, sin 2 phi) times the root of m, squared
+        # votes are homogeneous: they are taken of (cos 2 phi, sin 2 phi) times the root of m, then squared
         doubled = torch.cat([gx * gx - gy * gy, 2 * gx * gy], 1).div_(strength.pow(1.5))
         cells = F.avg_pool2d(F.conv2d(doubled, self.votes).relu_().square_(), self.cell)
         local = F.avg_pool2d(cells.sum(1, keepdim=True), 3, 1, 1, count_include_pad=False) + FAINT
@@ -83,12 +83,12 @@ class OrientedCNN(nn.Module):
     Args:
         in_channels: channels of the image, the first three its colours.
         image_size: height and width of the image in pixels.
-        num_classes: numbers that the last, linear layer gives.
+        num_classes: outputs of the last, linear layer.
         widths: channels of the layers, multiples of 8.
-        strides: of the layers.
+        strides: strides of the layers.
         orientations: bins of edge direction.
         cell: side of a cell in pixels.
-        grid: height and width of the grid that is pooled to.
+        grid: height and width of the grid that features are pooled to.
 
     Raises:
         ValueError: a width is not a multiple of 8, widths and strides differ in number, there are fewer than three

@@ -1,8 +1,8 @@
 """A small network for place recognition, which trains in minutes on a CPU with images of 64x32 to 96x64 pixels.
 
-A place is recognised by where its edges are, under any light. So the first layer, which learns nothing, divides out the
-light: of every pixel the mean of its surroundings is taken off and their contrast divided out. Group normalisation
-judges each image alone: statistics of a batch would leak its conditions to one another.
+A place is recognised by where its edges are, in any light. So the first layer, which learns nothing, removes the light:
+it subtracts the mean of its surroundings from every pixel and divides by their contrast. Group normalisation treats
+each image alone: batch statistics would let the conditions of a batch leak into one another.
 """
 
 import math
@@ -21,8 +21,8 @@ FAINT = 0.02
 class LocalContrast(nn.Module):
     r"""Local contrast normalisation: :math:`(x - \mu) / \sqrt{\sigma^2 + \epsilon^2}`, over a square around the pixel.
 
-    One mean and one deviation for all channels, so that a colour cast and colours themselves remain. At the border the
-    part of the square that lies within the image counts.
+    One mean and one deviation serve all channels, so that a colour cast and the colours themselves remain. At the
+    border, only the part of the square within the image counts.
 
     Source: K. Jarrett et al., "What is the best multi-stage architecture for object recognition?", ICCV 2009, with a
     square in place of a Gaussian.
@@ -65,7 +65,7 @@ class PlaceCNN(nn.Module):
         image_size: height and width of the image in pixels.
         num_classes: outputs of a linear layer on the mean of the map; :class:`~sextant.models.FeatureMap` drops it.
         widths: channels of the layers, multiples of 8.
-        strides: of the layers.
+        strides: strides of the layers.
         window: side of the square of :class:`LocalContrast`, or None for images as they are.
 
     Raises:

@@ -1,4 +1,4 @@
-"""From an image to a short vector that is alike for images of one place: backbone, pooling, linear layer, norm."""
+"""From an image to a short vector that is similar for images of one place: backbone, pooling, linear layer, norm."""
 
 from collections.abc import Sequence
 
@@ -18,11 +18,11 @@ class PlaceNet(nn.Module):
     Args:
         backbone: maps ``(b, c, h, w)`` to a feature map, such as :class:`~sextant.models.FeatureMap`.
         pooling: made for that map.
-        dimension: numbers of a descriptor.
-        normalise: bring descriptors to unit length. The ratio loss needs no such thing; most others do.
-        project: the linear layer; without it the pooling itself must give ``dimension`` numbers.
+        dimension: length of a descriptor.
+        normalise: scale descriptors to unit length. The ratio loss does not need this; most others do.
+        project: add the linear layer; without it the pooling itself must give ``dimension`` numbers.
         in_channels: channels of the images.
-        mean, std: of the images by channel; by default 0.5 each, which maps [0, 1] to [-1, 1].
+        mean, std: statistics of the images by channel; by default 0.5 each, which maps [0, 1] to [-1, 1].
 
     Raises:
         ValueError: the dimension is below 1, or without projection not that of the pooling.
@@ -70,7 +70,7 @@ class PlaceNet(nn.Module):
         return F.normalize(descriptors, dim=1) if self.normalise else descriptors
 
     def feature_map(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b d h2 w2"]:
-        """What the backbone sees in images in [0, 1]."""
+        """The backbone's feature map of images in [0, 1]."""
         x = self.standardize(images).contiguous(memory_format=torch.channels_last)
         return self.backbone(x)  # type: ignore[no-any-return]
 
@@ -78,12 +78,12 @@ class PlaceNet(nn.Module):
     def initialise_pooling(
         self, images: Float[Tensor, "b c h w"], generator: torch.Generator, most: int = 10_000
     ) -> bool:
-        """Prepare a pooling that starts from features of images; whether there was anything to prepare.
+        """Initialise a pooling that starts from features of images; return whether there was anything to do.
 
         Args:
             images: some hundreds of the training images, in [0, 1].
-            generator: of the CPU; draws the features and seeds the clustering.
-            most: features that are considered.
+            generator: on the CPU; draws the features and seeds the clustering.
+            most: largest number of features considered.
         """
         if not isinstance(self.pooling, NetVLAD):
             return False

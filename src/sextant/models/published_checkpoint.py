@@ -1,4 +1,4 @@
-"""The networks that the push-pull paper's authors published, from their files into networks of ours.
+"""Reads the networks that the push-pull paper's authors published into networks of ours.
 
 A file is a legacy torch pickle of ``{epoch, state_dict, best_prec1}``. It names neither the architecture nor the
 inhibition, but its keys and shapes show both: a convolution stored as ``conv1.push.weight`` is a push-pull layer. Its h
@@ -34,7 +34,7 @@ class PublishedCheckpoint:
         network: in evaluation mode; takes images in [0, 1].
         architecture: such as ``resnet-20`` or ``densenet-40-12``.
         push_pull: paths of its push-pull layers.
-        epoch: of training after which it was saved, counted from 1.
+        epoch: training epoch after which it was saved, counted from 1.
         best_accuracy: share of the test set that the run's best epoch so far got right: this network's own accuracy in
             ``model_best``, another epoch's in ``checkpoint``.
     """
@@ -50,7 +50,7 @@ def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0) -> Pub
     """Read one of the authors' files on the CPU. Nothing in it is executed: only tensors and containers are accepted.
 
     Args:
-        scale, alpha: h and α of its push-pull layers, which the file does not have.
+        scale, alpha: h and α of its push-pull layers, which the file does not store.
 
     Raises:
         UserError: the file is missing, truncated, not one of theirs, a network of another kind or depth, or its weights

@@ -48,7 +48,7 @@ class ResNetCifar(nn.Module):
         image_size: height and width of the image in pixels, at least 4 each.
         num_classes: number of logits.
         depth: layers with weights on the longest path, 6 n + 2: the paper's are 20, 32, 44 and 56.
-        mean, std: of the training images by channel; by default those of CIFAR-10 for three channels.
+        mean, std: statistics of the training images by channel; by default those of CIFAR-10 for three channels.
 
     Raises:
         ValueError: the depth is not 6 n + 2 or the image is too small.

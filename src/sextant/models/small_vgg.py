@@ -1,4 +1,4 @@
-"""Stages of 3x3 convolutions, pooled in between: VGG in small, for images of digits and of that size.
+"""A small VGG for images of digits and others of that size: stages of 3x3 convolutions with pooling in between.
 
 Source: K. Simonyan and A. Zisserman, "Very deep convolutional networks for large-scale image recognition", ICLR 2015,
 with the batch normalisation of S. Ioffe and C. Szegedy, ICML 2015, and one linear layer in place of three.
@@ -21,7 +21,7 @@ class SmallVGG(nn.Module):
         depths: convolutions of each stage.
 
     Attributes:
-        stages: ``stages.0`` is the map of the image's size, each of the next has half the sides of the one before.
+        stages: ``stages.0`` gives a map of the image's size, each later stage one with half the sides.
 
     Raises:
         ValueError: widths and depths differ in number, or the image is too small to be halved so often.

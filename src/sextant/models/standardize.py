@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-#: of CIFAR-10's training images, as the push-pull paper uses them
+#: statistics of CIFAR-10's training images, as the push-pull paper uses them
 CIFAR10_MEAN = (125.3 / 255, 123.0 / 255, 113.9 / 255)
 CIFAR10_STD = (63.0 / 255, 62.1 / 255, 66.7 / 255)
 
@@ -16,10 +16,10 @@ class Standardize(nn.Module):
 
     Args:
         in_channels: channels of the image.
-        mean, std: one a channel. By default those of CIFAR-10 for three channels, else 0.5 and 0.25.
+        mean, std: one per channel. By default those of CIFAR-10 for three channels, else 0.5 and 0.25.
 
     Raises:
-        ValueError: there is not one mean and one positive std a channel.
+        ValueError: there is not one mean and one positive std per channel.
 
     Example:
         >>> Standardize(in_channels=1, mean=[0.5], std=[0.25])(torch.tensor([[[[0.5, 1.0]]]]))

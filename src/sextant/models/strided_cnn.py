@@ -12,15 +12,15 @@ from sextant.models.convolutions import convolutions
 class StridedCNN(nn.Module):
     """3x3 convolutions of stride 2, each with group normalisation and ReLU, one of stride 1, pooling to a small grid.
 
-    Group normalisation has no batch statistics, so that small batches train well and a picture is judged alone. The
-    grid keeps where on the image something was seen, which a mean over the whole image would lose.
+    Group normalisation has no batch statistics, so that small batches train well and each picture is treated alone. The
+    grid keeps where in the image something was seen, which a mean over the whole image would lose.
 
     Args:
         in_channels: channels of the image.
         image_size: height and width of the image in pixels.
-        num_classes: numbers that the last, linear layer gives.
+        num_classes: outputs of the last, linear layer.
         widths: channels of the layers, multiples of 8; all but the last halve the sides.
-        grid: height and width of the grid that is pooled to.
+        grid: height and width of the grid that features are pooled to.
 
     Raises:
         ValueError: a width is not a multiple of 8, or the image is too small for the layers.

@@ -30,7 +30,7 @@ def timm_backbone(
         weights: a safetensors or ``weights_only`` file of the network with timm's own classes, for colour images.
 
     Raises:
-        UserError: timm is not installed, there is no such network, or its weights cannot be fetched.
+        UserError: timm is not installed, the network does not exist, or its weights cannot be fetched.
 
     >>> import torch
     >>> network = timm_backbone("mobilenetv3_small_050", in_channels=1, image_size=(32, 32), num_classes=7).eval()

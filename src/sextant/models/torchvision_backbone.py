@@ -13,17 +13,17 @@ def torchvision_backbone(
 ) -> nn.Module:
     """The torchvision network ``name`` with ``num_classes`` outputs and a first layer for ``in_channels``.
 
-    The first layer of further channels starts at zero, so that pretrained features are kept.
+    Filters of the first layer for further channels start at zero, so that pretrained features are kept.
 
     Args:
         name: such as ``resnet18``, ``mobilenet_v3_small`` or ``densenet161``.
         in_channels: channels of the image; the first three are its colours.
-        image_size: not used: these networks pool over whatever there is.
+        image_size: not used: these networks pool over maps of any size.
         num_classes: outputs of the last layer.
         weights: None, ``imagenet`` (torchvision fetches them), or a safetensors or ``weights_only`` file.
 
     Raises:
-        UserError: there is no such network, or the weights cannot be had or do not fit.
+        UserError: the network does not exist, or the weights are not available or do not fit.
 
     >>> import torch
     >>> network = torchvision_backbone("mobilenet_v3_small", in_channels=1, image_size=(32, 32), num_classes=7).eval()
@@ -45,7 +45,7 @@ def torchvision_classifier(name: str, weights: str | None = None) -> nn.Module:
         weights: None, ``imagenet`` (torchvision fetches them), or a safetensors or ``weights_only`` file.
 
     Raises:
-        UserError: there is no such network, or the weights cannot be had or do not fit.
+        UserError: the network does not exist, or the weights are not available or do not fit.
     """
     from torchvision import models
 
@@ -85,7 +85,7 @@ def _replace_last(network: nn.Module, num_classes: int) -> None:
 
 
 def widen_first(network: nn.Module, in_channels: int) -> None:
-    """Let the first convolution take other channels, in place; the filters of those after the colours start at zero."""
+    """Change the first convolution's input channels, in place; filters of those after the colours start at zero."""
     first = next(module for module in network.modules() if isinstance(module, nn.Conv2d))
     wide = first.weight.new_zeros(first.out_channels, in_channels, *first.kernel_size)
     shared = min(3, in_channels)

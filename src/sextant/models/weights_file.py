@@ -1,4 +1,4 @@
-"""Weights of a network from a file that somebody else wrote; nothing in it is executed."""
+"""Weights of a network from a third-party file; nothing in it is executed."""
 
 import pickle
 import re
@@ -16,11 +16,11 @@ def load_weights(network: nn.Module, path: Path) -> None:
     """Load a state dict of exactly this network, in place.
 
     Args:
-        network: gets the weights.
-        path: a ``.safetensors`` file, or what ``torch.save`` wrote of a state dict.
+        network: the network that gets the weights.
+        path: a ``.safetensors`` file, or a state dict written by ``torch.save``.
 
     Raises:
-        ArgumentError: there is no such file, it holds anything but tensors, it is damaged, or they are those of another
+        ArgumentError: the file does not exist, is damaged, or holds anything but tensors; or they are those of another
             network or not finite.
     """
     try:

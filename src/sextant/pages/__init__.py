@@ -1,1 +1,1 @@
-"""Pages in the browser, served on this machine alone: :mod:`~sextant.pages.demo`, and a drive as it is localized."""
+"""Pages in the browser, served on this machine only: :mod:`~sextant.pages.demo`, and a drive as it is localized."""

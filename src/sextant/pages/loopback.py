@@ -1,4 +1,4 @@
-"""A page on a port of this machine that nothing else can reach, and that answers nobody but itself."""
+"""Serving a page on a loopback port, which only this machine can reach and which answers only its own page."""
 
 import base64
 import hashlib
@@ -17,18 +17,18 @@ from werkzeug.serving import BaseWSGIServer, make_server
 from sextant.errors import UserError
 
 HOST = "127.0.0.1"
-#: names by which a browser may call this machine; under any other, a page elsewhere has made it believe that this
-#: machine is the page's own (DNS rebinding)
+#: names by which a browser may address this machine; under any other name, a page from elsewhere has made the browser
+#: believe that this machine is that page's own host (DNS rebinding)
 HOSTS = (HOST, "localhost", "[::1]")
 
 
 def page_app(name: str, file: Path, replace: dict[str, str] | None = None) -> Flask:
-    """An application with one page, which may run its own script and ask its own server, and load nothing else.
+    """An application with one page, which may run its own script and query its own server, and load nothing else.
 
     Args:
-        name: of the application.
+        name: name of the application.
         file: HTML with one ``<script>`` and one ``<style>``.
-        replace: words of the page, and what stands for them.
+        replace: words of the page and their replacements.
     """
     text = file.read_text("utf-8")
     for word, meant in (replace or {}).items():
@@ -50,7 +50,7 @@ def page_app(name: str, file: Path, replace: dict[str, str] | None = None) -> Fl
 
 
 def _refuse_strangers() -> Any:
-    """Nothing for another host's page, whatever name it calls this machine by."""
+    """Refuse requests from a page of another host, whatever name it calls this machine by."""
     host = request.host.rsplit(":", 1)[0] if not request.host.endswith("]") else request.host
     origin, site = request.headers.get("Origin"), request.headers.get("Sec-Fetch-Site", "same-origin")
     if host not in HOSTS or origin not in (None, f"http://{request.host}") or site not in ("same-origin", "none"):
@@ -76,16 +76,16 @@ def _sealed_by(policy: str) -> Callable[[Response], Response]:
 
 @contextmanager
 def served(app: Flask, port: int = 0) -> Iterator[str]:
-    """The address of an application, which is served while the block runs.
+    """Serve an application while the block runs; yields its address.
 
     Args:
-        app: such as :func:`page_app` makes.
-        port: of the loopback interface; 0 takes one that is free.
+        app: application such as :func:`page_app` makes.
+        port: port of the loopback interface; 0 takes a free one.
 
     Raises:
         UserError: the port is taken.
     """
-    logging.getLogger("werkzeug").setLevel(logging.ERROR)  # a line for each request otherwise
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)  # otherwise it prints a line for each request
     server = _server(app, port)
     thread = Thread(target=server.serve_forever, daemon=True)
     thread.start()
@@ -98,7 +98,7 @@ def served(app: Flask, port: int = 0) -> Iterator[str]:
 
 
 def _server(app: Flask, port: int) -> BaseWSGIServer:
-    with socket.socket() as probe:  # werkzeug would end the process
+    with socket.socket() as probe:  # werkzeug would end the process if the port is taken
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((HOST, port))

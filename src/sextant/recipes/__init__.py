@@ -1,4 +1,4 @@
-"""Recipes, one file a task: what the life cycle of a run asks of each. Only this package knows tasks by name."""
+"""Recipes, one file per task, which serve the life cycle of runs. Only this package knows tasks by name."""
 
 from importlib import import_module
 
@@ -17,10 +17,10 @@ RECIPES = {
 
 
 def recipe_of(task: str, reporter: Reporter = SILENT) -> Recipe:
-    """The recipe of ``task.name``, whose long work ``reporter`` listens to.
+    """The recipe of ``task.name``; ``reporter`` listens to its long work.
 
     Raises:
-        UserError: there is no such task.
+        UserError: the task does not exist.
     """
     if task not in RECIPES:
         raise UserError(f"task={task}: no such task", f"Choose one of {', '.join(RECIPES)}.")

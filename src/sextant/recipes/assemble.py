@@ -1,4 +1,4 @@
-"""What all recipes build of a config: the dataset, the test conditions, what a module trains with."""
+"""Parts that all recipes build from a config: the dataset, the test conditions, optimiser and schedule."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def build_dataset(config: Config) -> Any:
-    """The dataset, which looks in the data folder first and in the cache second."""
+    """The dataset, which looks for files first in the data folder and then in the cache."""
     roots = dict.fromkeys([Path(config.paths.data), Path(config.paths.cache)])
     return build(config.plain, "dataset", roots=list(roots))
 
@@ -24,7 +24,7 @@ def build_suite(config: Config) -> "CorruptionSuite":
 
 
 def build_training(config: Config, *, training: bool) -> dict[str, Any]:
-    """What a module trains with: ``optimizer`` and ``schedule``, both None unless ``training``, and ``log_every``."""
+    """A module's training arguments: ``optimizer`` and ``schedule`` (None unless ``training``), and ``log_every``."""
     settings: dict[str, Any] = {"optimizer": None, "schedule": None, "log_every": config.trainer.log_every}
     if training:
         settings |= {"optimizer": build(config.plain, "optimizer"), "schedule": build(config.plain, "schedule")}
@@ -33,7 +33,7 @@ def build_training(config: Config, *, training: bool) -> dict[str, Any]:
 
 
 def conditions_name(node: Mapping[str, Any]) -> str:
-    """The test conditions that a config node describes, in short."""
+    """A short name of the test conditions that a config node describes."""
     if "corruptions" in node:
         return ", ".join(["clean", *node["corruptions"]])
     return f"clean, {node.get('set') or part_name(node)}"

@@ -1,4 +1,4 @@
-"""Single-image calibration: how its parts are put together."""
+"""Recipe of single-image calibration."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sextant.reports.shared_set import SharedSet
     from sextant.tasks.calibration.module import Calibration
 
-#: cameras drawn to find the ranges and the middle of a distribution
+#: number of cameras drawn to find the ranges and the median of a distribution, and their seed
 DRAWS, DRAW_SEED = 100_000, 999_983
 
 
@@ -32,7 +32,7 @@ class CalibrationRecipe(Recipe):
     test_settings = ("geometric_baselines",)
 
     def source(self, config: Config) -> "PanoramaSource":
-        """The dataset as a source of panoramas; distributions of cameras that are none are refused on the way."""
+        """The dataset as a source of panoramas; invalid camera distributions are refused too."""
         from sextant.data.calibration.panoramas import as_panorama_source, rendered_sources
 
         for group in ("sampling", "test_sampling"):
@@ -44,12 +44,12 @@ class CalibrationRecipe(Recipe):
         return source
 
     def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files of a split are missing; a world that is not rendered yet has none."""
+        """Raise a ``UserError`` if files of a split are missing; a world that is not yet rendered has none."""
         for split in ("train", "val", "test"):
             source.files(split)
 
     def training_size(self, config: Config, source: "PanoramaSource") -> int | None:
-        """Crops of the training panoramas."""
+        """The number of crops of the training panoramas."""
         from sextant.data.calibration.panoramas import panorama_count
 
         assert isinstance(config.task, CalibrationTask)
@@ -57,7 +57,7 @@ class CalibrationRecipe(Recipe):
         return None if count is None else count * config.task.crops_per_panorama.train
 
     def summary(self, config: Config) -> dict[str, str]:
-        """Network, what it predicts, and how it is trained."""
+        """Network, parameterization, and training settings."""
         plain, names = config.plain, ("backbone", "inhibition", "parameterization", "loss")
         rows = {name: part_name(plain[name]) for name in names}
         return rows | {"sampling": str(plain["sampling"].get("name", "")), "test": conditions_name(plain["corruption"])}
@@ -84,7 +84,7 @@ class CalibrationRecipe(Recipe):
         )
 
     def spec(self, config: Config, source: "PanoramaSource", data: "CalibrationData") -> dict[str, Any]:
-        """Input size, and ranges that cover the distribution of cameras."""
+        """The input size, and ranges that cover the distribution of cameras."""
         import numpy as np
 
         from sextant.geometry import CameraParameters, ParameterSpace
@@ -129,10 +129,10 @@ class CalibrationRecipe(Recipe):
         )
 
     def require_fit(self, config: Config, spec: Mapping[str, Any], source: Any) -> None:
-        """Any panoramas will do."""
+        """Do nothing: any panoramas can be used."""
 
     def record(self, module: "Calibration", data: "CalibrationData", config: Config) -> TestRecord:
-        """The network beside constant and geometric methods: table, errors by crop, figures."""
+        """Compare the network with constant and geometric methods: table, errors per crop, figures."""
         from sextant.tasks.calibration.report import arrays, compare, figures, metrics, table
 
         assert isinstance(config.task, CalibrationTask)

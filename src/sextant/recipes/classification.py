@@ -1,4 +1,4 @@
-"""Image classification under corruptions: how its parts are put together."""
+"""Recipe of image classification under corruptions."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -47,9 +47,9 @@ class ClassificationRecipe(Recipe):
         source.files("test")
 
     def training_size(self, config: Config, source: ImageSource) -> int | None:
-        """The training split without the share that is held out of it."""
+        """The size of the training split without its held-out share."""
         assert isinstance(config.task, ClassificationTask)
-        count = source.count("train") if isinstance(source, ImageSource) else None  # the user's own may be none
+        count = source.count("train") if isinstance(source, ImageSource) else None  # a custom source may have no count
         return None if count is None else count - round(config.task.validation_fraction * count)
 
     def summary(self, config: Config) -> dict[str, str]:
@@ -79,7 +79,7 @@ class ClassificationRecipe(Recipe):
         )
 
     def spec(self, config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
-        """Shape and classes of the images."""
+        """The shape and the classes of the images."""
         spec = source.spec()
         return {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
 
@@ -111,7 +111,7 @@ class ClassificationRecipe(Recipe):
             self.reporter.say(f"the classes of dataset={source.name} have other names than those of training")
 
     def record(self, module: "Classification", data: "ImageData", config: Config) -> TestRecord:
-        """Predictions by condition, the figures of the test, what the network costs and what it was tested under."""
+        """Predictions by condition, figures of the test, cost of the network, and the test protocol."""
         from sextant.tasks.classification.report import result_figures
 
         assert module.result is not None

@@ -1,4 +1,4 @@
-"""Recognition by COSFIRE filters: how its parts are put together."""
+"""Recipe of recognition by COSFIRE filters."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -38,12 +38,12 @@ class CosfireRecipe(Recipe):
     test_settings = ("test_every",)
 
     def check_parts(self, config: Config) -> None:
-        """Raise a ``UserError`` where bank, strategy and network do not go together, or images are to be corrupted."""
+        """Raise a ``UserError`` if bank, strategy and network are incompatible, or images are to be corrupted."""
         check_parts(config, _task(config))
         super().check_parts(config)
 
     def identity(self, config: Config) -> dict[str, Any]:
-        """With the identities of the descriptor, and of the run whose features are looked at."""
+        """The base identity, with those of the descriptor and of the run whose features are used."""
         found, outputs = super().identity(config), Path(config.paths.outputs)
         if config.descriptor is not None:
             found["descriptor"] = descriptor_identity(found["descriptor"], outputs)
@@ -52,7 +52,7 @@ class CosfireRecipe(Recipe):
         return found
 
     def answers(self, config: Config) -> list[str]:
-        """Those of its methods for which the run has a network or a descriptor."""
+        """The methods for which the run has the required network or descriptor."""
         return answering_with_parts(config, _task(config))
 
     def source(self, config: Config) -> ImageSource:
@@ -60,7 +60,7 @@ class CosfireRecipe(Recipe):
         self.check_parts(config)
         source, scenes = build_dataset(config), _task(config).scenes
         if config.descriptor is not None:
-            descriptor_identity(config.plain["descriptor"], Path(config.paths.outputs))  # a missing run is told at once
+            descriptor_identity(config.plain["descriptor"], Path(config.paths.outputs))  # reports a missing run at once
         if hasattr(source, "spec"):
             if scenes is not None:
                 raise UserError(
@@ -118,7 +118,7 @@ class CosfireRecipe(Recipe):
         )
 
     def spec(self, config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
-        """Shape and classes of the images; of features of another run, what builds its network."""
+        """The shape and classes of the images; for features of another run, also what builds its network."""
         spec = source.spec()
         told = {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
         if config.features is not None and config.features.run is not None:
@@ -133,7 +133,7 @@ class CosfireRecipe(Recipe):
         return told
 
     def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "CosfireRecognition":
-        """The module, with its network or the feature map of another run's."""
+        """The module, with its own network or the feature map of another run."""
         from sextant.tasks.cosfire.comparison import Comparison
         from sextant.tasks.cosfire.estimator import CosfireEstimator
         from sextant.tasks.cosfire.filter_prototypes import PrototypeSettings
@@ -194,7 +194,7 @@ class CosfireRecipe(Recipe):
             )
 
     def record(self, module: "CosfireRecognition", data: "ExampleData", config: Config) -> TestRecord:
-        """Answers by method, pictures, a table of methods, and how many filters and parts there are."""
+        """Answers by method, figures, a table of methods, and the numbers of filters and parts."""
         from sextant.tasks.cosfire.report import method_table, recognition_figures
 
         assert module.result is not None
@@ -205,7 +205,7 @@ class CosfireRecipe(Recipe):
     def measured(
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
     ) -> "RunValues":
-        """Accuracy by method, or by condition of the one that is read."""
+        """Accuracy by method, or by condition for the method that is read."""
         from sextant.reports.measure import recognised
 
         return recognised(arrays, reads)

@@ -1,4 +1,4 @@
-"""Whether the choices of recognition by COSFIRE filters go together."""
+"""Checks that the choices for recognition by COSFIRE filters are compatible."""
 
 from sextant.config import Config
 from sextant.config.schema import CosfireTask
@@ -7,7 +7,7 @@ from sextant.errors import UserError
 
 
 def check_parts(config: Config, task: CosfireTask) -> None:
-    """Raise a ``UserError`` where bank, strategy and network do not go together."""
+    """Raise a ``UserError`` if bank, strategy and network are incompatible."""
     if isinstance(config.bank, VectorBank) != isinstance(config.strategy, VectorKeypoints):
         raise UserError(
             "bank=vectors and strategy=vector_keypoints belong together",
@@ -30,7 +30,7 @@ def check_parts(config: Config, task: CosfireTask) -> None:
 
 
 def answering_with_parts(config: Config, task: CosfireTask) -> list[str]:
-    """The methods that answer, without those for which this run lacks a network or a descriptor."""
+    """The methods that answer, except those for which this run lacks a network or a descriptor."""
     trained_before = _trained_before(config)
     lacking = {
         "network": config.backbone is None or trained_before or bool(task.novel_classes),
@@ -41,12 +41,12 @@ def answering_with_parts(config: Config, task: CosfireTask) -> list[str]:
 
 
 def _trained_before(config: Config) -> bool:
-    """Whether filters look at the network of another run."""
+    """Whether the filters use the network of another run."""
     return config.features is not None and config.features.run is not None
 
 
 def _check_scenes(task: CosfireTask, *, trains: bool) -> None:
-    """Raise a ``UserError`` where something is chosen that places as classes leave no room for."""
+    """Raise a ``UserError`` if an option is incompatible with places as classes."""
     if trains:
         raise UserError(
             "task.scenes: places have too few images each to train a network on",

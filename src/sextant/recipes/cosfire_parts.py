@@ -1,4 +1,4 @@
-"""What recognition by COSFIRE filters is put together from: filters, features of another run, scenes, descriptors."""
+"""Parts of recognition by COSFIRE filters: filters, features of another run, scenes, descriptors."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 
 def make_filters(config: Config, features: "FeatureMap | None") -> "Cosfire":
-    """Filters by the groups ``bank``, ``strategy`` and ``filters``, not configured yet.
+    """Build filters from the groups ``bank``, ``strategy`` and ``filters``, not yet configured.
 
     Raises:
-        UserError: the bank looks at a feature map and there is none.
+        UserError: the bank needs a feature map and there is none.
     """
     from sextant.layers.cosfire import Blur, Cosfire, Tolerance
 
@@ -59,7 +59,7 @@ def make_filters(config: Config, features: "FeatureMap | None") -> "Cosfire":
 def features_of_run(
     config: Config, kept: Mapping[str, Any], shape: tuple[int, int, int], *, training: bool
 ) -> "FeatureMap":
-    """The feature map of another run's network; its weights are read when training begins, and then kept with ours."""
+    """The feature map of another run's network; its weights are read when training begins and kept in this run."""
     from sextant.models import FeatureMap
     from sextant.trained.content import read_trained
     from sextant.trained.networks import TASKS, new_network, trained_network
@@ -78,7 +78,7 @@ def features_of_run(
             "none is known to be new to it",
             "Train the network here (a backbone in place of features=run), or task.novel_classes=0.",
         )
-    own = trained_config(kept["config"], kept["task"], trust=True)  # what is not Sextant's has been refused by now
+    own = trained_config(kept["config"], kept["task"], trust=True)  # parts from outside Sextant were refused before
     if training:
         checkpoint = resolve_run(run, Path(config.paths.outputs), "features.run").checkpoint
         network: Any = trained_network(own, read_trained(checkpoint), checkpoint)
@@ -86,7 +86,7 @@ def features_of_run(
         network = new_network(own, kept["spec"])
     layer = config.features.layer
     if kept["task"] == "place_recognition":
-        if layer is not None:  # one feature map within another would never see a layer of the inner one
+        if layer is not None:  # a feature map around another one cannot reach the inner layers
             known = network.backbone
             inner = known.network if isinstance(known, FeatureMap) else known
             network.backbone = FeatureMap(inner, shape[0], shape[1:], layer=layer)
@@ -95,7 +95,7 @@ def features_of_run(
 
 
 def scenes_of(dataset: Any, chosen: SceneChoice, reporter: Reporter) -> ImageSource:
-    """Places of a dataset as classes; rendered with progress if need be."""
+    """Places of a dataset as classes, rendered with progress if necessary."""
     from sextant.data.places import PlaceTolerance, Scenes, as_place_source, rendered_place_source
 
     source = as_place_source(dataset)
@@ -113,7 +113,7 @@ def scenes_of(dataset: Any, chosen: SceneChoice, reporter: Reporter) -> ImageSou
 
 
 def describing(config: Config) -> Callable[[Any], Any] | None:
-    """What gives images the place descriptors that the config names; None if it names none."""
+    """The function that computes the place descriptors named by the config; None if it names none."""
     if config.descriptor is None:
         return None
     from sextant.recipes.descriptors import DescriptorFiles, describer

@@ -1,6 +1,6 @@
-"""Descriptors of images for localization: training-free ones, a trained network's, or vectors worked out elsewhere.
+"""Image descriptors for localization: training-free, from a trained network, or computed elsewhere.
 
-What is looked up before a run starts imports nothing heavy.
+Checks made before a run starts import nothing heavy.
 """
 
 import hashlib
@@ -43,7 +43,7 @@ class TrainedDescriptor:
         """The hash of its checkpoint.
 
         Raises:
-            UserError: there is no such run.
+            UserError: the run does not exist.
         """
         return resolve_run(self.run, outputs, "descriptor.run").identity
 
@@ -51,8 +51,8 @@ class TrainedDescriptor:
         """The network, ready to describe images of the size it was trained on.
 
         Raises:
-            UserError: there is no such run, it is not one of place recognition, or it is a file from elsewhere that
-                names parts that are not Sextant's.
+            UserError: the run does not exist, it is not a run of place recognition, or it is a file from elsewhere that
+                names parts from outside Sextant.
         """
         from sextant.runs.checkpoint import KEY
         from sextant.trained.content import read_trained
@@ -71,19 +71,19 @@ class TrainedDescriptor:
 
 @dataclass(frozen=True)
 class DescriptorFiles:
-    """Vectors that were worked out elsewhere: ``<folder>/<drive>.npy``, one row an image.
+    """Vectors that were computed elsewhere: ``<folder>/<drive>.npy``, one row per image.
 
     Args:
-        folder: that the files lie in.
+        folder: folder of the files.
     """
 
     folder: str
 
     def identity(self) -> str:
-        """Hash of the names and contents of all files.
+        """The hash of the names and contents of all files.
 
         Raises:
-            UserError: there is no such folder, or it has no such file, or they are of different widths.
+            UserError: the folder does not exist, has no such file, or its files have different widths.
         """
         root = Path(self.folder).expanduser()
         paths = sorted(root.rglob("*.npy"))
@@ -109,7 +109,8 @@ class DescriptorFiles:
         """The vectors of a drive of ``count`` images.
 
         Raises:
-            UserError: the file is missing, is no array of numbers, has another number of rows, or one that is nan.
+            UserError: the file is missing, is not an array of floats, has the wrong number of rows, or has a
+                row that is not finite.
         """
         path = Path(self.folder).expanduser() / f"{drive.name}.npy"
         rows = _rows(path)
@@ -128,7 +129,7 @@ class DescriptorFiles:
 
 
 def _rows(path: Path) -> ndarray:
-    """A file's array, mapped."""
+    """The array in a file, memory-mapped."""
     try:
         rows: ndarray = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
@@ -139,7 +140,7 @@ def _rows(path: Path) -> ndarray:
 
 
 class BaselineDescriber:
-    """A training-free descriptor, or one that learns from the images of the map alone."""
+    """A training-free descriptor, or one that learns only from the images of the map."""
 
     def __init__(self, descriptor: "PlaceDescriptor", identity: str):
         self.descriptor, self.identity = descriptor, identity
@@ -158,16 +159,16 @@ class BaselineDescriber:
 
 
 class NetworkDescriber:
-    """A trained network."""
+    """A trained place-recognition network as descriptor."""
 
     def __init__(self, network: "TrainedPlaceNetwork"):
         self.network, self.identity = network, network.model
 
     def fit(self, images: "ImageRows") -> None:
-        """Learn nothing; see that the images have the size that the network was trained on.
+        """Learn nothing; check that the images have the size on which the network was trained.
 
         Raises:
-            UserError: they have not.
+            UserError: they do not.
         """
         size = self.network.size
         if images.shape[1:] != (size.height, size.width, size.channels):
@@ -184,10 +185,10 @@ class NetworkDescriber:
 
 
 def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any]:
-    """A descriptor's config with what its files hold in place of where they lie. Light.
+    """A descriptor's config with hashes of its files in place of their paths. Light.
 
     Raises:
-        UserError: there is no such run, folder or photo.
+        UserError: the run, folder or photo does not exist.
     """
     if "run" in node:
         return {"_target_": node["_target_"], "run": TrainedDescriptor(node["run"]).identity(outputs)}
@@ -200,7 +201,7 @@ def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any
 
 
 def _photo_identity(photo: str, points: Sequence[Sequence[float]]) -> str:
-    """The hash of a photo, on which all points lie."""
+    """The hash of a photo; raises a ``UserError`` unless all points lie on it."""
     path = Path(photo).expanduser()
     try:
         with Image.open(path) as image:
@@ -219,13 +220,13 @@ def _photo_identity(photo: str, points: Sequence[Sequence[float]]) -> str:
 
 
 def describer(config: Config) -> "Describer | DescriptorFiles":
-    """The descriptor that a config names.
+    """Build the descriptor that a config names.
 
     Raises:
-        UserError: it cannot be built.
+        UserError: the descriptor cannot be built.
     """
     node = dict(config.plain["descriptor"])
-    if "photo" in node and node.get("network"):  # landmarks; parts of the user's own mean by it what they like
+    if "photo" in node and node.get("network"):  # landmarks; in the user's own parts the key may mean anything
         node["network"] = str(resolve_run(node["network"], Path(config.paths.outputs), "descriptor.network").checkpoint)
     found = build({"descriptor": node}, "descriptor")
     if isinstance(found, DescriptorFiles):

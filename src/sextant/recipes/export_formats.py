@@ -1,4 +1,4 @@
-"""Networks as files of other programs' formats, compared with the network that they were made of."""
+"""Networks as files in the formats of other programs, compared with the original network."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -14,39 +14,39 @@ from sextant.recipes.exports import Exportable
 Format = Literal["onnx", "torch_export"]
 
 FILES: Mapping[Format, str] = {"onnx": "network.onnx", "torch_export": "network.pt2"}
-#: largest difference of an output to the network's, as a share of the largest number in it or of 1
+#: largest accepted difference from the network's output, relative to its largest number or to 1
 TOLERANCE = 1e-4
-#: batches of these sizes are compared, which are not the one that is traced
+#: sizes of the compared batches, which differ from that of the traced batch
 BATCHES = (1, 3)
 Answer = Callable[[Mapping[str, Tensor]], Sequence[Tensor]]
 
 
 @torch.no_grad()
 def write_network(found: Exportable, form: Format, path: Path) -> float:
-    """Write a network, and run the file beside it.
+    """Write a network to a file, and compare the outputs of both.
 
     Args:
         found: the network.
-        form: of the file.
-        path: of the file.
+        form: format of the file.
+        path: path of the file.
 
     Returns:
-        The largest difference between outputs of the file and of the network, on noise, as a share of the largest
-        output or of 1.
+        The largest difference between outputs of the file and of the network on noise, relative to the largest output
+        or to 1.
 
     Raises:
-        UserError: the network cannot be traced, or the file answers otherwise.
+        UserError: the network cannot be traced, or the file's outputs differ.
     """
     shapes = {name: {0: torch.export.Dim.DYNAMIC} for name in found.inputs}
     path.parent.mkdir(parents=True, exist_ok=True)
-    written = path.with_name(f".{path.name}.tmp{path.suffix}")  # an earlier file stays until this one has been compared
+    written = path.with_name(f".{path.name}.tmp{path.suffix}")  # an earlier file is kept until this one has passed
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # exporters warn of what they are themselves made of
+        warnings.simplefilter("ignore")  # exporters warn about their own internals
         try:
             program = torch.export.export(found.network, (), dict(found.inputs), dynamic_shapes=shapes)
             answer = _onnx(program, found, written, shapes) if form == "onnx" else _torch_export(program, written)
             parity = max(_difference(found, answer, batch) for batch in BATCHES)
-        except Exception as error:  # exporters and ONNX Runtime have errors of every kind
+        except Exception as error:  # exporters and ONNX Runtime raise errors of any kind
             written.unlink(missing_ok=True)
             raise UserError(
                 f"this network cannot be exported as {form}: {str(error).strip().splitlines()[0]}",
@@ -93,7 +93,7 @@ def _torch_export(program: torch.export.ExportedProgram, path: Path) -> Answer:
 
 
 def _missing_operations() -> dict[Callable[..., Any], Callable[..., Any]]:
-    """Operations that PyTorch's exporter does not know how to put."""
+    """Translations of operations that PyTorch's exporter lacks."""
     from onnxscript import opset18
 
     op: Any = opset18
@@ -118,8 +118,8 @@ def _difference(found: Exportable, answer: Answer, batch: int) -> float:
     for ours, theirs in zip(_several(found.network(**inputs)), answer(inputs), strict=True):
         if ours.shape != theirs.shape:
             return float("inf")
-        apart = torch.where(ours == theirs, 0.0, (ours - theirs).abs())  # infinities too
-        if not apart.isfinite().all():  # max would pass over nan
+        apart = torch.where(ours == theirs, 0.0, (ours - theirs).abs())  # equal infinities count as equal
+        if not apart.isfinite().all():  # max may ignore a nan
             return float("inf")
         worst = max(worst, float(apart.max() / torch.where(ours.isfinite(), ours, 0.0).abs().max().clamp(min=1.0)))
     return worst

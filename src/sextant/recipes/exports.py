@@ -1,4 +1,4 @@
-"""The network of a trained model as one that other programs can run: from tensors to tensors, folded."""
+"""Networks of trained models in a form for other programs: from tensors to tensors, with push-pull layers folded."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ Content = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Exportable:
-    """A network and what goes in and out of it; the first dimension of everything is the batch.
+    """A network with its inputs and outputs; the first dimension of each is the batch.
 
     Attributes:
-        network: takes the inputs by their names, and gives a tensor, or a tuple of as many as there are outputs.
-        inputs: an example of a batch of two.
-        meanings: of inputs and outputs, in their order: the inputs first.
+        network: takes the inputs by name, and returns a tensor, or a tuple with one tensor per output.
+        inputs: an example of each input, with a batch of two.
+        meanings: descriptions of the inputs and then the outputs, in order.
     """
 
     network: nn.Module
@@ -34,20 +34,20 @@ class Exportable:
 
     @property
     def outputs(self) -> list[str]:
-        """Names of the outputs."""
+        """The names of the outputs."""
         return [name for name in self.meanings if name not in self.inputs]
 
 
 def exportable(content: Content, checkpoint: Path, *, trust: bool = False) -> Exportable:
-    """The network of a checkpoint that was read; push-pull layers are folded into plain convolutions.
+    """The network of a loaded checkpoint, with push-pull layers folded into plain convolutions.
 
     Args:
-        content: of the checkpoint, by :func:`~sextant.trained.content.read_trained`.
+        content: content of the checkpoint from :func:`~sextant.trained.content.read_trained`.
         checkpoint: its file, for messages.
-        trust: build parts of the user's own that it names.
+        trust: allow parts from outside Sextant that it names.
 
     Raises:
-        UserError: the model has no network of its own, or as the checkpoint's task has it.
+        UserError: the model has no network of its own, or its network cannot be exported.
     """
     from sextant.layers import fold
 
@@ -63,7 +63,7 @@ def exportable(content: Content, checkpoint: Path, *, trust: bool = False) -> Ex
 
 
 class CameraHead(nn.Module):
-    """A camera network whose answer is two tensors: the camera, and half the widths of its 95 % intervals."""
+    """A camera network with two output tensors: the camera, and the half-widths of its 95 % intervals."""
 
     widths: Tensor
 
@@ -76,13 +76,13 @@ class CameraHead(nn.Module):
         self.register_buffer("widths", quantile)
 
     def forward(self, images: Tensor, aspect: Tensor) -> tuple[Tensor, Tensor]:
-        """Tilt, roll, focal length and k1; the widths are of tilt, roll, field of view and k1/f²."""
+        """Tilt, roll, focal length and k1; the half-widths are those of tilt, roll, field of view and k1/f²."""
         camera, scale = self.network(images, aspect)
         return torch.stack([camera.tilt, camera.roll, camera.focal, camera.k1], -1), scale * self.widths
 
 
 class _Named(nn.Module):
-    """A network of one input, by the name that it has in what is exported."""
+    """A network whose single input has the name used in exports."""
 
     def __init__(self, network: nn.Module):
         super().__init__()
@@ -147,7 +147,7 @@ def _descriptor(content: Content, checkpoint: Path, trust: bool) -> Exportable:
 
 
 def _filters(content: Content, checkpoint: Path, trust: bool) -> Exportable:
-    """What the filters look at; the filters themselves are no network."""
+    """The feature map that the filters use; the filters themselves are not a network."""
     from sextant.recipes.trained_model import model_from_checkpoint
 
     spec = content[KEY]["spec"]
@@ -165,7 +165,7 @@ def _filters(content: Content, checkpoint: Path, trust: bool) -> Exportable:
     return Exportable(_Named(nn.Sequential(estimator.features, nn.ReLU())), {"images": _images(spec)}, meanings)
 
 
-#: of each task whose model is a network
+#: by task whose model is a network: the function that makes it exportable
 EXPORTS: Mapping[str, Callable[[Content, Path, bool], Exportable]] = {
     "calibration": _camera,
     "classification": _classifier,

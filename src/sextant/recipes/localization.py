@@ -1,4 +1,4 @@
-"""Localization: how its parts are put together."""
+"""Recipe of localization."""
 
 import math
 import re
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from sextant.reports.shared_set import SharedSet
     from sextant.tasks.localization.test import TestSettings
 
-#: of poses drawn about an image of the map, where the config gives none: in rad
+#: default standard deviation of the heading of poses drawn around a map image, in rad
 SPREAD_HEADING = math.radians(10)
 
-#: of a likelihood: to single images of the validation drives, or then to a filter along these drives
+#: ways of fitting a likelihood: to single images of the validation drives, or additionally to a filter along them
 ALONG_DRIVES = "along_drives"
 FITTED = ("fitted", ALONG_DRIVES)
 
@@ -47,12 +47,12 @@ class LocalizationRecipe(Recipe):
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
 
     def identity(self, config: Config) -> dict[str, Any]:
-        """With the identity of the descriptor."""
+        """The base identity, with that of the descriptor."""
         found, outputs = super().identity(config), Path(config.paths.outputs)
         if _is_laser(config):
-            for key in ("support", "regions"):  # those of a map of images
+            for key in ("support", "regions"):  # these apply only to maps of images
                 found["filter"].pop(key, None)
-            if found["likelihood"]["tempering"] == ALONG_DRIVES:  # a scan's is fitted to single ones
+            if found["likelihood"]["tempering"] == ALONG_DRIVES:  # for scans, tempering is fitted to single ones
                 found["likelihood"]["tempering"] = "fitted"
         return found | {"descriptor": descriptor_identity(found["descriptor"], outputs)}
 
@@ -64,7 +64,7 @@ class LocalizationRecipe(Recipe):
         self.check_parts(config)
         task = _task(config)
         outputs = Path(config.paths.outputs)
-        descriptor_identity(config.plain["descriptor"], outputs)  # a run that is missing is reported at once
+        descriptor_identity(config.plain["descriptor"], outputs)  # reports a missing run at once
         settings = DriveSettings(task.odometry_scale, task.odometry_seed, task.validation_share, task.near_map)
         source = as_localization_source(build_dataset(config), settings)
         if hasattr(source, "showing"):
@@ -72,7 +72,7 @@ class LocalizationRecipe(Recipe):
         return source
 
     def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files are missing; a world that is not rendered yet has none."""
+        """Raise a ``UserError`` if files are missing; a world that is not yet rendered has none."""
         for split in ("map", "validation", "test"):
             source.files(split)
 
@@ -104,21 +104,21 @@ class LocalizationRecipe(Recipe):
         )
 
     def spec(self, config: Config, source: Any, data: "LocalizationDataModule") -> dict[str, Any]:
-        """Numbers of a descriptor; reads all drives, so that a mistake in any of them is told before training."""
+        """The descriptor's dimension and the unit; reads all drives, so that mistakes are reported before training."""
         from sextant.tasks.localization.test import check_runs
         from sextant.tasks.localization.validation import check_validation
 
         drives = data.drives
         check_validation(drives)
         check_runs(drives, _faults(config), test_settings(config, data))
-        if "folder" in config.plain["descriptor"]:  # files of vectors, read where a mistake in them costs nothing
+        if "folder" in config.plain["descriptor"]:  # read vector files now, before a mistake in them costs time
             for drive in (drives.map, drives.validation_map, *drives.validation, *drives.test):
                 if drive is not None:
                     data.descriptors(drive)
         return {"dimension": 0 if isinstance(config.observation, LASERS) else data.dimension, "unit": drives.unit}
 
     def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> Any:
-        """The module of localization, by images or by a laser."""
+        """The module of localization, from images or a laser."""
         task, likelihood = config.plain["task"], config.plain["likelihood"]
         if _is_laser(config):
             from sextant.tasks.localization.laser import LaserLocalization
@@ -164,7 +164,7 @@ class LocalizationRecipe(Recipe):
         )
 
     def require_fit(self, config: Config, spec: Mapping[str, Any], source: "LocalizationSource") -> None:
-        """Raise a ``UserError`` unless positions have the unit of training: hyper-parameters are lengths."""
+        """Raise a ``UserError`` unless positions have the unit of training, as hyper-parameters are lengths."""
         unit = source.read().unit
         if unit != spec["unit"]:
             raise UserError(
@@ -173,7 +173,7 @@ class LocalizationRecipe(Recipe):
             )
 
     def record(self, module: Any, data: "LocalizationDataModule", config: Config) -> TestRecord:
-        """Localize the test drives: with each fault, along each drive, with each number of particles."""
+        """Localize along the test drives, with each fault and each number of particles."""
         from sextant.tasks.localization import report
         from sextant.tasks.localization.judged import judge
         from sextant.tasks.localization.regions import widened
@@ -187,7 +187,7 @@ class LocalizationRecipe(Recipe):
             outcomes = list(widened(trials_of, region_scale(module, config)))
         trials = [outcome.trial for outcome in outcomes]
         found = {report.name_of(o.trial, trials): judge(o, data.drives) for o in outcomes}
-        told = report.metrics(found, data.drives)  # before anything that is measured for itself adds to the peak memory
+        told = report.metrics(found, data.drives)  # before separate measurements add to the peak memory
         told |= {f"test/{name}": value for name, value in module.sensor_measures(data).items() if value == value}
         files: dict[str, Callable[[Path], None]] = {"trajectories": partial(report.write_trajectories, found)}
         if settings.replay:
@@ -224,13 +224,13 @@ class LocalizationRecipe(Recipe):
 
 
 def region_scale(module: Any, config: Config) -> float:
-    """What standard deviations of poses are multiplied by before they are told; 1 where that is not asked for."""
+    """The factor by which reported standard deviations of poses are widened; 1 if this is not requested."""
     assert config.filter is not None
     return 1.0 if config.filter.regions is None or _is_laser(config) else float(module.region_scale)
 
 
 def _about_regions(module: Any, config: Config) -> list[str]:
-    """What a reader should know of regions that were not widened, or as far as they may be."""
+    """Notes for the reader about confidence regions that were not widened, or widened by the maximum."""
     from sextant.tasks.localization.regions import WIDEST
 
     assert config.filter is not None
@@ -251,7 +251,7 @@ def _about_regions(module: Any, config: Config) -> list[str]:
 
 
 def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettings":
-    """How drives are localized, by a config and a map."""
+    """The settings of the localization of drives, from a config and a map."""
     from sextant.localization import resampling
     from sextant.localization.kld_size import KLDSize
     from sextant.tasks.localization.test import TestSettings
@@ -289,7 +289,7 @@ def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettin
 
 
 def _motion(config: Config, data: "LocalizationDataModule") -> "MotionModel":
-    """The motion model, with the spacing of the map if it asks for it."""
+    """The motion model, given the spacing of the map if it depends on it."""
     import torch
 
     from sextant.localization.map_support import map_spacing
@@ -302,9 +302,10 @@ def _motion(config: Config, data: "LocalizationDataModule") -> "MotionModel":
 
 
 def _spread(config: Config, data: "LocalizationDataModule") -> tuple[float, float, float]:
-    """Standard deviations of poses drawn about an image of the map: as given, or from how far its images are apart.
+    """Standard deviations of poses drawn around a map image: as configured, or from the spacing of the map's images.
 
-    Where odometry never errs across, no step would mend what was drawn there: all starts on the line, as it heads.
+    Where the motion model has no lateral and no heading noise, no step could correct errors in these directions. All
+    poses then start on the line with its heading.
     """
     import torch
 

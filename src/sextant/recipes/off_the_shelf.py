@@ -1,6 +1,6 @@
-"""A layer of a trained network beside the place descriptors: found, built and cut as a config says.
+"""A layer of an off-the-shelf network as a baseline place descriptor, built as a config says.
 
-What is looked up before training imports nothing heavy.
+Checks made before training import nothing heavy.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ KEY = "task.off_the_shelf"
 
 @dataclass(frozen=True)
 class _Trained:
-    """A trained network as it is: its name, the channels it takes, and what its images are standardised with."""
+    """A trained network as it is: its name, input channels, and the mean and deviation that standardise its images."""
 
     name: str
     network: "nn.Module"
@@ -33,10 +33,10 @@ class _Trained:
 
 
 def weights_identity(shelf: OffTheShelf, outputs: Path) -> str:
-    """What the weights are, wherever they lie: the hash of their file. Light, so that a mistake is told at once.
+    """The hash of the weights file, whatever its path. Light, so that mistakes are reported at once.
 
     Raises:
-        UserError: there is no such file or run.
+        UserError: the file or run does not exist.
     """
     if shelf.network is None:
         from sextant.runs.resolve import resolve_run
@@ -55,15 +55,15 @@ def weights_identity(shelf: OffTheShelf, outputs: Path) -> str:
 
 
 def off_the_shelf(shelf: OffTheShelf, image_size: tuple[int, int], outputs: Path) -> "tuple[str, NetworkLayer]":
-    """The descriptor that a config names, and what it is called: ``off the shelf: alexnet features.7``.
+    """The name and the descriptor that a config chooses; a name is ``off the shelf: alexnet features.7``.
 
     Args:
         shelf: the config.
-        image_size: height and width of the images, to which it describes them unless the config names a size.
+        image_size: height and width of the images, used for the descriptor unless the config gives a size.
         outputs: folder of runs.
 
     Raises:
-        UserError: there is no such network, file, run or layer, or the weights are not those of the network.
+        UserError: the network, file, run or layer does not exist, or the weights do not belong to the network.
     """
     from torch import nn
 
@@ -87,7 +87,7 @@ def off_the_shelf(shelf: OffTheShelf, image_size: tuple[int, int], outputs: Path
 
 
 def _run(shelf: OffTheShelf, outputs: Path) -> _Trained:
-    """The network of a run, a checkpoint or a published file; it standardises its images itself."""
+    """The network of a run, a checkpoint or a published file, which standardises its images itself."""
     from sextant.runs.checkpoint import KEY as CONTENT
     from sextant.runs.resolve import resolve_run
     from sextant.trained.content import own_config, read_trained
@@ -109,7 +109,7 @@ def _run(shelf: OffTheShelf, outputs: Path) -> _Trained:
 
 
 def _classifier(name: str, weights: str, size: tuple[int, int]) -> _Trained:
-    """A classifier of torchvision, else of timm, with its own classes and weights from a file or the Internet."""
+    """A classifier of torchvision or else timm, with its own classes and weights from a file or the Internet."""
     from torchvision import models
 
     from sextant.models import timm_backbone
@@ -129,7 +129,7 @@ def _classifier(name: str, weights: str, size: tuple[int, int]) -> _Trained:
 
 @contextmanager
 def _naming_the_key() -> Iterator[None]:
-    """Say of a mistake that was found elsewhere in which key it was made."""
+    """Add the config key to errors that are raised elsewhere."""
     try:
         yield
     except UserError as error:

@@ -1,4 +1,4 @@
-"""What trained models say of photos, as rows of a table: for those who call them over a network."""
+"""Predictions of trained models for photos as table rows, for callers over a network."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,37 +11,37 @@ from sextant.trained.content import own_config, read_trained
 
 Kind = Literal["string", "double", "doubles"]
 Row = dict[str, Any]
-#: of every table: why a photo has no answer; empty if it has one
+#: column of every table: why a photo has no answer; empty if it has one
 ERROR = "error"
 
 
 @dataclass(frozen=True)
 class PhotoPredictor:
-    """A trained model that answers photos one by one.
+    """A trained model that predicts from single photos.
 
     Attributes:
-        columns: what it says of a photo, by name; strings, numbers or lists of numbers.
-        answer: rows for photos of any kind and size, in their order; what a photo has no answer to is left out.
+        columns: columns of the prediction and their types: strings, numbers or lists of numbers.
+        answer: returns rows for photos of any kind and size, in order; columns without an answer are left out.
     """
 
     columns: Mapping[str, Kind]
     answer: Callable[[Sequence[Path]], list[Row]]
 
     def predict(self, photos: Sequence[Path]) -> list[Row]:
-        """A row of all columns for each photo, None where there is no answer, with the column ``error``."""
+        """A row with all columns for each photo, None where there is no answer, and the column ``error``."""
         missing: Row = dict.fromkeys(self.columns)
         return [{**missing, ERROR: "", **row} for row in self.answer(photos)]
 
 
 def photo_predictor(checkpoint: Path, *, trust: bool = False) -> PhotoPredictor:
-    """What answers photos by the model of a checkpoint.
+    """The photo predictor of a checkpoint.
 
     Args:
-        checkpoint: of a run.
-        trust: build parts of the user's own that it names.
+        checkpoint: checkpoint of a run.
+        trust: allow parts from outside Sextant that it names.
 
     Raises:
-        UserError: the file is damaged, or its model does not answer photos one by one.
+        UserError: the file is damaged, or its model does not predict from single photos.
     """
     content = read_trained(checkpoint)
     task = str(content[KEY]["task"])
@@ -133,7 +133,7 @@ def _failed(error: UserError) -> Row:
     return {ERROR: error.problem}
 
 
-#: of each task whose models answer photos one by one
+#: by task whose models predict from single photos: the function that makes the predictor
 PREDICTORS: Mapping[str, Callable[[Mapping[str, Any], Path, bool], PhotoPredictor]] = {
     "calibration": _camera,
     "classification": _classifier,

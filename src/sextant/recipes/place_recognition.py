@@ -1,4 +1,4 @@
-"""Place recognition: how its parts are put together."""
+"""Recipe of place recognition."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from sextant.tasks.places.module import PlaceRecognition
 
 
-#: the dataset that is for tests alone
+#: the dataset that is only for tests
 FACTORS = "town_factors"
-#: height and width at which training-free and linear descriptors see images
+#: height and width of images for training-free and linear descriptors
 BASELINE_SIZE = (32, 64)
 
 
@@ -45,7 +45,7 @@ class PlaceRecognitionRecipe(Recipe):
     test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
 
     def identity(self, config: Config) -> dict[str, Any]:
-        """With the identity of the weights beside which the network is tested."""
+        """The base identity, with that of the off-the-shelf weights to which the network is compared."""
         found, shelf = super().identity(config), _task(config).off_the_shelf
         if shelf is not None:
             found["task"]["off_the_shelf"]["weights"] = weights_identity(shelf, Path(config.paths.outputs))
@@ -63,9 +63,9 @@ class PlaceRecognitionRecipe(Recipe):
             world.showing = partial(self.reporter.progress, f"rendering {world.name}, once", "images")
         task = _task(config)
         if task.off_the_shelf is not None:
-            weights_identity(task.off_the_shelf, Path(config.paths.outputs))  # a file that is missing is told at once
+            weights_identity(task.off_the_shelf, Path(config.paths.outputs))  # reports a missing file at once
         corrupts = _corrupts(config)
-        if source.name == FACTORS:  # its conditions are all of the test
+        if source.name == FACTORS:  # all its conditions belong to the test
             if corrupts:
                 raise UserError("corruption: dataset=town_factors changes one factor at a time", "corruption=none")
             return source
@@ -75,13 +75,13 @@ class PlaceRecognitionRecipe(Recipe):
         return CorruptedQueries(source, build(config.plain, "corruption")) if corrupts else source
 
     def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files of a split are missing; a world that is not rendered yet has none."""
+        """Raise a ``UserError`` if files of a split are missing; a world that is not yet rendered has none."""
         _can_train_on(source)
         for split in ("train", "val", "test"):
             source.files(split)
 
     def summary(self, config: Config) -> dict[str, str]:
-        """Network, and how it is trained."""
+        """Network and training settings."""
         return {name: part_name(config.plain[name]) for name in ("backbone", "pooling", "inhibition", "loss", "mining")}
 
     def data(self, config: Config, source: "PlaceSource") -> "PlaceData":
@@ -103,7 +103,7 @@ class PlaceRecognitionRecipe(Recipe):
         )
 
     def spec(self, config: Config, source: "PlaceSource", data: "PlaceData") -> dict[str, Any]:
-        """Shape of the images; reads all splits, so that a mistake in any of them is told before training."""
+        """The shape of the images; reads all splits, so that mistakes are reported before training."""
         _can_train_on(source)
         data.check()
         task = _task(config)
@@ -142,8 +142,8 @@ class PlaceRecognitionRecipe(Recipe):
     def require_fit(self, config: Config, spec: Mapping[str, Any], source: "PlaceSource") -> None:
         """Raise a ``UserError`` unless the images have the shape of training; a test needs no other split.
 
-        Without a validation split there is no posterior, whose temperature is fitted there, and without a training
-        split baselines learn from the map's images; see :meth:`record`.
+        Without a validation split there is no posterior, as its temperature is fitted there. Without a training split,
+        baselines learn from the map's images; see :meth:`record`.
         """
         from sextant.tasks.places.invariance import has_factors
 
@@ -160,7 +160,7 @@ class PlaceRecognitionRecipe(Recipe):
             )
 
     def record(self, module: "PlaceRecognition", data: "PlaceData", config: Config) -> TestRecord:
-        """The network beside training-free and linear descriptors: table, hits by query, figures."""
+        """Compare the network with training-free and linear descriptors: table, hits per query, figures."""
         from sextant.models import network_cost
         from sextant.tasks.places import report
         from sextant.tasks.places.condition_pairs import condition_pairs, pair_arrays, pair_metrics
@@ -226,14 +226,14 @@ class PlaceRecognitionRecipe(Recipe):
 
 
 def _split_beside(data: "PlaceData", split: "Split") -> "PlaceImages | None":
-    """The images of another split than the test's; None if the data have none."""
+    """The images of a split other than the test's; None if it does not exist."""
     with suppress(MissingDataError):
         data.read(split)
     return data.splits.get(split)
 
 
 def _seen_by_baselines(train: "PlaceImages | None", places: "PlaceImages") -> "PlaceImages":
-    """What baselines learn from: the training images, or without any those of the map, which no query belongs to."""
+    """The images that baselines learn from: the training images or, without any, those of the map, never queries."""
     return places.only_conditions(places.conditions[:1]) if train is None else train
 
 
@@ -241,7 +241,7 @@ def _corrupts(config: Config) -> bool:
     """Whether the test also has corrupted queries.
 
     Raises:
-        UserError: the choice of the group ``corruption`` is made for images of a classifier.
+        UserError: the choice in the group ``corruption`` is meant for images of a classifier.
     """
     suite = config.corruption
     if isinstance(suite, CorruptionSuite):
@@ -263,7 +263,7 @@ def _can_train_on(source: Source) -> None:
 
 
 def _factors_record(config: Config, module: "PlaceRecognition", data: "PlaceData", reporter: Reporter) -> TestRecord:
-    """Recall of the network and of descriptors that learn from no pair, against one factor of appearance at a time."""
+    """Recall of the network, and of descriptors that learn from no pairs, against one appearance factor at a time."""
     from sextant.tasks.places import invariance as curves
     from sextant.tasks.places import report
     from sextant.tasks.places.methods import describe_all, fitted, training_free
@@ -301,7 +301,7 @@ def _factors_record(config: Config, module: "PlaceRecognition", data: "PlaceData
 
 
 def _shelf(config: Config, module: "PlaceRecognition") -> "dict[str, NetworkLayer]":
-    """The layer of a network trained for something else that the config names, by its name in the table; or none."""
+    """The off-the-shelf layer that the config names, by its name in the table; empty without one."""
     shelf = _task(config).off_the_shelf
     if shelf is None:
         return {}
@@ -311,7 +311,7 @@ def _shelf(config: Config, module: "PlaceRecognition") -> "dict[str, NetworkLaye
 
 
 def _untrained(config: Config, module: "PlaceRecognition", places: Any) -> Any:
-    """Descriptors of the same network with first weights of the run's seed."""
+    """Descriptors of the untrained network, initialised with the run's seed."""
     import torch
 
     from sextant.tasks.places.methods import network_descriptors
@@ -333,7 +333,7 @@ def _task(config: Config) -> PlaceRecognitionTask:
 
 
 def _tolerance(chosen: Any, source: "PlaceSource") -> Any:
-    """The tolerance in the unit in which the source knows its places."""
+    """The tolerance in the unit of the source's places."""
     from sextant.data.places import PlaceTolerance
 
     return PlaceTolerance(source.place_unit, **getattr(chosen, source.place_unit).model_dump())

@@ -1,4 +1,4 @@
-"""What a recipe is to the life cycle of a run."""
+"""The interface between recipes and the life cycle of a run."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
@@ -30,23 +30,23 @@ class Source(Protocol):
     name: str
 
     def files(self, split: Any) -> list[Path]:
-        """The files of a split; raises ``MissingDataError`` if one is missing."""
+        """The files of a split; raises a ``MissingDataError`` if one is missing."""
 
     def fingerprint(self) -> str:
-        """Hash that changes when the data does."""
+        """A hash that changes with the data."""
 
 
 @dataclass(frozen=True)
 class TestRecord:
-    """What a test leaves beside the metrics that were logged.
+    """The results of a test beyond the logged metrics.
 
     Attributes:
-        arrays: results by image.
-        figures: pictures by name, made when asked for.
-        metrics: further numbers.
+        arrays: results per image.
+        figures: named figures, made lazily.
+        metrics: further metrics.
         table: rows of a comparison, each a mapping from column to text.
-        facts: what else belongs beside the results, as plain values.
-        files: what else is written: a file or folder below the run's, and what writes it.
+        facts: further facts to store with the results, as plain values.
+        files: further files or folders in the run directory, each with the function that writes it.
     """
 
     arrays: dict[str, np.ndarray]
@@ -62,13 +62,13 @@ class Recipe(ABC):
 
     Attributes:
         evaluation_example: arguments of ``evaluate.py`` that a user may want next.
-        monitor: metric of the validation split that chooses checkpoints, and whether its "max" or "min" is best.
+        monitor: validation metric that selects checkpoints, and whether its "max" or "min" is best.
         sweep_example: arguments of ``train.py -m`` that a user may want next.
-        prediction_example: arguments of ``predict.py`` that say what to predict.
-        uncorrupted: how it tests images, if it has no use for test conditions of the group ``corruption``.
-        alone: why it is trained by one process and uncompiled, if it is.
-        on_cpu: why a GPU would bring it nothing, if it computes on the CPU alone.
-        test_settings: keys of ``task`` that control testing, and may change after training.
+        prediction_example: arguments of ``predict.py`` that name its input.
+        uncorrupted: how images are tested, if the task does not use test conditions of the group ``corruption``.
+        alone: why it is trained in a single process and uncompiled, if it is.
+        on_cpu: why a GPU would not help, if it computes only on the CPU.
+        test_settings: keys of ``task`` that control testing and may change after training.
         reporter: listens to long work.
     """
 
@@ -85,7 +85,7 @@ class Recipe(ABC):
         self.reporter = reporter
 
     def check_parts(self, config: Config) -> None:
-        """Raise a ``UserError`` if choices of several groups do not go together. Light."""
+        """Raise a ``UserError`` if choices of several groups are incompatible. Light."""
         suite, trainer = config.corruption, config.trainer
         for key, asked in (("devices", trainer.devices > 1), ("compile", trainer.compile)):
             if asked and self.alone:
@@ -100,10 +100,10 @@ class Recipe(ABC):
             raise UserError(f"corruption: task={config.task.name} tests {self.uncorrupted}", "corruption=none")
 
     def identity(self, config: Config) -> dict[str, Any]:
-        """What identifies a run: its config as plain values, with what files hold in place of where they lie. Light.
+        """The identity of a run: its config as plain values, with hashes of files in place of paths. Light.
 
         Raises:
-            UserError: there is no such file.
+            UserError: a file does not exist.
         """
         typed = config.model_dump(by_alias=True)
         if config.init_from is not None:
@@ -114,12 +114,12 @@ class Recipe(ABC):
             typed["corruption"]["folder"] = folder_identity(config.corruption.folder)
         if isinstance(config.backbone, TimmBackbone) and config.backbone.weights is not None:
             path = Path(config.backbone.weights).expanduser()
-            if path.is_file():  # a trained network is tested without it
+            if path.is_file():  # testing a trained network does not need the file
                 typed["backbone"]["weights"] = file_sha256(path)
         return typed
 
     def answers(self, config: Config) -> list[str]:
-        """Methods whose answers a run keeps apart, if there are several; an arm of a sweep reads one. Light."""
+        """The methods whose answers a run stores separately, if several; an arm of a sweep reads one of them. Light."""
         return []
 
     @abstractmethod
@@ -127,7 +127,7 @@ class Recipe(ABC):
         """The dataset. Light.
 
         Raises:
-            UserError: it is not one that this recipe can use.
+            UserError: this recipe cannot use the dataset.
         """
 
     @abstractmethod
@@ -135,24 +135,24 @@ class Recipe(ABC):
         """Raise a ``UserError`` if files that a run needs are missing. Light."""
 
     def training_size(self, config: Config, source: Any) -> int | None:
-        """Images of an epoch, of which ``trainer.batch_size`` takes some; None where only reading tells. Light."""
+        """The number of images in an epoch, which limits the batch size; None if unknown before reading. Light."""
         return None
 
     @abstractmethod
     def summary(self, config: Config) -> dict[str, str]:
-        """What a run says of itself before it starts. Light."""
+        """The summary that a run shows before it starts. Light."""
 
     @abstractmethod
     def data(self, config: Config, source: Any) -> "pl.LightningDataModule":
-        """Training, validation and test batches."""
+        """The data module with training, validation and test batches."""
 
     @abstractmethod
     def spec(self, config: Config, source: Any, data: Any) -> dict[str, Any]:
-        """Plain facts about the data that the model is built from; they are kept in its checkpoints."""
+        """Plain facts about the data from which the model is built; its checkpoints store them."""
 
     @abstractmethod
     def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> Any:
-        """The Lightning module; ``training=False`` leaves out optimiser and schedule."""
+        """The Lightning module; ``training=False`` omits optimiser and schedule."""
 
     @abstractmethod
     def require_fit(self, config: Config, spec: Mapping[str, Any], source: Any) -> None:
@@ -160,19 +160,19 @@ class Recipe(ABC):
 
     @abstractmethod
     def record(self, module: Any, data: Any, config: Config) -> TestRecord:
-        """What the test that the module just ran leaves."""
+        """The results of the test that the module has just run."""
 
     @abstractmethod
     def measured(
         self, arrays: Mapping[str, np.ndarray], shared: "SharedSet | None" = None, reads: str | None = None
     ) -> "RunValues":
-        """What a report counts of a run: its measure, and the value of each test image under each condition.
+        """The measure of a run for reports, and the value of each test image under each condition.
 
         Args:
-            arrays: of the run's ``predictions.npz``: what :meth:`record` left.
+            arrays: arrays of the run's ``predictions.npz``, as :meth:`record` returned them.
             shared: the conditions of a published set that all runs of a sweep share, if they were tested under one.
             reads: the method whose answers count, one of :meth:`answers`.
 
         Raises:
-            KeyError: they are not the arrays of a run of this task.
+            KeyError: the arrays are not those of a run of this task.
         """

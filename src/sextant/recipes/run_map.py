@@ -1,4 +1,4 @@
-"""The map that a run of localization keeps: what ``predict.py`` and ``sextant.Localizer`` open."""
+"""The map that a localization run saves for ``predict.py`` and ``sextant.Localizer``."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from sextant.tasks.localization.module import Localization
     from sextant.tasks.localization.test import TestSettings
 
-#: images of the map that are described anew, to be sure that the descriptor is the one the map was described with
+#: number of map images described again to verify that the descriptor is that of the map
 COMPARED = 4
-#: and by how much they may differ, relative to the largest value
+#: largest difference of their descriptors, relative to the largest value
 SAME = 1e-2
 
 
@@ -35,10 +35,10 @@ def run_localizer(
     config: Config,
     region_scale: float,
 ) -> Localizer:
-    """The dataset's map with the calibrated likelihood, the filter and the regions of the test, and the descriptor.
+    """A localizer of the dataset's map, calibrated likelihood and descriptor, with the filter and regions of the test.
 
     Raises:
-        UserError: the descriptors in the cache are not those that the descriptor gives.
+        UserError: the descriptors in the cache differ from those of the descriptor.
     """
     drive, protocol = data.drives.map, protocol_of(data.drives)
     model = module.fit_map(data, drive)
@@ -67,13 +67,13 @@ def run_localizer(
 
 def _kept(data: "LocalizationDataModule", config: Config) -> KeptDescriptor:
     describer, images = data.describer, data.drives.map.images
-    if (run := config.plain["descriptor"].get("run")) is not None:  # it ran already
+    if (run := config.plain["descriptor"].get("run")) is not None:  # the descriptor is a trained run
         outputs = Path(config.paths.outputs)
         trained = resolve_run(run, outputs)
         return kept_network(trained.checkpoint, trust=trained.is_own(outputs))
     if not isinstance(describer, BaselineDescriber) or images is None:
         return KeptDescriptor()
-    describer.fit(images)  # the descriptors may all have come from the cache
+    describer.fit(images)  # not yet fitted if all descriptors came from the cache
     kept = kept_baseline(describer.descriptor)
     known = np.asarray(data.descriptors(data.drives.map)[:COMPARED])
     found = describer.describe(images[:COMPARED])
@@ -82,7 +82,7 @@ def _kept(data: "LocalizationDataModule", config: Config) -> KeptDescriptor:
             f"the descriptors of the map in {data.cache} are not those that the descriptor gives now",
             f"They are of another version: delete {data.cache}/descriptors-*.npy and run again.",
         )
-    return kept if kept.facts["kind"] == "baseline" else KeptDescriptor()  # one of the user's own is not kept
+    return kept if kept.facts["kind"] == "baseline" else KeptDescriptor()  # the user's own descriptors are not stored
 
 
 def write_map(localizer: Localizer, folder: Path) -> None:

@@ -12,11 +12,11 @@ from sextant.trained.content import load_weights
 
 
 def model_from_checkpoint(config: Config, content: Mapping[str, Any], checkpoint: Path) -> Any:
-    """The trained module of a checkpoint, built from ``config``: its own, perhaps with other test conditions.
+    """The trained module of a checkpoint, built from ``config``.
 
     Args:
-        config: typed.
-        content: of the checkpoint, by :func:`read_trained`.
+        config: the checkpoint's typed config, possibly with other test conditions.
+        content: content of the checkpoint from :func:`read_trained`.
         checkpoint: its file, for messages.
 
     Raises:

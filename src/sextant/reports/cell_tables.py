@@ -1,4 +1,4 @@
-"""Tables of the cells of a sweep: their distribution over seeds, what became of their runs, and every run."""
+"""Tables of the cells of a sweep: their distribution over seeds, the outcomes of their runs, and every run."""
 
 import math
 
@@ -8,7 +8,7 @@ from sextant.reports.tables import Entry, TextTable, arms_table, interval, numbe
 
 
 def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:
-    """Of each cell under each condition mean ± standard deviation over seeds and the interval of the mean."""
+    """Mean ± standard deviation over seeds, and the interval of the mean, of each cell under each condition."""
     n = results.measure.digits
     entries = [
         Entry(
@@ -22,7 +22,7 @@ def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:
 
 
 def cells_legend(results: SweepResults) -> str:
-    """What the numbers of :func:`cells_table` are."""
+    """The legend of :func:`cells_table`."""
     text = "Mean ± standard deviation over seeds, and the 95 % interval of the mean"
     if results.measure.is_share:
         return (
@@ -33,7 +33,7 @@ def cells_legend(results: SweepResults) -> str:
 
 
 def runs_table(summaries: list[Summary]) -> TextTable:
-    """How many runs of each cell converged, and what became of the others."""
+    """The numbers of runs of each cell that converged, diverged, failed or are missing."""
     columns = ["setting", "arm", "seeds", "diverged", "failed", "missing"]
     rows = []
     for (setting, arm), (first, *_) in _by_cell(summaries).items():
@@ -43,7 +43,7 @@ def runs_table(summaries: list[Summary]) -> TextTable:
 
 
 def seed_rows(results: SweepResults) -> TextTable:
-    """The value of every run under every condition, for a file; nan of those that failed or were stopped by a nan."""
+    """The value of every run under every condition, for a file; nan for runs that failed or were stopped by a nan."""
     rows = [
         [
             *(cell.cell.setting, cell.cell.arm, str(cell.cell.pair), str(cell.cell.seed), cell.outcome),

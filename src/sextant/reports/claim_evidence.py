@@ -11,11 +11,11 @@ from scipy import stats
 from sextant.errors import UserError
 from sextant.evaluation.verdict import TAIL, Estimate
 
-#: in the column ``seeds`` of ``recorded.csv``: exact, whatever the seed
+#: value of the column ``seeds`` of ``recorded.csv`` for figures that are exact, whatever the seed
 COUNTED = "counted"
-#: as far as figures of the claims have digits that are read
+#: decimals to which differences are rounded; no more are read of the figures of claims
 ROUNDING = 9
-#: what to do about a table that is lost or damaged
+#: advice for a table that is missing or damaged
 STORED = "It is stored with the sweep's report: sextant report sweep=<name>."
 
 
@@ -25,7 +25,7 @@ class Row:
 
     Attributes:
         place: its file and line, for messages.
-        cells: by column.
+        cells: values by column.
     """
 
     place: str
@@ -48,7 +48,7 @@ class Row:
         return value
 
     def count(self, column: str) -> int:
-        """The whole number from 0 up in a column."""
+        """The non-negative whole number in a column."""
         if not self[column].isdecimal():
             raise UserError(f"{self.place}: {column}={self[column]} must be a whole number from 0 up", STORED)
         return int(self[column])
@@ -56,17 +56,17 @@ class Row:
 
 @dataclass(frozen=True)
 class Evidence:
-    """An estimate, and what it is of."""
+    """An estimate, labelled with what it estimates."""
 
     label: str
     estimate: Estimate
 
 
 def read_table(path: Path) -> list[Row]:
-    """The rows of a stored table; of columns of one name the first, such as ``ratio`` of a table of costs.
+    """The rows of a stored table; of columns with the same name (``ratio`` in a table of costs) the first is read.
 
     Raises:
-        UserError: there is no such file, or it is no table.
+        UserError: the file does not exist, or it is not a table.
     """
     if not path.is_file():
         raise UserError(f"{path} is not there", STORED)
@@ -93,12 +93,12 @@ def evidence(
     quantity: str = "",
     down: bool = False,
 ) -> Iterator[Evidence]:
-    """An estimate for each name, setting and condition, positive where it favours the claim.
+    """Yield an estimate for each name, setting and condition, positive where it favours the claim.
 
     Args:
-        path: a table of a stored report; its name says what its rows are.
-        names: of contrasts, of arms (``cells``, ``cost``), or of rows (``recorded``).
-        settings, conditions: of the rows; ``recorded`` has none, and ``cost`` no conditions.
+        path: a table of a stored report; the file name determines what its rows are.
+        names: names of contrasts, of arms (``cells``, ``cost``), or of rows (``recorded``).
+        settings, conditions: settings and conditions of the rows; ``recorded`` has neither, ``cost`` no conditions.
         against: what arms are compared with: a number in ``cells``, another arm in ``cost``.
         quantity: column of ``cost``.
         down: whether the claim says that the difference is negative.
@@ -126,7 +126,7 @@ def evidence(
             if table == "cost":
                 ratio = row(arm=name, setting=setting).number(quantity)
                 ratio /= row(arm=str(against), setting=setting).number(quantity)
-                extra = round(sign * 100 * (ratio - 1), ROUNDING) + 0.0  # and -0.0 is 0.0
+                extra = round(sign * 100 * (ratio - 1), ROUNDING) + 0.0  # turns -0.0 into 0.0
                 yield Evidence(place, Estimate(extra, 0.0, math.inf, 0, counted=True))
                 continue
             for condition in conditions:
@@ -139,7 +139,7 @@ def _estimate(row: Row, rows: Sequence[Row], sign: float, against: float | str) 
     if row["mean"] in ("", "nan"):  # no pair of runs converged
         return Estimate(math.nan, math.nan, 0, 0)
     mean = sign * (row.number("mean") - (against if isinstance(against, float) else 0.0))
-    if "freedom" in row.cells:  # of Welch's test; its seeds are those of the group that has fewest in any stratum
+    if "freedom" in row.cells:  # Welch's test; seeds are those of the smallest group in any stratum
         low, high, freedom = (row.number(key) for key in ("low", "high", "freedom"))
         error = (high - low) / 2 / float(stats.t.ppf(1 - TAIL, freedom))
         alike = [other for other in rows if other["condition"] == row["condition"] and other["setting"] != "together"]

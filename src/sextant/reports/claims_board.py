@@ -1,4 +1,4 @@
-"""The board of claims: a verdict for each, as Markdown, with a small picture beside it."""
+"""The board of claims: a verdict for each claim, as Markdown, with a small picture."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from sextant.figures.claim_strip import Strip, claim_strips
 from sextant.reports.tables import NOTHING, TextTable, counted, decimals
 
 SAYS: Mapping[Expectation, str] = {"better": "more than", "as_good": "not worse than by", "same": "the same within"}
-#: a difference of shares cannot be larger
+#: largest possible difference of shares, in points
 LARGEST = 100.0
 HOW_TO_READ = """\
 Effects are signed so that a positive one supports the claim, and come with their 95 % interval over seeds. A claim of
@@ -46,7 +46,7 @@ class Comparison:
     note: str = ""
 
     def verdict(self, parts: int) -> Verdict:
-        """Of so many parts of a claim."""
+        """The verdict of this comparison as one of ``parts`` that decide a claim."""
         return decide(self.estimate, self.expects, self.matters, parts)
 
     def effect(self) -> str:
@@ -60,11 +60,11 @@ class Comparison:
         return f"{found.mean:+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}]"
 
     def strip(self) -> Strip:
-        """For the picture."""
+        """The interval as it is drawn in the picture."""
         return Strip(self.estimate.mean, *self._ends(), self.matters, not self.beside)
 
     def asked(self) -> str:
-        """What the claim asks of the effect."""
+        """What the claim requires of the effect, in words."""
         floor = abs(self.estimate.floor)
         above = f" (seeds alone: {floor:.3g})" if self.expects == "better" and floor > self.matters else ""
         return f"{SAYS[self.expects]} {self.matters:g}{above}"
@@ -92,23 +92,24 @@ class DecidedClaim:
 
     @property
     def counting(self) -> list[Comparison]:
-        """The comparisons that decide."""
+        """The comparisons that decide the claim."""
         return [each for each in self.comparisons if not each.beside]
 
     @property
     def verdicts(self) -> list[Verdict]:
-        """Of the comparisons that decide."""
+        """The verdicts of the comparisons that decide the claim."""
         return [each.verdict(len(self.counting)) for each in self.counting]
 
     @property
     def verdict(self) -> Verdict:
-        """Of the whole claim."""
+        """The verdict of the whole claim."""
         return together(self.verdicts)
 
     @property
     def deciding(self) -> Comparison:
-        """The comparison that makes the verdict: where all hold, the one nearest to its border; where more seeds are
-        needed, the one that needs most.
+        """The comparison that determines the verdict.
+
+        If all hold, this is the one nearest to its border; if more seeds are needed, the one that needs most.
         """
         made = [each for each, verdict in zip(self.counting, self.verdicts, strict=True) if verdict == self.verdict]
         if self.verdict == "undecided":
@@ -117,7 +118,7 @@ class DecidedClaim:
 
     @property
     def counted(self) -> bool:
-        """Whether nothing of it is an estimate."""
+        """Whether all deciding figures are exact, so that nothing is estimated."""
         return all(each.estimate.counted for each in self.counting)
 
 
@@ -128,14 +129,14 @@ def board(
     left_out: Mapping[str, str],
     cut_short: Sequence[DecidedClaim] = (),
 ) -> str:
-    """The page.
+    """The board as a Markdown page.
 
     Args:
-        claims: in the order of the page.
+        claims: claims in the order of the page.
         pictures: folder of the pictures, relative to the page.
-        command: that writes it.
+        command: command that writes the page.
         left_out: claims that were not measured, with the reason.
-        cut_short: the same claims as shorter runs decide them, of which there are any.
+        cut_short: those of the same claims that shorter runs decide too.
     """
     again = {claim.name: claim for claim in cut_short}
     held, failed, open_ = (sum(c.verdict == verdict for c in claims) for verdict in ("holds", "fails", "undecided"))
@@ -163,7 +164,7 @@ def picture(claim: DecidedClaim) -> str:
 
 
 def seeds_told(comparison: Comparison, verdict: Verdict, parts: int) -> str:
-    """The seeds of a comparison, and how many more it needs if it is undecided, one of so many parts of a claim."""
+    """The seeds of a comparison and, if undecided, the further ones it needs as one of ``parts`` of a claim."""
     found = comparison.estimate
     if found.counted:
         return NOTHING
@@ -231,7 +232,7 @@ def _needed(comparison: Comparison, parts: int) -> float:
 
 
 def _distance(comparison: Comparison) -> float:
-    """How far beyond its border an effect that holds is, in half widths of its interval."""
+    """How far the interval of an effect that holds lies beyond its border, relative to the interval's width."""
     low, high = comparison.estimate.interval()
     border = comparison.matters if comparison.expects == "better" else -comparison.matters
     return (low - border) / (high - low) if high > low else math.inf

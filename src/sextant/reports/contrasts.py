@@ -20,13 +20,13 @@ class ContrastRow:
     """One contrast in one setting under one condition; treatment minus control, in the unit of the measure.
 
     Attributes:
-        paired: over the pairs in which both runs converged; None without such a pair.
-        dropped: planned pairs left out because a run diverged, failed or is missing.
-        everything: mean difference over all pairs that were tested, diverged runs included; a run that a nan stopped
-            was not tested.
-        p_holm: Wilcoxon's p, corrected for all conditions of this contrast in this setting. Over all settings too, ten
-            seeds and forty tests could not get below 0.078, whatever the effect.
-        floor: the same difference between the noise-floor arms: what the choice of seeds alone does.
+        paired: paired difference over the pairs in which both runs converged; None without such a pair.
+        dropped: number of planned pairs left out because a run diverged, failed or is missing.
+        everything: mean difference over all tested pairs, including diverged runs; a run stopped by a nan was not
+            tested.
+        p_holm: Wilcoxon's p, corrected for all conditions of this contrast in this setting. If it were also corrected
+            over all settings, ten seeds and forty tests could not get below 0.078, whatever the effect.
+        floor: the same difference between the noise-floor arms, that is, the effect of the seeds alone.
         published: the published single-run difference, nan if there is none.
     """
 
@@ -42,9 +42,10 @@ class ContrastRow:
 
     @property
     def single_pair_reach(self) -> float:
-        """Half the range in which one more pair of runs of the *same* network falls 95 times in 100.
+        """Half-width of the range in which one more pair of runs of the *same* network falls 95 times in 100.
 
-        A prediction interval around zero: ``t_{n-1} · s · sqrt(1 + 1/n)``, with s the spread of the n floor pairs.
+        A prediction interval around zero: ``t_{n-1} · s · sqrt(1 + 1/n)``, with s the standard deviation
+        of the n floor pairs.
         """
         if self.floor is None or self.floor.seeds < 2:
             return float("nan")
@@ -58,8 +59,8 @@ class ContrastRow:
 
 
 def contrasts(results: SweepResults) -> list[ContrastRow]:
-    """Every contrast of the sweep; Holm's family is the conditions of one contrast in one setting."""
-    if results.plan.is_search:  # its trials are compared by validation alone
+    """Every contrast of the sweep; a family of Holm's correction is the conditions of one contrast in one setting."""
+    if results.plan.is_search:  # trials are compared by the validation metric alone
         return []
     named = named_contrasts(results)
     floor_sides = named.get(noise_floor(results))
@@ -73,14 +74,14 @@ def contrasts(results: SweepResults) -> list[ContrastRow]:
 
 
 def named_contrasts(results: SweepResults) -> Mapping[str, Sides]:
-    """``treatment`` and ``control`` by the name of the contrast; without any named, every arm against the first."""
+    """``treatment`` and ``control`` by the name of the contrast; by default every arm against the first."""
     arms = results.arms
     against_first = {f"{arm} - {arms[0]}": {"treatment": arm, "control": arms[0]} for arm in arms[1:]}
     return results.plan.definition.get("contrasts") or against_first
 
 
 def noise_floor(results: SweepResults) -> str:
-    """Name of the contrast between arms that differ in their seeds alone, empty if there is none."""
+    """The name of the contrast between arms that differ only in their seeds; empty if there is none."""
     return str(results.plan.definition.get("noise_floor") or "")
 
 
@@ -90,7 +91,7 @@ def converged_pairs(results: SweepResults, setting: str, sides: Sides) -> list[P
 
 
 def dropped_pairs(results: SweepResults, setting: str, sides: Sides) -> int:
-    """How many planned pairs have a run that diverged, failed or is missing."""
+    """The number of planned pairs with a run that diverged, failed or is missing."""
     return len(results.of(setting, sides["treatment"])) - len(converged_pairs(results, setting, sides))
 
 
@@ -129,7 +130,7 @@ def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDiffere
         return None
     sides = [list(arm) for arm in zip(*kept, strict=True)]
     arms = [[side.values[condition] for side in arm] for arm in sides]
-    other_images = len({images.shape for arm in arms for images in arm}) > 1  # of other datasets
+    other_images = len({images.shape for arm in arms for images in arm}) > 1  # the arms are of different datasets
     if other_images or sides[0][0].measure.statistic == "median":
         arms = [[np.float64(side.value(condition)) for side in arm] for arm in sides]
     treatment, control = (np.stack(arm) for arm in arms)

@@ -1,4 +1,4 @@
-"""Contrasts of a sweep corruption by corruption: errors of paired runs under a published set."""
+"""Contrasts of a sweep by corruption: errors of paired runs under a published set."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ class CorruptionContrast:
 
     Attributes:
         contrast: its name in the sweep.
-        setting: in which it was measured.
+        setting: the setting in which it was measured.
         sides: the arms, ``treatment`` and ``control``.
         is_floor: whether it is the sweep's noise floor.
-        treatment: errors of the pairs in which both runs converged, by corruption.
-        control: the same of the control.
+        treatment: errors of the treatment by corruption, over pairs in which both runs converged.
+        control: errors of the control over the same pairs.
         differences: treatment minus control over these pairs; None without any.
         floor: the same between the noise-floor arms; None without a floor or for the floor itself.
-        dropped: planned pairs left out because a run diverged, failed or is missing.
+        dropped: number of planned pairs left out because a run diverged, failed or is missing.
     """
 
     contrast: str
@@ -48,7 +48,7 @@ class CorruptionContrast:
 
     @property
     def pairs(self) -> int:
-        """How many pairs of runs converged."""
+        """The number of pairs in which both runs converged."""
         return len(next(iter(self.treatment.values())))
 
     @property
@@ -57,23 +57,23 @@ class CorruptionContrast:
         return self.pairs < SEEDS_FOR_A_CLAIM
 
     def error(self, side: Literal["treatment", "control"], corruption: str | None = None) -> float:
-        """Mean error of one side over the pairs, under a corruption or in the mean over all."""
+        """The mean error of one side over the pairs, under one corruption or averaged over all."""
         return float(_of(self.treatment if side == "treatment" else self.control, corruption).mean())
 
     def won_pairs(self, corruption: str | None = None) -> int:
-        """Pairs in which the treatment errs less under a corruption, or in the mean over all."""
+        """The number of pairs in which the treatment has the lower error, under one corruption or averaged over all."""
         return int((_of(self.treatment, corruption) < _of(self.control, corruption)).sum())
 
 
 def of_corruption(found: CorruptionDifferences | None, corruption: str | None) -> PairedDifference | None:
-    """The difference under one corruption, or that of the means over all."""
+    """The difference under one corruption, or of the means over all corruptions."""
     if found is None:
         return None
     return found.mean if corruption is None else found.by_corruption[corruption]
 
 
 def corruption_contrasts(results: SweepResults) -> list[CorruptionContrast]:
-    """Every contrast in every setting; ``ValueError`` if the runs were not tested under a published set."""
+    """Every contrast in every setting; raises ``ValueError`` if the runs were not tested under a published set."""
     if results.shared is None:
         raise ValueError("the runs were not tested under a published set of corruptions")
     named = named_contrasts(results)
@@ -108,7 +108,7 @@ def _paired_errors(results: SweepResults, setting: str, sides: Sides) -> tuple[E
 
 
 def _by_corruption(cell: CellResult) -> dict[str, float]:
-    assert cell.errors is not None  # of a run tested under a published set
+    assert cell.errors is not None  # set for runs tested under a published set
     return cell.errors.by_corruption()
 
 

@@ -13,7 +13,7 @@ from sextant.tasks.classification.report import BASELINES, SEVERITIES
 
 @dataclass(frozen=True)
 class OverSeeds:
-    """Mean, standard deviation and 95 % interval of the mean over converged runs; nan where there are too few."""
+    """Mean, standard deviation and 95 % interval of the mean over converged runs; nan for too few runs."""
 
     mean: float
     spread: float
@@ -22,7 +22,7 @@ class OverSeeds:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "OverSeeds":
-        """Of one value a run."""
+        """Summarise one value per run."""
         numbers = np.asarray(values, float)
         mean = float(numbers.mean()) if len(numbers) else float("nan")
         spread = float(numbers.std(ddof=1)) if len(numbers) > 1 else float("nan")
@@ -30,7 +30,7 @@ class OverSeeds:
 
     @classmethod
     def of_shares(cls, values: Sequence[float]) -> "OverSeeds":
-        """Of one share a run, with an interval that stays within [0, 1]."""
+        """Summarise one share per run, with an interval that stays within [0, 1]."""
         found = cls.of(values)
         low, high = share_interval(np.asarray(values, float))
         return cls(found.mean, found.spread, low, high)
@@ -38,14 +38,14 @@ class OverSeeds:
 
 @dataclass(frozen=True)
 class ArmErrors:
-    """Errors of one arm in one setting, as shares in [0, 1], one :class:`CorruptionErrors` a converged run."""
+    """Errors of one arm in one setting, as shares in [0, 1], with one :class:`CorruptionErrors` per converged run."""
 
     setting: str
     arm: str
     runs: Sequence[CorruptionErrors]
 
     def mean(self) -> CorruptionErrors:
-        """The mean run; ``ValueError`` without any."""
+        """The errors averaged over runs; raises ``ValueError`` without any."""
         if not self.runs:
             raise ValueError(f"{self.setting}, {self.arm}: no run converged")
         severities = {
@@ -66,14 +66,14 @@ def arm_errors(results: SweepResults) -> list[ArmErrors]:
 
 
 def baseline_of(shared: SharedSet) -> CorruptionBaseline | None:
-    """What corruption errors are divided by: needs one set with a baseline, and all five severities of a corruption."""
+    """The baseline of corruption errors; needs one set with a baseline, and all five severities of every corruption."""
     baseline = BASELINES.get(shared.key or "")
     whole = all(len(levels) == SEVERITIES for levels in shared.severities.values())
     return baseline if baseline is not None and whole and set(shared.severities) <= set(baseline.errors) else None
 
 
 def scored_sets(shared: SharedSet) -> dict[str, tuple[str, ...]]:
-    """Sets of corruptions that mCE is a mean over, by the heading of a column."""
+    """The sets of corruptions over which mCE is averaged, by column heading."""
     everything = tuple(shared.severities)
     sets = {f"of {len(everything)}": everything}
     if set(BENCHMARK_15) < set(everything):

@@ -1,4 +1,4 @@
-"""The part of a report for runs tested under a published set of corruptions: errors corruption by corruption."""
+"""The part of a report for runs tested under a published set of corruptions: errors by corruption."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 def corruption_section(results: SweepResults) -> Section:
     """Tables and pictures by corruption; empty if the runs were not tested under a published set.
 
-    Pictures: for each setting a radar chart of all arms, for each of its arms a heat map, for each of its contrasts a
-    difference chart.
+    Each setting has a radar chart of all arms, a heat map for each arm, and a difference chart for each contrast.
     """
     if results.shared is None:
         return Section()

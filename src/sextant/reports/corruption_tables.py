@@ -1,4 +1,4 @@
-"""Tables of errors under a published set of corruptions; all in per cent, and differences in points."""
+"""Tables of errors under a published set of corruptions, in per cent; differences are in points."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,7 +16,7 @@ def score_table(
 ) -> TextTable:
     """mCE and mean relative CE of each arm beside ``baseline``: mean ± standard deviation and interval over seeds.
 
-    The clean error stands beside them, since one that is worse lowers the relative CE.
+    The clean error is shown beside them, since a worse clean error lowers the relative CE.
     """
     columns = ["setting", "arm", "seeds", "clean error, %"]
     columns += [f"{kind} {name}" for name in sets for kind in ("mCE", "relative mCE")]
@@ -32,7 +32,7 @@ def score_table(
 
 
 def overview_table(contrasts: Sequence[CorruptionContrast]) -> TextTable:
-    """One row a contrast and setting: the mean difference and on how many corruptions it goes either way."""
+    """One row per contrast and setting: the mean difference, and on how many corruptions it has either sign."""
     columns = ["setting", "contrast", "pairs", "dropped", "E control", "E treatment", "difference", "95 % over seeds"]
     columns += ["pairs won", "better on", "worse on", "better for certain", "worse for certain"]
     columns += ["better under Holm", "worse under Holm"]
@@ -51,7 +51,7 @@ def overview_table(contrasts: Sequence[CorruptionContrast]) -> TextTable:
 
 
 def difference_table(contrast: CorruptionContrast) -> TextTable:
-    """One row a corruption of one contrast in one setting, by family, the mean at the end; empty without pairs."""
+    """One row per corruption of one contrast in one setting, by family, with the mean last; empty without pairs."""
     columns = ["family", "corruption", "E control", "E treatment", "difference", "95 % over seeds", "pairs won"]
     columns += ["p (t, Holm)"]
     columns += ["noise floor"] if contrast.floor is not None else []
@@ -70,7 +70,7 @@ def difference_table(contrast: CorruptionContrast) -> TextTable:
 
 
 def _compared(contrast: CorruptionContrast, name: str | None) -> list[str]:
-    """Errors of both arms, their difference with its interval and the pairs won, under one corruption or over all."""
+    """Errors of both arms, their difference with its interval, and the pairs won, under one corruption or all."""
     found = of_corruption(contrast.differences, name)
     errors = [number(100 * contrast.error(side, name)) for side in ("control", "treatment")]
     ends = (NOTHING, NOTHING) if found is None else _difference(found)
@@ -94,7 +94,7 @@ def error_rows(arms: Sequence[ArmErrors], shared: SharedSet) -> TextTable:
 
 
 def difference_rows(contrasts: Sequence[CorruptionContrast]) -> TextTable:
-    """Every contrast in every setting by corruption, for a file; the mean over corruptions is called ``mean``."""
+    """Every contrast in every setting by corruption, for a file; the row ``mean`` is the mean over corruptions."""
     columns = ["contrast", "setting", "corruption", "pairs", "dropped", "control", "treatment"]
     columns += ["difference", "low", "high", "pairs_won", "floor", "floor_low", "floor_high", "t_p_value", "p_holm"]
     rows = []
@@ -115,7 +115,7 @@ def difference_rows(contrasts: Sequence[CorruptionContrast]) -> TextTable:
 
 
 def _p_values(contrast: CorruptionContrast, name: str | None) -> tuple[str, str]:
-    """Of the paired t test, as it is and corrected for the number of corruptions, of which their mean is none."""
+    """The p of the paired t test, raw and corrected for the number of corruptions; their mean is not corrected."""
     found = of_corruption(contrast.differences, name)
     if found is None or contrast.differences is None:
         return ("", "")
@@ -123,7 +123,7 @@ def _p_values(contrast: CorruptionContrast, name: str | None) -> tuple[str, str]
 
 
 def seed_error_rows(results: SweepResults) -> TextTable:
-    """The error of every run by corruption, the mean over its severities, for a file; diverged runs too."""
+    """The error of every run by corruption, averaged over severities, for a file; includes diverged runs."""
     rows = [
         [
             *(cell.cell.setting, cell.cell.arm, str(cell.cell.pair), str(cell.cell.seed), cell.outcome),

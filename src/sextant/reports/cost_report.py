@@ -1,4 +1,4 @@
-"""What the arms of a sweep cost: parameters, multiplications and training time."""
+"""Costs of the arms of a sweep: parameters, multiplications and training time."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ NOTHING = "–"
 
 
 def cost_section(results: SweepResults) -> Section:
-    """A table with one row an arm and setting; ratios are to the arm that the first contrast has as its control."""
+    """A table with one row per arm and setting; ratios are relative to the control of the first contrast."""
     table = cost_table(results)
     reference = reference_arm(results)
     text = (
@@ -27,13 +27,13 @@ def cost_section(results: SweepResults) -> Section:
 
 
 def reference_arm(results: SweepResults) -> str:
-    """The arm that costs are compared with."""
+    """The arm to which costs are relative."""
     sides = next(iter(named_contrasts(results).values()), None)
     return results.arms[0] if sides is None else sides["control"]
 
 
 def cost_table(results: SweepResults) -> TextTable:
-    """Parameters, multiplications and training time of each arm; a dash for what the runs do not say."""
+    """Parameters, multiplications and training time of each arm; a dash for what the runs do not report."""
     said = any(cell.cost for cell in results.cells)
     columns = ["setting", "arm", "parameters"]
     columns += ["multiplications (M)", "ratio", "of them the pull (M)", "inhibited layers"] if said else []
@@ -67,7 +67,7 @@ def _times(cells: Sequence[CellResult], beside: Sequence[CellResult]) -> list[st
 
 
 def _seconds(cells: Sequence[CellResult]) -> list[float]:
-    """Training times of the runs that trained; a tested checkpoint has 0, a run stopped by a nan has none."""
+    """Training times of the runs that trained, without tested checkpoints (0) and runs stopped by a nan."""
     return [cell.seconds for cell in cells if cell.seconds > 0]
 
 

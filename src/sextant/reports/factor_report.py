@@ -1,4 +1,4 @@
-"""The part of a report that draws the measure against each factor whose values are numbers."""
+"""The part of a report that plots the measure against each numeric factor."""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,12 +11,12 @@ from sextant.reports.section import Section
 from sextant.reports.summary import Summary
 from sextant.reports.tables import is_number, slug
 
-#: for an interval to be drawn: that of two is wider than all there is to see
+#: least number of seeds for which an interval is drawn; the interval of two would exceed the plot
 LEAST_SEEDS = 3
 
 
 def factor_section(results: SweepResults, summaries: Sequence[Summary]) -> Section:
-    """A picture for each such factor and setting of the others; empty without one."""
+    """A plot for each numeric factor and setting of the others; empty without one."""
     figures, parts = [], []
     measure = results.measure
     legend = (
@@ -32,7 +32,7 @@ def factor_section(results: SweepResults, summaries: Sequence[Summary]) -> Secti
 
 
 def numeric_factors(results: SweepResults) -> list[str]:
-    """Factors with two values at least, all of them numbers."""
+    """Factors with at least two values, all of them numbers."""
     found = []
     for factor in results.cells[0].cell.factors:
         values = {result.cell.factors[factor] for result in results.cells}
@@ -42,7 +42,7 @@ def numeric_factors(results: SweepResults) -> list[str]:
 
 
 def _figures(results: SweepResults, summaries: Sequence[Summary], factor: str) -> Iterator[tuple[str, str, Figure]]:
-    """The name of each picture, what the other factors are there, and the picture."""
+    """The name of each plot, the setting of the other factors, and the plot."""
     factors_of = {result.cell.setting: result.cell.factors for result in results.cells}
     row_of = {(row.setting, row.arm, row.condition): row for row in summaries}
     settings: dict[str, dict[float, str]] = {}
@@ -70,6 +70,6 @@ def _curve(rows: Sequence[Summary]) -> FactorCurve:
 
 
 def _quantity(results: SweepResults) -> str:
-    """What the numbers of the table are, in a word and its unit."""
+    """The quantity in the table, with its unit."""
     measure = results.measure
     return f"{measure.quantity} ({measure.unit})" if measure.unit else measure.quantity

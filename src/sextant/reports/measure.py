@@ -1,4 +1,4 @@
-"""What a report counts: how images become one number of a run, in which unit, and which way is better."""
+"""The measure of a report: how images become one number per run, in which unit, and which direction is better."""
 
 import math
 from collections.abc import Mapping
@@ -23,15 +23,15 @@ class Measure:
 
     Attributes:
         title: heading of the table of cells.
-        quantity: what the values are, in a word.
-        unit: of all of them, such as ``%``; empty if conditions have units of their own.
-        difference: what a contrast is in.
-        statistic: of the images of a run. Means of images can be compared image by image; medians only run by run.
-        better: direction.
-        diverged: when a run counts as diverged, for the reader.
-        digits: behind the point.
-        items: what a run is tested on, of which each has a value.
-        metrics: that a report tabulates beside it, unless the sweep names others; see
+        quantity: name of the values, in a word.
+        unit: unit of all values, such as ``%``; empty if conditions have their own units.
+        difference: name of the values of a contrast.
+        statistic: statistic over the images of a run. Means can be compared image by image, medians only run by run.
+        better: whether higher or lower is better.
+        diverged: when a run counts as diverged, in words for the reader.
+        digits: number of decimals.
+        items: name of the test items, each of which has a value.
+        metrics: metrics that a report tabulates beside the measure, unless the sweep names others; see
             :mod:`~sextant.reports.metric`.
     """
 
@@ -53,15 +53,15 @@ class Measure:
 
     @property
     def largest(self) -> float:
-        """Beyond which no difference can be, either way."""
+        """The largest possible difference in either direction."""
         return 100.0 if self.is_share else math.inf
 
     def interval(self, values: Float[ndarray, "seeds"], trials: int) -> tuple[float, float]:
-        """The 95 % interval of the mean over seeds: of shares one that stays within 0 and 100, else Student's t.
+        """The 95 % interval of the mean over seeds; for shares it stays within 0 and 100, otherwise it is Student's t.
 
         Args:
-            values: of the runs.
-            trials: that all of them together were put to.
+            values: one value per run.
+            trials: total number of trials of all runs.
         """
         if not self.is_share:
             return mean_interval(values)
@@ -73,7 +73,7 @@ class Measure:
         return 100 - accuracy if self == CORRUPTION_ERROR else accuracy
 
     def of(self, images: Images) -> float:
-        """The number of a run; nan counts as an infinite error."""
+        """The number of a run; a nan counts as an infinite error."""
         if self.statistic == "mean":
             return float(images.mean())
         return median_error(images)
@@ -87,7 +87,7 @@ ACCURACY = Measure(
     "higher",
     "its validation accuracy after training is nearer to chance than to 1",
 )
-#: of runs tested under a published set of corruptions, whose literature counts errors
+#: measure of runs tested under a published set of corruptions, whose literature reports errors
 CORRUPTION_ERROR = Measure(
     "Errors on the test split, per cent; lower is better",
     "error",
@@ -138,15 +138,15 @@ RECOGNITION = Measure(
     "higher",
     "the validation accuracy of its network after training is nearer to chance than to 1",
 )
-#: how the arrays of recognition by filters are named that tell the answers of a method
+#: prefix of the arrays of recognition by filters that hold the answers of a method
 ANSWERS = "answer/"
-#: and those that tell which test images are of a condition
+#: prefix of those that mark the test images of a condition
 UNDER = "condition/"
-#: how the arrays of a localizer are named that tell which of its runs along the test drives knew where they were
+#: prefix of the arrays of a localizer that mark the successful runs along the test drives
 LOCALIZED = "success/"
-#: how the arrays of a run of place recognition are named that tell which queries the network finds
+#: prefix and suffix of the arrays of place recognition that mark the queries found by the network
 FOUND_FIRST, FOUND_LAST = "R@1_", "/network"
-#: errors of the network that a run of calibration keeps, with their columns in a report
+#: errors of the network that a calibration run stores, with their columns in a report
 CALIBRATION_ERRORS = {
     "bearing_deg": "bearing (deg)",
     "tilt_deg": "tilt (deg)",
@@ -160,13 +160,13 @@ CALIBRATION_ERRORS = {
 
 @dataclass(frozen=True)
 class RunValues:
-    """What the arrays of one run say.
+    """Values derived from the arrays of one run.
 
     Attributes:
-        measure: what the values are.
+        measure: the measure of the values.
         by_condition: the value of each test image under each condition of the report.
-        errors: by corruption and severity, of a run under a published set.
-        metrics: what follows from the arrays for the run's ``metrics.json``, which tells whether they are its own.
+        errors: errors by corruption and severity, for a run under a published set.
+        metrics: metrics computed from the arrays, to check that they belong to the run's ``metrics.json``.
     """
 
     measure: Measure
@@ -176,7 +176,7 @@ class RunValues:
 
 
 def require_answers(arrays: Mapping[str, ndarray], reads: str) -> None:
-    """Raise a ``UserError`` unless a run has the answers of the method that is read."""
+    """Raise a ``UserError`` unless a run has the answers of the method that an arm reads."""
     methods = [key.removeprefix(ANSWERS) for key in arrays if key.startswith(ANSWERS)]
     if reads not in methods:
         raise UserError(
@@ -189,16 +189,16 @@ def require_answers(arrays: Mapping[str, ndarray], reads: str) -> None:
 def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -> RunValues:
     """Accuracy under each condition of the test, or errors under a published set of corruptions.
 
-    Under a set the conditions of the report are few: ``clean``, ``corrupted`` (the mean over severities, then over all
-    shared corruptions) and, if more than those are shared, ``benchmark 15``. The value of an image is 100 times the
-    mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per cent.
+    Under a set the report has few conditions: ``clean``, ``corrupted`` (the mean over severities, then over all shared
+    corruptions) and, if more corruptions than those are shared, ``benchmark 15``. The value of an image is 100 times
+    the mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per cent.
 
     Args:
-        arrays: of the run's ``predictions.npz``.
+        arrays: arrays of the run's ``predictions.npz``.
         shared: the conditions of a published set that all runs share, if they were tested under one.
 
     Raises:
-        KeyError: they are not the arrays of such a run.
+        KeyError: the arrays are not those of such a run.
     """
     if shared is None:
         right = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in arrays if key != "labels"}
@@ -214,14 +214,14 @@ def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -
 
 
 def calibrated(arrays: Mapping[str, ndarray]) -> RunValues:
-    """Errors of the network, each quantity a condition."""
+    """Errors of the network, with each quantity as a condition."""
     found = {key: arrays[f"{key}/network"] for key in CALIBRATION_ERRORS}
     medians = {f"test/{key}/network": median_error(errors) for key, errors in found.items()}
     return RunValues(CALIBRATION, {CALIBRATION_ERRORS[key]: found[key] for key in found}, metrics=medians)
 
 
 def places_found(arrays: Mapping[str, ndarray]) -> RunValues:
-    """Recall of the network under each condition of the queries, sequences apart."""
+    """Recall of the network under each condition of the queries, without sequences."""
     from sextant.tasks.places.report import logged_name
 
     found = {key: key.removesuffix(FOUND_LAST) for key in arrays if key.endswith(FOUND_LAST)}
@@ -231,14 +231,14 @@ def places_found(arrays: Mapping[str, ndarray]) -> RunValues:
 
 
 def localized(arrays: Mapping[str, ndarray]) -> RunValues:
-    """Success: each *image* is one of the runs along the test drives, and the conditions are the trials."""
+    """Success of localization: each "image" is one run along a test drive, and the conditions are the trials."""
     found = {key.removeprefix(LOCALIZED): 100.0 * arrays[key] for key in arrays if key.startswith(LOCALIZED)}
     success = {"test/success": float(np.mean([runs.mean() for runs in found.values()])) / 100} if found else {}
     return RunValues(SUCCESS, found, metrics=success)
 
 
 def recognised(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunValues:
-    """Accuracy of each method, or of the method that is ``read`` under each condition of the test."""
+    """Accuracy of each method, or of the method ``reads`` under each condition of the test."""
     answers = {key.removeprefix(ANSWERS): arrays[key] for key in arrays if key.startswith(ANSWERS)}
     right = {method: 100.0 * (found == arrays["labels"]) for method, found in answers.items()}
     values = right
@@ -249,7 +249,7 @@ def recognised(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunVa
 
 
 def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:
-    """The conditions of a report beside ``clean``, with the corruptions that each is the mean of."""
+    """The conditions of a report beside ``clean``, with the corruptions over which each is averaged."""
     everything = tuple(shared.severities)
     conditions = {"corrupted": everything}
     if set(BENCHMARK_15) < set(everything):
@@ -258,7 +258,7 @@ def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:
 
 
 def _accuracies(right: Mapping[str, Images]) -> dict[str, float]:
-    """As metrics, from 0 or 100 for each image."""
+    """Accuracies as metrics, from values of 0 or 100 per image."""
     return {f"test/accuracy/{name}": float(images.mean()) / 100 for name, images in right.items()}
 
 

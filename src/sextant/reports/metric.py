@@ -1,23 +1,23 @@
-"""Metrics of runs by the names that a report calls them by."""
+"""Metrics of runs, by their names in reports."""
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-#: limits of a protocol, which are a part of the names of metrics that rest on them: ``_0.5m_10deg_10f``
+#: limits of a protocol, part of the names of metrics that depend on them: ``_0.5m_10deg_10f``
 _LIMITS = r"(?:_[\d.]+(?:m|frames)(?:_[\d.]+deg)?_\d+f)?"
 
 
 @dataclass(frozen=True)
 class Metric:
-    """What a column of a report is.
+    """A metric as a column of a report.
 
     Attributes:
-        name: of the metric in ``metrics.json``, without ``test/``, the limits of a protocol, and the condition. A name
-            with a stroke in it is taken as it is.
-        title: of the column.
-        meaning: for the reader, if the title does not say all.
-        scale: that values are multiplied by.
+        name: name of the metric in ``metrics.json``, without ``test/``, the limits of a protocol, and the condition. A
+            name that contains a slash is used unchanged.
+        title: title of the column.
+        meaning: explanation for the reader, if the title is not enough.
+        scale: factor by which values are multiplied.
     """
 
     name: str
@@ -27,15 +27,16 @@ class Metric:
 
     @property
     def is_share(self) -> bool:
-        """Whether its values are shares, told in per cent."""
+        """Whether its values are shares, shown in per cent."""
         return self.scale == 100
 
     def values(self, metrics: Mapping[str, float], conditions: Sequence[str]) -> dict[str, float]:
-        """What a run told of it, by condition; under ``""`` what it told of all of them together.
+        """The metric's values in a run, by condition; ``""`` is the key of the value for all conditions together.
 
         Args:
-            metrics: of the run.
-            conditions: of the report, whose names in metrics have strokes and underscores for commas and blanks.
+            metrics: metrics of the run.
+            conditions: conditions of the report; names of metrics have slashes and underscores for their commas and
+                spaces.
         """
         spelt = {condition.replace(", ", "/").replace(" ", "_"): condition for condition in conditions}
         start = re.escape(self.name) if "/" in self.name else f"test/{re.escape(self.name)}"
@@ -81,5 +82,5 @@ KNOWN = {metric.name: metric for metric in _KNOWN}
 
 
 def metric_of(name: str) -> Metric:
-    """The metric of that name; one that is not known has its name for a title."""
+    """The metric of that name; an unknown metric has its name as its title."""
     return KNOWN.get(name) or Metric(name, name)

@@ -1,4 +1,4 @@
-"""The part of a report that tabulates metrics of the runs beside the measure that they are compared by."""
+"""The part of a report that tabulates metrics of the runs other than the measure by which they are compared."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
 from sextant.reports.tables import Entry, TextTable, arms_table, decimals, interval, number
 
-#: under this name the mean over conditions is told
+#: name of the mean over conditions
 TOGETHER = "all conditions"
 
 
@@ -20,13 +20,13 @@ class MetricSummary:
     """One metric of one setting and arm under one condition, over converged runs.
 
     Attributes:
-        condition: or ``TOGETHER``: what a run tells of all conditions, or else the mean over those of which it tells.
-        runs: that told something.
-        told, asked: values that the means are of, and how many there would be if every run told all: a run that never
-            converges has no position error.
-        mean, spread: over runs.
-        low, high: 95 % interval of the mean: of shares one that stays within 0 and 100, nan where all runs agree; of
-            other metrics Student's t.
+        condition: the condition, or ``TOGETHER`` for a run's value over all conditions, or else the mean of its values.
+        runs: number of runs with a value.
+        told, asked: numbers of values in the means, and of those that would exist if every run had all of them; a run
+            that never converges, for example, has no position error.
+        mean, spread: mean and standard deviation over runs.
+        low, high: 95 % interval of the mean. For shares it stays within 0 and 100, and is nan where all runs agree; for
+            other metrics it is Student's t.
     """
 
     setting: str
@@ -43,7 +43,7 @@ class MetricSummary:
 
 
 def metrics_section(results: SweepResults) -> Section:
-    """Tables of the metrics that the sweep names, or of those usual for what it measures; empty without any."""
+    """Tables of the metrics that the sweep names, or else of its measure's default ones; empty without any."""
     metrics, unknown = _told_of(results)
     if not metrics:
         return Section()
@@ -62,7 +62,7 @@ def metrics_section(results: SweepResults) -> Section:
 
 
 def metric_summaries(results: SweepResults, metrics: Sequence[Metric]) -> list[MetricSummary]:
-    """Every metric of every setting and arm: of all conditions together, then by condition."""
+    """Every metric of every setting and arm, for all conditions together and then by condition."""
     rows = []
     for setting in results.settings:
         for arm in results.arms:
@@ -75,9 +75,9 @@ def metric_summaries(results: SweepResults, metrics: Sequence[Metric]) -> list[M
 def metric_table(
     rows: Sequence[MetricSummary], metrics: Sequence[Metric], conditions: Sequence[str] | None = None
 ) -> TextTable:
-    """Of each setting and arm, and condition if any are given, mean and interval of each metric.
+    """Mean and interval of each metric by setting and arm, and by condition if any are given.
 
-    Where values are missing, how many there are of how many is told. Metrics without a value are left out.
+    Where values are missing, the table shows how many of how many exist. Metrics without a value are left out.
     """
     found = {(row.setting, row.arm, row.condition, row.metric.name): row for row in rows}
     wanted = list(conditions or [TOGETHER])
@@ -92,7 +92,7 @@ def metric_table(
 
 
 def metric_rows(rows: Sequence[MetricSummary]) -> TextTable:
-    """The same as numbers, one a row."""
+    """The same values as plain numbers, one row each."""
     columns = ["setting", "arm", "condition", "metric", "runs", "told", "asked", "mean", "spread", "low", "high"]
     body = [
         [row.setting, row.arm, row.condition, row.metric.title]
@@ -103,7 +103,7 @@ def metric_rows(rows: Sequence[MetricSummary]) -> TextTable:
 
 
 def _told_of(results: SweepResults) -> tuple[list[Metric], list[str]]:
-    """The metrics that at least one run tells, and the names of those that were asked for and no run tells."""
+    """The metrics that at least one run has, and the names of requested ones that no run has."""
     asked = list(results.plan.definition.get("metrics") or [])
     wanted = [metric_of(name) for name in asked or results.measure.metrics]
     told = [m for m in wanted if any(m.values(cell.metrics, results.conditions) for cell in results.cells)]

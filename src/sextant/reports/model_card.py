@@ -1,4 +1,4 @@
-"""What is known of a trained model, as a page beside its file."""
+"""Model cards, pages that describe trained models."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ LICENCE = (
     "data above and under its terms."
 )
 NO_CARD: Mapping[str, Any] = MappingProxyType({})
-#: of the config: what a reader looks for first
+#: groups of the config that a card lists first
 PARTS = ("dataset", "backbone", "inhibition", "loss", "pooling", "parameterization", "bank", "strategy", "corruption")
 
 
@@ -33,13 +33,13 @@ def model_card(
     """A model card, as Markdown.
 
     Args:
-        title: of the page.
-        uses: what goes in and comes out, by name.
-        content: what the checkpoint says of itself: task, config and spec.
-        run: its directory, which knows data, metrics and versions; None for a checkpoint that lies elsewhere.
-        outputs: folder of runs; other seeds of the same config are what intervals rest on.
-        notes: to be said first.
-        card: of a model that comes with the package, which has no run.
+        title: title of the page.
+        uses: names and descriptions of inputs and outputs.
+        content: the checkpoint's metadata: task, config and spec.
+        run: its directory, the source of data, metrics and versions; None for a checkpoint that lies elsewhere.
+        outputs: folder of runs; intervals are computed from other seeds of the same config there.
+        notes: notes to put first.
+        card: card of a model that comes with the package and has no run.
     """
     state = {} if run is None else run.state()
     raw = content["config"]
@@ -76,7 +76,7 @@ def _origin(state: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _told_by(measured: Mapping[str, Any]) -> list[str]:
-    """What the card of a model of the package says: tables of sets, and single values."""
+    """The measurements in the card of a packaged model: tables of test sets, and single values."""
     told = [": ".join([f"`{measured['command']}`", *filter(None, [measured.get("unit")])]) + ".\n"]
     values = list[list[str]]()
     for name, value in measured.items():

@@ -1,4 +1,4 @@
-"""The part of a report for localizers that were tried with several numbers of particles: who needs how many."""
+"""The part of a report for localizers tested with several numbers of particles: how many each arm needs."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -22,9 +22,9 @@ from sextant.reports.tables import TextTable, interval, number, slug
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: all conditions together
+#: name of all conditions together
 POOLED = "all conditions"
-#: of seeds, for the interval of a ratio
+#: bootstrap resamples of the seeds for the interval of a ratio
 RESAMPLES = 1000
 COUNT = re.compile(r"^(?P<condition>.+), (?P<count>\d+) particles$")
 
@@ -34,9 +34,9 @@ class Curve:
     """Success of one arm with each number of particles.
 
     Attributes:
-        setting, arm, condition: which.
-        counts: of particles, ascending.
-        successes: of each run along a drive, seed by seed.
+        setting, arm, condition: names of the setting, arm and condition.
+        counts: numbers of particles, ascending.
+        successes: whether each run along a drive succeeded, by count and seed.
     """
 
     setting: str
@@ -47,33 +47,33 @@ class Curve:
 
     @property
     def pooled(self) -> Bool[ndarray, "k all"]:
-        """The runs of all seeds."""
+        """The successes pooled over seeds."""
         return self.successes.reshape(len(self.counts), -1)
 
     @property
     def shares(self) -> list[Share]:
-        """With Wilson's interval, at each count."""
+        """The share of successful runs at each count, with Wilson's interval."""
         return [share_of(runs) for runs in self.pooled]
 
     @property
     def needed(self) -> float:
-        """The smallest count that is enough; inf if none is."""
+        """The smallest count that is sufficient; inf if none is."""
         return particles_needed(self.counts, self.pooled)
 
     @property
     def told(self) -> str:
-        """The smallest count that is enough, or that none is."""
+        """The smallest sufficient count as text, or a lower bound if none is."""
         return f"> {self.counts[-1]:,}" if np.isinf(self.needed) else f"{self.needed:,.0f}"
 
 
 @dataclass(frozen=True)
 class RatioRow:
-    """How many times as many particles the treatment of a contrast needs as its control.
+    """The ratio of the particles needed by the treatment and the control of a contrast.
 
     Attributes:
-        treatment, control: their curves, of converged pairs alone; None without such a pair.
-        ratio: of what they need; None likewise.
-        pairs, dropped: planned pairs that both converged, and those that did not.
+        treatment, control: their curves over converged pairs only; None without such a pair.
+        ratio: ratio of the numbers of particles needed; None without such a pair.
+        pairs, dropped: numbers of planned pairs in which both runs converged, and of the others.
     """
 
     contrast: str
@@ -87,7 +87,7 @@ class RatioRow:
 
 
 def particles_section(results: SweepResults) -> Section:
-    """Tables, and for each setting and condition a picture; empty unless several numbers of particles were tried."""
+    """Tables, and a plot per setting and condition; empty unless several numbers of particles were tested."""
     curves = arm_curves(results)
     if results.measure != SUCCESS or not curves:
         return Section()
@@ -103,7 +103,7 @@ def particles_section(results: SweepResults) -> Section:
 
 
 def arm_curves(results: SweepResults) -> list[Curve]:
-    """The curves of every setting and arm, of converged runs: all conditions together, then one by one."""
+    """The curves of every setting and arm over converged runs, for all conditions together and then by condition."""
     curves = []
     for setting in results.settings:
         for arm in results.arms:
@@ -113,7 +113,7 @@ def arm_curves(results: SweepResults) -> list[Curve]:
 
 
 def curves_of(setting: str, arm: str, cells: Sequence[CellResult]) -> list[Curve]:
-    """The curves of some runs of an arm; none unless they share conditions that were tried with several counts."""
+    """The curves of some runs of an arm; empty unless they share conditions tested with several counts."""
     trials = _trials(cells)
     each = {
         condition: np.stack([_successes(cells, names[count]) for count in sorted(names)])
@@ -132,7 +132,7 @@ def curves_of(setting: str, arm: str, cells: Sequence[CellResult]) -> list[Curve
 
 
 def _trials(cells: Sequence[CellResult]) -> dict[str, dict[int, str]]:
-    """Names of the trials that all runs share, by condition and number of particles."""
+    """The names of the trials that all runs share, by condition and number of particles."""
     found: dict[str, dict[int, str]] = {}
     if not cells:
         return found
@@ -144,13 +144,13 @@ def _trials(cells: Sequence[CellResult]) -> dict[str, dict[int, str]]:
 
 
 def _successes(cells: Sequence[CellResult], name: str) -> Bool[ndarray, "seeds runs"]:
-    """Which runs succeeded; as many of each seed as the seed with the fewest has."""
+    """Which runs succeeded; every seed is cut to the number of runs of the seed with the fewest."""
     fewest = min(len(cell.values[name]) for cell in cells)
     return np.stack([cell.values[name][:fewest] > 0 for cell in cells])
 
 
 def particle_ratios(results: SweepResults) -> list[RatioRow]:
-    """Every contrast in every setting under every condition, over pairs of converged runs."""
+    """The ratios of every contrast in every setting under every condition, over pairs of converged runs."""
     rows: list[RatioRow] = []
     for name, sides in named_contrasts(results).items():
         for setting in results.settings:
@@ -175,13 +175,13 @@ def _ratios(results: SweepResults, name: str, sides: Sides, setting: str) -> Ite
 
 
 def seed_ratio(first: Curve, second: Curve, *, resamples: int = RESAMPLES) -> CountRatio:
-    """The ratio of the particles that two arms need, with a 95 % percentile interval over seeds.
+    """The ratio of the particles needed by two arms, with a 95 % percentile bootstrap interval over seeds.
 
-    A seed is drawn with all its runs, which share a trained model and are no replicates of one another.
+    A seed is resampled with all its runs, which share a trained model and are not independent replicates.
 
     Args:
-        first, second: of the same seeds in the same order.
-        resamples: of the bootstrap.
+        first, second: curves over the same seeds in the same order.
+        resamples: number of bootstrap resamples.
     """
     once = _ratio(first.successes, second.successes, first, second)
     rng = np.random.default_rng(0)
@@ -209,7 +209,7 @@ def _ratio(a: Bool[ndarray, "k s r"], b: Bool[ndarray, "j s q"], first: Curve, s
 
 
 def curve_table(curves: Sequence[Curve]) -> TextTable:
-    """A row a curve: per cent of the runs at each count with Wilson's interval, and the count that is enough."""
+    """One row per curve: per cent of successes at each count with Wilson's interval, and the sufficient count."""
     counts = sorted({int(count) for curve in curves for count in curve.counts})
     rows = []
     for curve in curves:
@@ -222,7 +222,7 @@ def curve_table(curves: Sequence[Curve]) -> TextTable:
 
 
 def curve_rows(curves: Sequence[Curve]) -> TextTable:
-    """A row for each curve and count."""
+    """One row per curve and count, for a file."""
     rows = [
         [curve.setting, curve.arm, curve.condition, str(count), str(share.runs), str(share.count)]
         + [str(value) for value in (share.rate, share.low, share.high, curve.needed)]
@@ -234,7 +234,7 @@ def curve_rows(curves: Sequence[Curve]) -> TextTable:
 
 
 def ratio_table(rows: Sequence[RatioRow]) -> TextTable:
-    """A row for each contrast and condition."""
+    """One row per contrast, setting and condition."""
     body = []
     for row in rows:
         told = ["–"] * 4
@@ -248,7 +248,7 @@ def ratio_table(rows: Sequence[RatioRow]) -> TextTable:
 
 
 def ratio_rows(rows: Sequence[RatioRow]) -> TextTable:
-    """The same, as numbers."""
+    """The same values as plain numbers, for a file."""
     body = []
     for row in rows:
         values = ["–"] * 7
@@ -262,7 +262,7 @@ def ratio_rows(rows: Sequence[RatioRow]) -> TextTable:
 
 
 def _ratio_told(ratio: CountRatio) -> list[str]:
-    """The ratio or the bound that is known of it, and its interval."""
+    """The ratio, or the known bound on it, and its interval."""
     if ratio.least == ratio.most:
         told = number(ratio.least)
     elif np.isfinite(ratio.most):

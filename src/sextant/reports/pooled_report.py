@@ -1,4 +1,4 @@
-"""The part of a report that compares an arm with all runs of one and the same control, not pair by pair."""
+"""The part of a report that compares an arm with all runs of its control, unpaired."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from sextant.reports.results import SweepResults
 from sextant.reports.section import Section
 from sextant.reports.tables import NOTHING, TextTable, interval, number, p_text
 
-#: under this name the mean over settings is told
+#: name of the mean over settings
 TOGETHER = "together"
 
 
@@ -21,10 +21,10 @@ class PooledRow:
     """One arm against the pooled control in one setting, or in all together, under one condition.
 
     Attributes:
-        contrast: that is told anew.
-        setting: or ``TOGETHER``.
-        treatment, control: converged runs.
-        difference: None where there are too few of them.
+        contrast: name of the contrast.
+        setting: name of the setting, or ``TOGETHER``.
+        treatment, control: numbers of converged runs.
+        difference: the difference; None where there are too few runs.
         p_holm: Welch's p, corrected for the conditions of one setting.
     """
 
@@ -40,7 +40,7 @@ class PooledRow:
 def pooled_section(results: SweepResults) -> Section:
     """A table for each contrast whose control is an arm of the noise floor; empty without one.
 
-    The arms of the noise floor are the same network at other seeds, so that the runs of both are runs of the control.
+    The arms of the noise floor are the same network at different seeds, so the runs of both count as control runs.
     """
     rows = pooled_rows(results)
     parts = []
@@ -55,7 +55,7 @@ def pooled_section(results: SweepResults) -> Section:
 
 
 def pooled_rows(results: SweepResults) -> list[PooledRow]:
-    """Every such contrast under every condition, in each setting and in all together."""
+    """Every such contrast under every condition, in each setting and in all settings together."""
     arms = _control_arms(results)
     rows: list[PooledRow] = []
     for name, sides in named_contrasts(results).items():
@@ -83,7 +83,7 @@ def pooled_rows(results: SweepResults) -> list[PooledRow]:
 
 
 def pooled_table(rows: Sequence[PooledRow], digits: int) -> TextTable:
-    """A row for each setting and condition."""
+    """One row per setting and condition."""
     body = []
     for row in rows:
         told = [NOTHING] * 3

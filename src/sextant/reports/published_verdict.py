@@ -1,4 +1,4 @@
-"""What a sweep says about published figures: our cells beside them, and what single published runs can support."""
+"""Published figures beside those of a sweep, and what single published runs can support."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ def beside_published(summaries: Sequence[Summary], results: SweepResults) -> str
 
 
 def published_verdict(rows: Sequence[ContrastRow]) -> str:
-    """How many published differences exceed what two runs of one network differ by, and how many have our sign."""
+    """How many published differences exceed those of two runs of one network, and how many have the measured sign."""
     known = [row for row in rows if row.published == row.published and row.single_pair_reach == row.single_pair_reach]
     if not known:
         return "The sweep has no noise floor to compare the published figures with.\n"

@@ -1,4 +1,4 @@
-"""What the runs of a sweep found."""
+"""The results of the runs of a sweep."""
 
 import math
 import zipfile
@@ -21,12 +21,12 @@ from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
 Outcome = Literal["finished", "diverged", "failed", "missing"]
 Content = TypeVar("Content")
-#: by how much a metric may differ from what the arrays say, relative to itself: it was a sum of float32
+#: relative tolerance between a metric, which was summed in float32, and its value from the arrays
 ROUNDING = 1e-4
 
 
 class Measured(Protocol):
-    """What the arrays of a run of some task say; see ``sextant.recipes.Recipe.measured``."""
+    """Function that derives values from the arrays of a run; see ``sextant.recipes.Recipe.measured``."""
 
     def __call__(
         self, arrays: Mapping[str, ndarray], shared: SharedSet | None = None, reads: str | None = None
@@ -36,18 +36,18 @@ class Measured(Protocol):
 
 @dataclass(frozen=True)
 class CellResult:
-    """One planned run and what became of it.
+    """One planned run and its result.
 
     Attributes:
-        cell: the plan.
-        outcome: ``missing`` has not run or was interrupted.
+        cell: the planned cell.
+        outcome: the run's outcome; ``missing`` means that it has not run or was interrupted.
         values: for each condition, the value of each test image; empty unless finished or diverged.
-        seconds: training time.
-        parameters: of the model.
-        measure: what the values are.
-        errors: by corruption and severity, of a run tested under a published set.
-        cost: of the network, as the run's ``metrics.json`` has it; empty if it says nothing.
-        metrics: what else it measured, by name; without what was not finite.
+        seconds: training time in seconds.
+        parameters: number of parameters of the model.
+        measure: the measure of the values.
+        errors: errors by corruption and severity, for a run tested under a published set.
+        cost: cost of the network from the run's ``metrics.json``; empty if it has none.
+        metrics: all finite metrics of the run, by name.
     """
 
     cell: Cell
@@ -61,7 +61,7 @@ class CellResult:
     metrics: Mapping[str, float] = field(default_factory=dict)
 
     def value(self, condition: str) -> float:
-        """The number of this run under a condition."""
+        """The measure of this run under a condition."""
         return self.measure.of(self.values[condition])
 
 
@@ -80,13 +80,13 @@ class SweepResults:
 
     @property
     def conditions(self) -> list[str]:
-        """Keys of the conditions that every tested run shares, in the order of the test."""
+        """The keys of the conditions that all tested runs share, in the order of the test."""
         tested = [cell.values for cell in self.cells if cell.values]
         return [key for key in tested[0] if all(key in values for values in tested)] if tested else []
 
     @property
     def measure(self) -> Measure:
-        """What the values of the runs are."""
+        """The measure of the runs."""
         return next((cell.measure for cell in self.cells if cell.values), ACCURACY)
 
     @property
@@ -105,12 +105,12 @@ class SweepResults:
         return sorted(found, key=lambda result: result.cell.pair)
 
     def published(self, setting: str, arm: str, condition: str) -> float:
-        """The published figure of a cell in the unit of the measure, nan if the sweep names none."""
+        """The published figure of a cell in the unit of the measure; nan if the sweep names none."""
         named = self.plan.definition.get("published", {}).get(setting, {}).get(arm, {}).get(condition)
         return float("nan") if named is None else self.measure.of_published(float(named))
 
     def count(self, outcome: Outcome) -> int:
-        """How many cells ended so."""
+        """The number of cells with this outcome."""
         return sum(result.outcome == outcome for result in self.cells)
 
 
@@ -118,9 +118,9 @@ def read_results(directory: Path, outputs: Path, measured: Callable[[str], Measu
     """Read every run of a sweep.
 
     Args:
-        directory: of the sweep.
+        directory: directory of the sweep.
         outputs: folder that the runs of its plan are relative to.
-        measured: what makes values of the arrays of a run, by the task of the run.
+        measured: gives the function that derives values from a run's arrays, by the run's task.
 
     Raises:
         UserError: the sweep's plan or a run's arrays are damaged, or no run is finished yet.
@@ -151,7 +151,7 @@ def _load(
     if results is None:
         failure = cell.message or run.state().get("failure")
         return CellResult(cell, "failed" if failure and failure != "interrupted" else "missing", {})
-    if results["outcome"] == "diverged" and not run.arrays.exists():  # stopped by a nan, and kept as what it is
+    if results["outcome"] == "diverged" and not run.arrays.exists():  # stopped by a nan, and kept as diverged
         return CellResult(cell, results["outcome"], {})
     values_of = measured(run.path.parent.name)  # runs/<task>/<run>
 
@@ -187,7 +187,7 @@ def _from_arrays(run: RunDirectory, read: Callable[[Mapping[str, ndarray]], Cont
 
 
 def _require_own(run: RunDirectory, found: Mapping[str, float], told: Mapping[str, Any]) -> None:
-    """Raise a ``UserError`` where the arrays of a run say something else than its metrics."""
+    """Raise a ``UserError`` if the arrays of a run contradict its metrics."""
     for name, value in found.items():
         said = told.get(name)
         if said is not None and not math.isclose(value, said, rel_tol=ROUNDING, abs_tol=1e-6):

@@ -1,4 +1,4 @@
-"""What two runs differ in, and whether their metrics differ by more than seeds make them."""
+"""Differences between two runs, and whether their metrics differ by more than seeds explain."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from scipy import stats
 from sextant.runs.directory import RunDirectory, all_runs
 
 NOTHING = "–"
-#: of the state of a run: what else can differ than its config, and what it is called
+#: entries of a run's state, other than its config, that can differ, with their names
 SOURCES = {"code": "code", "data": "data"}
 
 
@@ -21,11 +21,11 @@ class MetricDifference:
     """One metric of two runs.
 
     Attributes:
-        name: of the metric.
+        name: name of the metric.
         first, second: its values.
-        reach: within this the two would be 95 times in 100 if they differed in their seeds alone; nan where no run of
-            the same config and another seed is there.
-        seeds: runs that the reach rests on.
+        reach: largest difference expected 95 times in 100 between runs that differ only in their seeds; nan if there is
+            no run of the same config with another seed.
+        seeds: number of runs that the reach rests on.
     """
 
     name: str
@@ -36,13 +36,13 @@ class MetricDifference:
 
     @property
     def beyond_seeds(self) -> bool | None:
-        """Whether the difference is more than seeds make it; None where that is not known."""
+        """Whether the difference is more than seeds explain; None where that is unknown."""
         return None if math.isnan(self.reach) else abs(self.second - self.first) > self.reach
 
 
 @dataclass(frozen=True)
 class RunComparison:
-    """What differs, each by its name with both values; ``metrics`` are those that both runs have."""
+    """What differs between two runs, by name with both values; ``metrics`` are those that both runs have."""
 
     config: dict[str, tuple[str, str]]
     origin: dict[str, tuple[str, str]]
@@ -50,10 +50,10 @@ class RunComparison:
 
 
 def compare_runs(first: RunDirectory, second: RunDirectory, outputs: Path) -> RunComparison:
-    """Compare two runs; the scatter over seeds is that of the runs of ``outputs`` with the config of either.
+    """Compare two runs; the spread over seeds is estimated from the runs in ``outputs`` with either config.
 
     With s the standard deviation over seeds, pooled over both configs with ν degrees of freedom, two runs that differ
-    in their seeds alone are within ``t_ν sqrt(2) s`` of each other 95 times in 100.
+    only in their seeds are within ``t_ν sqrt(2) s`` of each other 95 times in 100.
     """
     states = first.state(), second.state()
     groups = [metrics_alike(state, outputs) for state in states]
@@ -70,7 +70,7 @@ def compare_runs(first: RunDirectory, second: RunDirectory, outputs: Path) -> Ru
 
 
 def _reach(name: str, groups: Sequence[Sequence[Mapping[str, float]]]) -> tuple[float, int]:
-    """Half the range of differences that seeds make, and how many runs say so."""
+    """The half-width of the range of differences due to seeds, and the number of runs it rests on."""
     samples = [np.array([run[name] for run in group if name in run]) for group in groups]
     samples = [values for values in samples if len(values) > 1]
     freedom = sum(len(values) - 1 for values in samples)
@@ -81,7 +81,7 @@ def _reach(name: str, groups: Sequence[Sequence[Mapping[str, float]]]) -> tuple[
 
 
 def metrics_alike(state: Mapping[str, Any], outputs: Path) -> list[Mapping[str, float]]:
-    """Metrics of all finished runs of the same config, code and data, one a seed."""
+    """Metrics of all finished runs of the same config, code and data, one per seed."""
     keys = ("task", "digest", "code", "data")
     found: dict[Any, Mapping[str, float]] = {}
     for run in all_runs(outputs):

@@ -1,4 +1,4 @@
-"""The report of a search: its trials, what they say of the space, and how far its winner can be believed."""
+"""The report of a search: its trials, the importance of its keys, and how far its winner can be trusted."""
 
 import math
 import shlex
@@ -55,7 +55,7 @@ def search_figures(found: SearchResults) -> "list[tuple[str, Figure]]":
 
 
 def trials_table(found: SearchResults) -> TextTable:
-    """One row a trial: its values, how many seeds it was given, and how it ended."""
+    """One row per trial: its values, its number of seeds, and how it ended."""
     digits = _digits(found)
     rows = [
         [
@@ -73,7 +73,7 @@ def trials_table(found: SearchResults) -> TextTable:
 
 
 def winner_table(found: SearchResults) -> TextTable:
-    """The winner by validation and by test, at the seeds that it was chosen at and at fresh ones."""
+    """Validation and test metric of the winner, at the seeds at which it was chosen and at fresh ones."""
     columns = ["seeds", "runs", str(found.search["metric"]), "95 %", found.test_metric, "95 % of the test"]
     if found.winner is None:
         return TextTable(columns, [])
@@ -90,12 +90,12 @@ def winner_table(found: SearchResults) -> TextTable:
 
 
 def importances_table(found: SearchResults) -> TextTable:
-    """The share of each key, the largest first."""
+    """The importance of each key, largest first."""
     return TextTable(["key", "importance"], [[key, number(share, 3)] for key, share in found.importances.items()])
 
 
 def summary(found: SearchResults) -> str:
-    """How many trials ended how, and what racing saved, in a sentence."""
+    """The outcomes of the trials, and the runs that racing saved, in words."""
     states = [trial.state for trial in found.trials]
     counts = ", ".join(f"{states.count(s)} {s}" for s in dict.fromkeys(states))
     sound = [trial for trial in found.trials if trial.values]
@@ -157,13 +157,13 @@ def _winner_text(found: SearchResults, table: TextTable) -> list[str]:
 
 
 def optimism(found: SearchResults) -> str:
-    """How much better the winner looked where it was chosen than elsewhere."""
+    """By how much the winner looked better where it was chosen than elsewhere."""
     assert found.winner is not None
     if not found.fresh:
         return ""
     digits, sign = _digits(found) + 1, 1 if found.maximize else -1
     fresh, tests = (np.array(values) for values in zip(*found.fresh, strict=True))
-    by_seeds = sign * (found.winner.mean - fresh.mean()) + 0.0  # no -0.00000
+    by_seeds = sign * (found.winner.mean - fresh.mean()) + 0.0  # turns -0.0 into 0.0
     text = (
         f"At the seeds it was chosen at, the winner looked better by {number(by_seeds, digits, sign=True)} than at "
         "fresh ones, on the same validation split."
@@ -180,7 +180,7 @@ def optimism(found: SearchResults) -> str:
 
 
 def _ties(found: SearchResults) -> str:
-    """Trials that the search cannot tell from the winner."""
+    """The trials that cannot be distinguished from the winner."""
     winner = found.winner
     assert winner is not None
     close = []
@@ -206,7 +206,7 @@ def _legend(seeds: int) -> str:
 
 
 def _digits(found: SearchResults) -> int:
-    """Decimals for the metric."""
+    """The number of decimals for the metric."""
     values = [value for trial in found.trials for value in trial.values]
     return min(6, decimals(max(map(abs, values), default=1.0), 4))
 

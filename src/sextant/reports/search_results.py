@@ -1,4 +1,4 @@
-"""What the trials of a search found, as its report counts it."""
+"""The results of the trials of a search."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -17,15 +17,15 @@ State = Literal["all seeds", "raced out", "diverged", "failed", "unfinished"]
 
 @dataclass(frozen=True)
 class TrialResult:
-    """A trial, by its runs at the seeds of the search.
+    """The result of a trial over its runs at the seeds of the search.
 
     Attributes:
-        number: in the order in which trials were asked for.
+        number: number of the trial, in the order of asking.
         setting: the value of each key.
-        values: of the validation metric, in the order of the seeds.
-        tested: the same runs by the metric of the test split.
-        state: ``raced out`` has fewer seeds than there are, since it could not beat the best any more.
-        why: it has no result.
+        values: validation metric of its runs, in the order of the seeds.
+        tested: test metric of the same runs.
+        state: how the trial stands; ``raced out`` has fewer seeds than planned, since it could no longer beat the best.
+        why: why it has no result.
     """
 
     number: int
@@ -37,24 +37,24 @@ class TrialResult:
 
     @property
     def mean(self) -> float:
-        """Of the validation metric, nan without a result."""
+        """The mean of the validation metric; nan without a result."""
         return float(np.mean(self.values)) if self.values else math.nan
 
 
 @dataclass(frozen=True)
 class SearchResults:
-    """A search.
+    """The results of a search.
 
     Attributes:
         search: the node of the config, with its defaults filled in.
-        seeds: that trials are run at.
-        trials: all of them, by number.
-        winner: the trial that leads; None if none has a result.
+        seeds: seeds at which trials are run.
+        trials: all trials, by number.
+        winner: the leading trial; None if no trial has a result.
         fresh: validation and test metric of the winner at each fresh seed that has been run.
-        fresh_missing: how many fresh seeds of the winner have no result.
-        winners_tested: how many trials have been tested at fresh seeds, now or before the search went on.
-        importances: share of each key.
-        test_metric: that is reported.
+        fresh_missing: number of fresh seeds at which the winner has no result.
+        winners_tested: number of trials tested at fresh seeds, including winners of earlier stages of the search.
+        importances: importance of each key.
+        test_metric: the test metric that is reported.
     """
 
     search: Mapping[str, Any]
@@ -69,25 +69,25 @@ class SearchResults:
 
     @property
     def maximize(self) -> bool:
-        """Whether more is better."""
+        """Whether higher is better."""
         return bool(self.search["direction"] == "maximize")
 
     @property
     def extreme(self) -> str:
-        """What is searched for."""
+        """``maximum`` or ``minimum``, whichever the search looks for."""
         return "maximum" if self.maximize else "minimum"
 
     @property
     def runs(self) -> int:
-        """How many runs the trials had."""
+        """The number of runs of all trials."""
         return sum(len(trial.values) for trial in self.trials)
 
 
 def search_results(results: SweepResults) -> SearchResults:
-    """Read a search out of the results of its cells.
+    """Read the results of a search from those of its cells.
 
     Raises:
-        UserError: its folder lacks what it found, or its runs have no such test metric.
+        UserError: the search has not ended, or its runs do not have the test metric.
     """
     search, seeds = results.plan.definition["search"], tuple(results.plan.definition["seeds"])
     found = read_json(results.directory / "search.json")
@@ -120,10 +120,10 @@ def search_results(results: SweepResults) -> SearchResults:
 
 
 def leading_trial(results: SweepResults) -> tuple[CellResult, float, int] | None:
-    """The trial that leads by what its runs have found so far, which needs no search that has ended.
+    """The trial that leads according to the runs so far; the search need not have ended.
 
     Returns:
-        Its first run, the mean of the validation metric, and over how many seeds; None while no trial has a result.
+        Its first run, its mean validation metric, and the number of seeds; None while no trial has a result.
     """
     search, seeds = results.plan.definition["search"], list(results.plan.definition["seeds"])
     sign = 1 if search["direction"] == "maximize" else -1
@@ -164,14 +164,14 @@ def _both(cell: CellResult, search: Mapping[str, Any], test_metric: str) -> tupl
 
 
 def metric_of_test(search: Mapping[str, Any], metrics: Iterable[str]) -> str:
-    """The metric that is reported of the test split: the counterpart of the validation metric unless one is named.
+    """The test metric to report: the counterpart of the validation metric unless one is named.
 
     Args:
         search: the node of the config.
-        metrics: of a finished run.
+        metrics: metrics of a finished run.
 
     Raises:
-        UserError: the run has no such metric, or several that may be meant.
+        UserError: the run has no such metric, or several candidates.
     """
     test = [name for name in metrics if name.startswith("test/")]
     given, usual = search["test_metric"], search["metric"].replace("val/", "test/", 1)
@@ -179,7 +179,7 @@ def metric_of_test(search: Mapping[str, Any], metrics: Iterable[str]) -> str:
     parts = [] if given else [name for name in test if name.startswith(f"{usual}/")]
     found = next((name for name in wanted if name in test), parts[0] if len(parts) == 1 else None)
     if found is None:
-        offered = parts or sorted(test, key=lambda name: name.count("/"))  # those of all conditions first
+        offered = parts or sorted(test, key=lambda name: name.count("/"))  # metrics over all conditions first
         raise UserError(
             f"sweep.search.test_metric={wanted[0]}: the runs have no such metric",
             f"Name one with sweep.search.test_metric=: {', '.join(offered[:12]) or 'they have none'}",

@@ -1,4 +1,4 @@
-"""A part of a report: text, tables to be kept as files, and pictures."""
+"""A part of a report: text, tables as files, and pictures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,8 +14,8 @@ class Section:
 
     Attributes:
         text: Markdown, with its heading; empty if there is nothing to say.
-        files: further files by name.
-        figures: pictures by name, to be written beside the text.
+        files: contents of further files, by name.
+        figures: named pictures to write beside the text.
     """
 
     text: str = ""

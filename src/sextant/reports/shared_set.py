@@ -1,8 +1,8 @@
 """The conditions of a published set of corruptions under which all runs of a sweep were tested.
 
-A run says so itself: the ``protocol`` in its ``metrics.json`` (:class:`~sextant.corruptions.Protocol`). A sweep is
-reported as errors under a set if every tested run has a protocol and they share a corruption; runs tested under
-conditions of one's own are reported as accuracies.
+A run states its set as ``protocol`` in its ``metrics.json`` (:class:`~sextant.corruptions.Protocol`). A sweep is
+reported as errors under a set if every tested run has a protocol and they share a corruption. Runs tested under custom
+conditions are reported as accuracies.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,13 +14,13 @@ CLEAN = "clean"
 
 @dataclass(frozen=True)
 class SharedSet:
-    """What the tested runs of a sweep share of a published set.
+    """The conditions of a published set that the tested runs of a sweep share.
 
     Attributes:
-        tested: the sets with what else decides which images they are, each once: key and description; more than one if
-            runs were tested under different images.
-        severities: of the shared conditions, by corruption in the order of the test.
-        left_out: conditions that only some runs were tested under.
+        tested: the distinct test sets, as pairs of key and description of how their images were made; more than one if
+            runs were tested on different images.
+        severities: severities of the shared conditions, by corruption in the order of the test.
+        left_out: number of conditions under which only some runs were tested.
     """
 
     tested: tuple[tuple[str, str], ...]
@@ -28,30 +28,30 @@ class SharedSet:
     left_out: int = 0
 
     def of(self, corruption: str) -> list[str]:
-        """Keys of the conditions of one corruption."""
+        """The keys of the conditions of one corruption."""
         return [f"{corruption}/{severity}" for severity in self.severities[corruption]]
 
     @property
     def keys(self) -> list[str]:
-        """Keys of all shared conditions, ``clean`` first."""
+        """The keys of all shared conditions, ``clean`` first."""
         return [CLEAN, *(key for corruption in self.severities for key in self.of(corruption))]
 
     @property
     def key(self) -> str | None:
-        """The one set that all runs name, or None if they name several."""
+        """The set that all runs name; None if they name several."""
         names = {name for name, _ in self.tested}
         return names.pop() if len(names) == 1 else None
 
     def describe(self) -> str:
-        """The sets by title, and how their images were made."""
+        """The titles of the sets, and how their images were made."""
         return "; or ".join(description for _, description in self.tested)
 
 
 def shared_set(protocols: Sequence[Mapping[str, Any] | None], conditions: Sequence[Sequence[str]]) -> SharedSet | None:
-    """What runs share of a published set, None unless each of them was tested under one.
+    """The conditions of a published set that runs share; None unless each of them was tested under one.
 
     Args:
-        protocols: of each tested run; None for conditions of one's own.
+        protocols: protocol of each tested run; None for custom conditions.
         conditions: keys of each run's conditions, in the order of the test.
     """
     known = [(str(protocol["set"]), _description(protocol)) for protocol in protocols if protocol and "set" in protocol]

@@ -11,7 +11,7 @@ from sextant.reports.results import SweepResults
 class Summary:
     """The measure of one setting and arm under one condition, over converged seeds.
 
-    ``all_mean`` counts the diverged runs too.
+    ``all_mean`` includes diverged runs.
     """
 
     setting: str
@@ -31,7 +31,7 @@ class Summary:
 
 
 def summarise(results: SweepResults) -> list[Summary]:
-    """All cells under all conditions; nan where there is nothing to summarise."""
+    """Summarise all cells under all conditions; nan where there is nothing to summarise."""
     rows = []
     for setting in results.settings:
         for arm in results.arms:

@@ -1,4 +1,4 @@
-"""What a dashboard shows of a sweep at a glance: its question, how far it is, and what it found."""
+"""The page of a sweep for a dashboard: its question, its progress, and its findings."""
 
 import re
 import shlex
@@ -12,21 +12,21 @@ from sextant.reports.search_results import leading_trial
 from sextant.reports.tables import TextTable, interval, number
 from sextant.runs.sweep_directory import SweepPlan, report_command
 
-#: failures that are told, and how much of each
+#: number of failures that are shown, and characters of each
 MOST_FAILURES, LINE = 5, 200
-#: rows of the table, and effects among the metrics; the report has all of them
+#: largest numbers of table rows and of effects among the metrics; the report has all of them
 MOST_ROWS, MOST_EFFECTS = 25, 12
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a sweep is.
+    """The progress of a sweep.
 
     Attributes:
-        done: runs that have ended, of those that it plans.
-        planned: different runs.
-        failures: what went wrong, by run.
-        left_s: estimate of what remains, nan while nothing has ended.
+        done: number of planned runs that have ended.
+        planned: number of distinct runs.
+        failures: error messages by run.
+        left_s: estimate of the remaining time in seconds; nan while no run has ended.
     """
 
     done: int
@@ -37,7 +37,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class SweepPage:
-    """Text and numbers of the page."""
+    """The text and the metrics of the page."""
 
     text: str
     metrics: dict[str, float]
@@ -49,10 +49,10 @@ def sweep_page(
     """The page of a sweep.
 
     Args:
-        plan: of the sweep.
-        progress: of its runs.
-        results: of the runs that have ended; None while there are none.
-        outputs: folder that it lies in.
+        plan: plan of the sweep.
+        progress: progress of its runs.
+        results: results of the runs that have ended; None while there are none.
+        outputs: output folder of the sweep.
         pictures: addresses of the figures of its contrasts.
     """
     rows = [] if results is None else [row for row in contrasts(results) if row.paired is not None]
@@ -90,7 +90,7 @@ def _how_far(plan: SweepPlan, progress: Progress) -> str:
 
 
 def _best_so_far(results: SweepResults) -> tuple[str, dict[str, float]]:
-    """The trial of a search that leads, in words and as metrics."""
+    """The leading trial of a search, in words and as metrics."""
     leads, metric = leading_trial(results), str(results.plan.definition["search"]["metric"])
     if leads is None:
         return "No trial has a result yet.\n", {}
@@ -116,7 +116,7 @@ def _table(rows: Sequence[ContrastRow]) -> str:
 
 
 def _metrics(row: ContrastRow, contrast: str) -> dict[str, float]:
-    """Under names that MLflow takes: letters, digits, and a few signs; what comes before a stroke is a group there."""
+    """Metrics of a contrast under names that MLflow accepts (letters, digits, few signs); ``/`` ends a group's name."""
     paired = row.paired
     assert paired is not None
     words = [contrast, "" if row.setting == "-" else row.setting, row.condition.replace("/", " ")]

@@ -1,4 +1,4 @@
-"""The report of a sweep: tables, contrasts, figures, and what they can support."""
+"""The report of a sweep: tables, contrasts and figures, and how far they support conclusions."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -34,8 +34,8 @@ def write_report(results: SweepResults) -> list[Path]:
     Returns:
         The files: ``report.md``, ``cells.csv``, ``seeds.csv`` (every run), ``contrasts.csv``, ``cells.tex``,
         ``contrasts.tex``, ``cost.csv``, ``pooled.csv`` if there is a noise floor, those of a published set of
-        corruptions if the runs were tested under one, those of particle counts if several were tried, ``metrics.csv``
-        if the runs tell of metrics beside their measure, figures. Of a search, see
+        corruptions if the runs were tested under one, those of particle counts if several were tested, ``metrics.csv``
+        if the runs have metrics beside their measure, and figures. For a search, see
         :func:`~sextant.reports.search_report.write_search_report`.
     """
     if results.plan.is_search:
@@ -71,7 +71,7 @@ def write_report(results: SweepResults) -> list[Path]:
 
 
 def contrast_table(rows: list[ContrastRow], name: str, results: SweepResults) -> TextTable:
-    """One row a setting and condition of one contrast."""
+    """One row per setting and condition of one contrast."""
     n = results.measure.digits
     columns = [
         "setting",
@@ -192,14 +192,14 @@ def _legend(rows: list[ContrastRow], results: SweepResults) -> str:
 
 
 def _method(results: SweepResults) -> str:
-    """The interval of a contrast, in words."""
+    """How the interval of a contrast is computed, in words."""
     if results.plan.definition.get("interval") == "bootstrap":
         return "of a studentized bootstrap"
     return "t intervals" + (", cut at a difference of 100" if results.measure.is_share else "")
 
 
 def _least_p(rows: list[ContrastRow], conditions: int) -> str:
-    """What the number of pairs allows at best: the signed-rank test of n pairs cannot give less than 2 / 2^n."""
+    """The smallest possible p: the signed-rank test of n pairs cannot give less than 2 / 2^n."""
     pairs = max((row.paired.seeds for row in rows if row.paired is not None), default=0)
     least = min(1.0, conditions * 2.0 ** (1 - pairs))
     if least <= 0.05:
@@ -228,7 +228,7 @@ def _levels(conditions: list[str]) -> dict[str, list[float]]:
     levels: dict[str, list[float]] = {}
     for key in conditions:
         corruption, _, level = key.rpartition("/")
-        if corruption and is_number(level):  # the name of a drive may have a stroke in it
+        if corruption and is_number(level):  # the name of a drive may contain a slash
             levels.setdefault(corruption, []).append(float(level))
     return levels
 

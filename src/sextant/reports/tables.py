@@ -7,13 +7,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-#: columns of values beside each other that can be read well, and at all
+#: numbers of columns of values that are easy to read, and that can be read at all
 USUAL, WIDEST = 8, 12
 NOTHING = "–"
 
 
 def counted(count: int, noun: str) -> str:
-    """A number of things.
+    """A number with its noun.
 
     >>> counted(1, "run"), counted(2, "run")
     ('1 run', '2 runs')
@@ -51,12 +51,12 @@ class TextTable:
 
 @dataclass(frozen=True)
 class Entry:
-    """What one arm has of several quantities, as text.
+    """The values of one arm for several quantities, as text.
 
     Attributes:
-        heads: that tell it from other entries of the arm, such as the setting.
-        arm: its name.
-        values: by quantity.
+        heads: values that distinguish it from other entries of the arm, such as the setting.
+        arm: name of the arm.
+        values: values by quantity.
     """
 
     heads: Sequence[str]
@@ -65,15 +65,15 @@ class Entry:
 
 
 def arms_table(heads: Sequence[str], quantity: str, entries: Sequence[Entry]) -> TextTable:
-    """One row an entry and one column a quantity; of many quantities one row each, and one column an arm.
+    """A table with one row per entry and one column per quantity, or with one row per quantity and one column per arm.
 
-    The columns are the arms where there are fewer of them and more than ``USUAL`` quantities. Where even the fewer are
-    more than ``WIDEST``, every value has a row of its own. A quantity of which no arm has anything has no row.
+    Arms become the columns if they are fewer than the quantities and there are more than ``USUAL`` quantities. If even
+    the fewer of the two are more than ``WIDEST``, every value has its own row. A quantity without any value has no row.
 
     Args:
-        heads: names of the columns that tell entries of an arm apart.
-        quantity: what the quantities are, for the column that names them.
-        entries: in the order of the table.
+        heads: names of the columns that distinguish entries of an arm.
+        quantity: heading of the column that names the quantities.
+        entries: entries in the order of the table.
     """
     quantities = list(dict.fromkeys(name for entry in entries for name in entry.values))
     arms = list(dict.fromkeys(entry.arm for entry in entries))
@@ -111,19 +111,19 @@ def interval(low: float, high: float, digits: int = 2, sign: bool = False) -> st
 
 
 def p_text(value: float) -> str:
-    """A p-value; what would be rounded to zero is told as a bound."""
+    """A p-value; one that would be rounded to zero is shown as a bound."""
     return "<0.0001" if value < 0.00005 else number(value, 4)
 
 
 def decimals(value: float, digits: int = 3) -> int:
-    """How many decimals show at least so many significant digits of a number."""
+    """The number of decimals that shows at least ``digits`` significant digits of a number."""
     if value == 0 or not math.isfinite(value):
         return digits - 1
     return max(0, digits - 1 - math.floor(math.log10(abs(value))))
 
 
 def is_number(text: str) -> bool:
-    """Whether a text says a finite number."""
+    """Whether a text is a finite number."""
     try:
         return math.isfinite(float(text))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Which images show one place, which triplets to train with, and the search for the nearest descriptor."""
+"""Which images show the same place, which triplets to train with, and the search for the nearest descriptor."""
 
 from sextant.retrieval.cached_mining import CachedHardMining
 from sextant.retrieval.flat_index import FlatIndex

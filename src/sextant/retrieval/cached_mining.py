@@ -1,4 +1,4 @@
-"""Hard negatives of the whole training set, by descriptors that were computed some steps ago."""
+"""Mining of hard negatives in the whole training set, by descriptors that were computed some steps ago."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -21,18 +21,18 @@ BLOCK = 2**20
 class CachedHardMining:
     """For each of some anchors, the nearest negatives among a sample of the training set.
 
-    The caller keeps the cache: descriptors of all training images, in their order, computed again every ``refresh``
-    steps. Triplets are indices into the training set; :func:`~sextant.retrieval.gathered` makes a batch of them.
+    The caller keeps the cache: descriptors of all training images, in their order, recomputed every ``refresh`` steps.
+    Triplets are indices into the training set; :func:`~sextant.retrieval.gathered` makes a batch of them.
 
     Args:
         refresh: training steps between two computations of the cache; for the caller.
-        anchors: drawn from the training set each time.
-        candidates: among which negatives are looked for, drawn again each time for all anchors together.
-        negatives: of each anchor; fewer if fewer candidates are negatives of it.
+        anchors: number of anchors, drawn from the training set each time.
+        candidates: number of images among which negatives are sought, drawn anew each time for all anchors together.
+        negatives: number of negatives per anchor; fewer if fewer candidates are negatives of it.
         positive: which positive of the whole training set is taken, by the cached descriptors.
 
     Raises:
-        UserError: a count is below 1 or the positive is none of those.
+        UserError: a count is below 1, or ``positive`` is unknown.
     """
 
     refresh: int = 100
@@ -63,9 +63,9 @@ class CachedHardMining:
 
         Args:
             cache: descriptors of the training set.
-            places: of the same images, on the same device.
+            places: places of the same images, on the same device.
             tolerance: separates positives from negatives.
-            generator: of the CPU.
+            generator: a generator on the CPU.
 
         Raises:
             ValueError: cache and places differ in number, or a descriptor is not finite.

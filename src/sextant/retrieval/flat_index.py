@@ -1,9 +1,9 @@
-"""An index of descriptors that is searched whole: exact, and fast enough for one camera and a city.
+"""An index of descriptors with exhaustive search: exact, and fast enough for one camera and a city.
 
-One query reads ``4 n d`` bytes once, 88 MB for 172,000 descriptors of 128 values, which is what a product of a matrix
-with a vector costs; picking the best costs little compared with it. See :mod:`sextant.retrieval.nearest` for how.
+One query reads ``4 n d`` bytes once, 88 MB for 172,000 descriptors of 128 values. This is the cost of a matrix-vector
+product; picking the best costs little in comparison. See :mod:`sextant.retrieval.nearest` for how.
 
-On disk an index is a folder of ``descriptors.npy``, which is mapped into memory, and ``index.json``.
+On disk, an index is a folder with ``descriptors.npy``, which is memory-mapped, and ``index.json``.
 """
 
 from collections.abc import Sequence
@@ -25,13 +25,13 @@ KIND = FolderFormat("an index", "sextant.flat_index", 1, HEADER)
 class FlatIndex:
     """Exact search by cosine similarity or Euclidean distance.
 
-    Finiteness and norms are computed here, once, and not for each query.
+    Finiteness is checked and norms are computed here, once, and not for each query.
 
     Args:
-        descriptors: one a row. For cosine similarity a copy of norm one is kept; for Euclidean distance the array
-            itself, which must not be changed afterwards.
+        descriptors: one per row. For cosine similarity, a copy scaled to norm one is kept; for Euclidean distance, the
+            array itself, which must not be changed afterwards.
         similarity: ``cosine`` or ``euclidean``.
-        names: of the rows, such as files; none by default.
+        names: names of the rows, such as files; none by default.
 
     Raises:
         ValueError: as :func:`~sextant.retrieval.nearest.prepare_references`, or there are not as many names as rows.
@@ -53,7 +53,7 @@ class FlatIndex:
 
     @classmethod
     def joined(cls, parts: Sequence[Self], names: Sequence[str] | None = None) -> Self:
-        """The rows of several indexes of one similarity, one after the other, as they are.
+        """Concatenate the rows of several indexes with the same similarity, as they are.
 
         Raises:
             ValueError: there are none, or their dimensions or similarities differ.
@@ -76,7 +76,7 @@ class FlatIndex:
 
     @property
     def dimension(self) -> int:
-        """Values of a descriptor."""
+        """Number of values in a descriptor."""
         return int(self.references.rows.shape[1])
 
     @property
@@ -85,13 +85,13 @@ class FlatIndex:
         return self.references.similarity
 
     def search(self, queries: Float32[ndarray, "m d"], k: int = 1) -> Neighbours:
-        """The k most similar descriptors of every query, best first; of equal ones the lower index first.
+        """The k most similar descriptors for every query, best first; ties go to the lower index.
 
-        The neighbours are the same however queries are grouped into calls. Memory besides the result: about 64 MiB.
+        The neighbours do not depend on how queries are grouped into calls. Memory besides the result: about 64 MiB.
 
         Args:
-            queries: one descriptor a row.
-            k: neighbours, in [1, n].
+            queries: one descriptor per row.
+            k: number of neighbours, in [1, n].
 
         Returns:
             ``values`` (cosine similarities, or Euclidean distances) and ``indices``, both (m, k).
@@ -102,13 +102,13 @@ class FlatIndex:
         return search_prepared(self.references, queries, k)
 
     def save(self, folder: Path) -> None:
-        """Write the index into a folder, which is made if need be; an index that was there is replaced.
+        """Write the index into a folder, which is created if needed; an existing index is replaced.
 
         Raises:
             OSError: the folder cannot be written.
         """
         write_atomically(folder / DESCRIPTORS, lambda file: np.save(file, self.references.rows, allow_pickle=False))
-        # written last: without it, and with one that tells of other descriptors, the folder is not taken for an index
+        # written last: without it, or with one that describes other descriptors, the folder does not count as an index
         header = {
             "similarity": self.similarity,
             "count": len(self),
@@ -120,10 +120,10 @@ class FlatIndex:
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """Open a saved index; the descriptors are mapped into memory, read only.
+        """Open a saved index; the descriptors are memory-mapped, read-only.
 
         Raises:
-            UserError: the folder is not there, holds no index, one of another version, or a damaged one.
+            UserError: the folder does not exist, or holds no index, one of another version, or a damaged one.
         """
         header = _header(folder)
         path = folder / DESCRIPTORS

@@ -1,12 +1,12 @@
-"""Exact nearest neighbours among descriptors, whatever the block, the number of threads and the BLAS.
+"""Exact nearest neighbours among descriptors, independent of block size, number of threads and BLAS.
 
 A matrix product in float32 gives all scores of a block of queries, up to rounding: for d terms each differs from the
-true value by at most ``ε = (d + 2) u ||q|| ||r||`` with the machine's u. So the k best are among the references whose
-score is within ``2 ε`` of the k-th best score. Only these few are compared again, in float64 and term by term in the
-same order, and ties are broken by index.
+true value by at most ``ε = (d + 2) u ||q|| ||r||``, with u the machine epsilon. So the k best are among the references
+whose score is within ``2 ε`` of the k-th best score. Only these few are compared again, in float64 and term by term in
+the same order, and ties are broken by index.
 
-The k-th best score is not looked for among all n: with the references dealt out into groups, k group maxima are k
-scores, so the k-th best maximum bounds it from below. That is one pass of maxima and one of comparisons.
+The k-th best score is not sought among all n: with the references divided into groups, k group maxima are k scores, so
+the k-th best maximum bounds it from below. That takes one pass of maxima and one of comparisons.
 
 Source of the bound: N. J. Higham, "Accuracy and Stability of Numerical Algorithms", 2002, section 3.1.
 """
@@ -31,11 +31,11 @@ RECOMPARED = 2**22
 
 
 class Neighbours(NamedTuple):
-    """The k most similar references of each of m queries, best first; of equal ones the lower index first.
+    """The k most similar references of each of m queries, best first; ties go to the lower index.
 
     Attributes:
-        values: cosine similarities, falling, or Euclidean distances, rising.
-        indices: of the references.
+        values: cosine similarities, descending, or Euclidean distances, ascending.
+        indices: indices of the references.
     """
 
     values: Float32[ndarray, "m k"]
@@ -44,7 +44,7 @@ class Neighbours(NamedTuple):
 
 @dataclass(frozen=True)
 class PreparedReferences:
-    """References with all that does not depend on the query.
+    """References with everything that does not depend on the query.
 
     Attributes:
         rows: descriptors; of norm one (or zero) for cosine similarity.
@@ -62,11 +62,11 @@ class PreparedReferences:
 def prepare_references(
     descriptors: Float32[ndarray, "n d"], similarity: Similarity = "cosine", *, unit: bool = False
 ) -> PreparedReferences:
-    """Check the references and work out their norms, once.
+    """Check the references and compute their norms, once.
 
     Args:
-        descriptors: one a row, in float32.
-        similarity: ``cosine`` (a row of zeros is at 0 to everything) or ``euclidean``.
+        descriptors: one per row, in float32.
+        similarity: ``cosine`` (a row of zeros has similarity 0 to everything) or ``euclidean``.
         unit: the rows have norm one already and are taken as they are.
 
     Raises:
@@ -92,16 +92,16 @@ def nearest_neighbours(
     k: int = 1,
     similarity: Similarity = "cosine",
 ) -> Int64[ndarray, "m k"]:
-    """Indices of the k most similar reference descriptors, best first; of equal ones the lower index first.
+    """Indices of the k most similar reference descriptors, best first; ties go to the lower index.
 
     >>> references = np.eye(3, dtype=np.float32)
     >>> nearest_neighbours(references, np.array([[1.0, 0.5, 0.0]], np.float32), k=2)
     array([[0, 1]])
 
     Args:
-        reference, query: one descriptor a row.
-        k: neighbours, in [1, n].
-        similarity: ``cosine`` (a row of zeros is at 0 to everything) or ``euclidean``.
+        reference, query: one descriptor per row.
+        k: number of neighbours, in [1, n].
+        similarity: ``cosine`` (a row of zeros has similarity 0 to everything) or ``euclidean``.
 
     Raises:
         ValueError: k is out of range, the dimensions differ, or a descriptor is not finite.
@@ -110,9 +110,9 @@ def nearest_neighbours(
 
 
 def search_prepared(references: PreparedReferences, query: Float32[ndarray, "m d"], k: int = 1) -> Neighbours:
-    """The k most similar references of every query; see the module.
+    """The k most similar references for every query; see the module.
 
-    Memory besides the result: ``BLOCK`` scores, or one query's if there are more references than that.
+    Memory besides the result: ``BLOCK`` scores, or one query's scores if there are more references than that.
 
     Raises:
         ValueError: k is out of range, the dimensions differ, or a query is not finite.
@@ -133,7 +133,7 @@ def search_prepared(references: PreparedReferences, query: Float32[ndarray, "m d
     at_a_time = max(1, BLOCK // count)
     for start in range(0, len(query), at_a_time):
         block = query[start : start + at_a_time]
-        # a vector for one query: the product of a matrix with a vector is bound by memory alone
+        # a vector for one query: a matrix-vector product is bound by memory alone
         scores = (rows @ block[0])[None] if len(block) == 1 else block @ rows.T
         if euclidean:
             scores -= references.half
@@ -146,11 +146,11 @@ def search_prepared(references: PreparedReferences, query: Float32[ndarray, "m d
 
 
 def _close(score: Float32[ndarray, "n"], k: int, slack: float) -> Int64[ndarray, "c"]:
-    """Rising indices of all scores within ``slack`` of the k-th best."""
+    """Ascending indices of all scores within ``slack`` of the k-th best."""
     groups = max(GROUPS, 8 * k)
     if len(score) < 2 * groups:
         return np.flatnonzero(score >= np.partition(score, -k)[-k] - slack)
-    # every groups-th score is in one group: frames that follow each other look alike and should not share one
+    # every groups-th score is in one group: consecutive frames look alike and should not share one
     best = score[: len(score) // groups * groups].reshape(-1, groups).max(axis=0)
     close = np.flatnonzero(score >= np.partition(best, -k)[-k] - slack)
     chosen = score[close]

@@ -1,4 +1,4 @@
-r"""Which images show the same place, which another, and which pairs had better be left out.
+r"""Which images show the same place, which show different places, and which pairs should be left out.
 
 For images i and j at :math:`p_i, p_j`, looking towards :math:`\theta_i, \theta_j`, with tolerances :math:`r_+ < r_-`
 
@@ -7,9 +7,9 @@ For images i and j at :math:`p_i, p_j`, looking towards :math:`\theta_i, \theta_
     \text{negative:}\quad & \|p_i - p_j\| \ge r_- \\
     \text{ignored:}\quad & \text{all others, and an image with itself}
 
-The ring between the tolerances is ignored because what is seen from there is partly the same. On rides that are aligned
-frame by frame, p is the frame number, a space of one dimension. Images of different areas, such as two towns that
-each have their own origin, are negatives wherever they lie.
+The ring between the tolerances is ignored because the views from there partly overlap. For traverses that are aligned
+frame by frame, p is the frame number, in one dimension. Images from different areas, such as two towns that each have
+their own origin, are negatives wherever they lie.
 """
 
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Relation:
-    """Pairs of one place and pairs of two, row by column; what is in neither is ignored.
+    """Pairs of the same place and pairs of different places, row by column; a pair in neither is ignored.
 
     Attributes:
-        positive: the row's image and the column's show one place.
-        negative: they show two.
+        positive: whether the row's image and the column's show the same place.
+        negative: whether they show different places.
 
     Raises:
         ValueError: they differ in shape, or a pair is in both.
@@ -58,7 +58,7 @@ class Relation:
 
 @dataclass(frozen=True)
 class Places:
-    """Where images were taken. Equal rows are images of equal places, not the same image.
+    """Where images were taken. Equal rows are images taken at the same place, not the same image.
 
     Args:
         position: coordinates in metres, or one column of frame numbers. Give UTM coordinates in float64: a float32
@@ -89,15 +89,15 @@ class Places:
 
 
 class Tolerance(Protocol):
-    """How far apart one place ends and another begins, in the unit of the positions.
+    """The distances that separate the same place from different places, in the unit of the positions.
 
-    :class:`sextant.data.places.PlaceTolerance` is one, which knows its unit and refuses what has no meaning.
+    :class:`sextant.data.places.PlaceTolerance` is one; it knows its unit and refuses meaningless values.
 
     Attributes:
         positive: largest distance within one place.
         negative: smallest distance of two places, above ``positive``.
-        heading_deg: largest difference of heading within one place; None does not look at it. Images of one spot that
-            look apart are ignored.
+        heading_deg: largest difference of heading within one place; None ignores headings. Pairs of images taken at one
+            spot in different directions are ignored.
     """
 
     @property
@@ -132,7 +132,7 @@ def relations(
             [False, False, False]])
 
     Args:
-        places: of all images.
+        places: the places of all images.
         tolerance: in the unit of their positions.
         rows, columns: indices of images; all of them by default. The pair of an image with itself is neither.
         across_conditions: only images under another condition are positives; those under the same one are ignored.
@@ -160,7 +160,7 @@ def relations(
 
 
 def distance(first: Real[Tensor, "m k"], second: Real[Tensor, "n k"]) -> Float[Tensor, "m n"]:
-    """Distances in float64, by differences: a matrix product would lose metres among coordinates of UTM."""
+    """Distances in float64, by differences: a matrix product would lose metres among UTM coordinates."""
     difference = first.double()[:, None] - second.double()
     if difference.shape[-1] == 1:
         return difference[..., 0].abs()
@@ -168,6 +168,6 @@ def distance(first: Real[Tensor, "m k"], second: Real[Tensor, "n k"]) -> Float[T
 
 
 def heading_difference(first: Real[Tensor, "m"], second: Real[Tensor, "n"]) -> Float[Tensor, "m n"]:
-    """Size of the difference of headings in degrees, wrapped into [0, 180]."""
+    """Absolute difference of headings in degrees, wrapped into [0, 180]."""
     turn = (first.double()[:, None] - second.double()).abs() % 360
     return torch.minimum(turn, 360 - turn)

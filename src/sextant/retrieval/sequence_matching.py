@@ -1,16 +1,16 @@
-r"""Places found by sequences of images: similarities summed along lines of constant velocity.
+r"""Sequence matching for place recognition: similarities summed along lines of constant velocity.
 
-For similarities :math:`s_{ij}` of query frame i and reference frame j, each in the order of its ride, the sequence of
-the L queries up to i is compared with references at velocity v (reference frames per query frame) that end at j:
+For similarities :math:`s_{ij}` of query frame i and reference frame j, each in the order of its traverse, the sequence
+of the L queries up to i is compared with references at velocity v (reference frames per query frame) that end at j:
 
 .. math:: S_{ij} = \max_v \frac{1}{|\mathcal L_i|} \sum_{l \in \mathcal L_i} s_{i - l,\; j - [v l]},
    \qquad l = 0, 1, \dots, L - 1 ,
 
 with :math:`[\cdot]` the nearest whole number and only those lags whose query exists. Where the line leaves the
-reference ride, the mean similarity of that query stands in: it speaks for no place and against none.
+reference traverse, the mean similarity of that query stands in, which favours no place.
 
 Only past queries are used, so that it can run while driving; ``centred`` takes half of the sequence from the future, as
-the published programs do. With the one velocity 1 it is the sum along the diagonal, for rides that are aligned.
+the published programs do. With the single velocity 1 it is the sum along the diagonal, for aligned traverses.
 
 Sources: M. Milford and G. Wyeth, "SeqSLAM: Visual Route-Based Navigation for Sunny Summer Days and Stormy Winter
 Nights", ICRA 2012; the velocities 0.8, 0.9, ..., 1.2, length 10 and contrast window 10 are the defaults of OpenSeqSLAM
@@ -30,11 +30,11 @@ CONTRAST_WINDOW = 10
 
 
 class SequenceMatches(NamedTuple):
-    """Best references of each query's sequence, best first; of equal ones the lower index first.
+    """Best references of each query's sequence, best first; ties go to the lower index.
 
     Attributes:
         scores: mean similarity along the best line.
-        indices: of the reference frames that the lines pass at the query.
+        indices: indices of the reference frames that the lines pass at the query.
     """
 
     scores: Float32[ndarray, "m k"]
@@ -50,17 +50,17 @@ def match_sequences(
     centred: bool = False,
     contrast_window: int | None = None,
 ) -> SequenceMatches:
-    """The k references that fit best to the sequence of every query.
+    """The k references that best fit the sequence of every query.
 
     >>> ride = np.eye(6)  # every query is most similar to the reference of its own number
     >>> match_sequences(ride, length=3).indices[:, 0]
     array([0, 1, 2, 3, 4, 5])
 
     Args:
-        similarities: higher is more alike; rows are queries, columns references, both in the order of their rides.
+        similarities: higher is more alike; rows are queries, columns references, both in the order of their traverses.
         k: references for each query, in [1, n].
-        length: of a sequence in query frames, at least 1; the first queries have shorter ones.
-        velocities: reference frames per query frame; negative ones for rides in opposite directions.
+        length: length of a sequence in query frames, at least 1; the first queries have shorter ones.
+        velocities: reference frames per query frame; negative ones for traverses in opposite directions.
         centred: the query is in the middle of its sequence and not at its end.
         contrast_window: if given, ``local_contrast`` is applied first, with that window.
 
@@ -72,7 +72,7 @@ def match_sequences(
     if contrast_window is not None:
         similarities = local_contrast(similarities, contrast_window)
     scores = sequence_scores(similarities, length, velocities, centred=centred)
-    # of equal ones both take the first; sorting all for the best alone would cost more than the scores
+    # both break ties by the first; sorting all for the best alone would cost more than the scores
     order = scores.argmax(axis=1)[:, None] if k == 1 else np.argsort(-scores, axis=1, kind="stable")[:, :k]
     return SequenceMatches(np.take_along_axis(scores, order, axis=1), order)
 
@@ -86,7 +86,7 @@ def sequence_scores(
 ) -> Float32[ndarray, "m n"]:
     """``S`` of the module for all pairs of query and reference.
 
-    Costs m n additions for every lag and velocity; memory for three matrices like the one given.
+    This costs m n additions for every lag and velocity, and memory for three matrices like the one given.
 
     >>> sequence_scores(np.eye(4), length=2, velocities=[1.0])[3].argmax()
     np.int64(3)
@@ -104,7 +104,7 @@ def sequence_scores(
     ahead = length // 2 if centred else 0
     lags = np.arange(length) - ahead
     mean = similarities.mean(axis=1, keepdims=True, dtype=np.float64).astype(np.float32)
-    given = similarities.astype(np.float32) - mean  # what lies outside the reference ride is 0 then
+    given = similarities.astype(np.float32) - mean  # so that what lies outside the reference traverse is 0
     queries = np.arange(len(given))
     counts = ((queries[:, None] >= lags) & (queries[:, None] - lags < len(given))).sum(1, keepdims=True)
     offset = _shifted_sum(np.broadcast_to(mean, given.shape)[:, :1], [(lag, 0) for lag in lags.tolist()])
@@ -120,7 +120,7 @@ def local_contrast(
     r"""Each similarity against those of the same query to references nearby: :math:`(s - \mu_w) / \max(\sigma_w, f)`.
 
     Mean and standard deviation are over the references within ``window // 2`` frames on either side, fewer at the ends
-    of the ride. It removes what makes whole stretches of the reference look alike to a query.
+    of the traverse. This removes what makes whole stretches of the reference look alike to a query.
 
     >>> local_contrast(np.array([[0.8, 0.8, 0.9, 0.8, 0.8]]), window=5).argmax()
     np.int64(2)
@@ -136,7 +136,7 @@ def local_contrast(
     if window < 2:
         raise ValueError(f"window={window} must be at least 2 frames")
     count, half = similarities.shape[1], window // 2
-    # about the row's mean: the squares are differences of sums, which would cancel
+    # about the row's mean: the squares are differences of sums, which would cancel otherwise
     wide = similarities - similarities.mean(axis=1, keepdims=True, dtype=np.float64)
     low, high = np.maximum(np.arange(count) - half, 0), np.minimum(np.arange(count) + half + 1, count)
     mean, squares = (_window_mean(values, low, high) for values in (wide, wide**2))

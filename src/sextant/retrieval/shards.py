@@ -1,4 +1,4 @@
-"""Neighbours among references of which several processes, or hosts, hold a part each."""
+"""Neighbours among references that are split over several processes or hosts."""
 
 from collections.abc import Sequence
 
@@ -10,19 +10,19 @@ from sextant.retrieval.nearest import Neighbours, Similarity
 def joined_neighbours(
     parts: Sequence[Neighbours], sizes: Sequence[int], k: int, similarity: Similarity = "cosine"
 ) -> Neighbours:
-    """The k most similar references of each query, from what each part found among its own.
+    """The k most similar references of each query, from those that each part found among its own.
 
-    They are those, to the bit, of one index of all references in the order of the parts, if each part was asked for k,
-    or for all that it has: how similar two descriptors are depends on nothing else.
+    If each part was asked for k, or for all that it has, the result is that of one index of all references in the order
+    of the parts, to the bit: the similarity of two descriptors depends on nothing else.
 
     Args:
         parts: neighbours of the same queries in each part.
-        sizes: references of each part.
-        k: neighbours, at most the references that the parts have found.
-        similarity: of the index.
+        sizes: number of references in each part.
+        k: number of neighbours, at most as many as the parts have found.
+        similarity: similarity of the index.
 
     Raises:
-        ValueError: there are not so many neighbours, or not as many sizes as parts.
+        ValueError: the parts have found fewer than k neighbours, or there are not as many sizes as parts.
 
     Example:
         >>> a, b = (Neighbours(np.array([[v]]), np.array([[0]])) for v in (0.2, 0.9))

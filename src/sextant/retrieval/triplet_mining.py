@@ -1,14 +1,14 @@
-r"""Mining: which triplets (anchor, positive, negative) a batch or a training set is asked about.
+r"""Mining: which triplets (anchor, positive, negative) of a batch or a training set the loss sees.
 
 All positives and negatives come from a :class:`~sextant.retrieval.Relation`, so that a pair it ignores is never used.
-With :math:`d_+` and :math:`d_-` the distances of the anchor's descriptor to those of positive and negative:
+With :math:`d_+` and :math:`d_-` the distances from the anchor's descriptor to those of positive and negative:
 
-* *random*: both drawn uniformly;
-* *semi-hard*: for every pair of anchor and positive a negative that is further than the positive, but within a margin:
-  :math:`d_+ < d_- < d_+ + m`, drawn among those. Pairs without one give no triplet;
-* *batch-hard*: for every anchor the furthest positive and the nearest negative of the batch;
-* *cached-hard*: for every anchor the nearest negatives among a sample of the whole training set, by descriptors that
-  were computed some steps ago. The nearest positive by those descriptors is taken, or one at random.
+* *random*: both are drawn uniformly;
+* *semi-hard*: for every pair of anchor and positive, a negative is drawn among those further than the positive, but
+  within a margin: :math:`d_+ < d_- < d_+ + m`. Pairs without one give no triplet;
+* *batch-hard*: for every anchor, the furthest positive and the nearest negative of the batch;
+* *cached-hard*: for every anchor, the nearest negatives among a sample of the whole training set, by descriptors that
+  were computed some steps ago. The positive is the nearest or the furthest by those descriptors, or one at random.
 
 Anchors without a positive or without a negative give no triplet and are counted.
 
@@ -29,12 +29,12 @@ from sextant.retrieval.relations import Relation
 
 
 class Mined(NamedTuple):
-    """Triplets, and what there was to mine from.
+    """Mined triplets, and how many anchors there were to mine from.
 
     Attributes:
         triplets: anchor, positive, negative.
-        anchors: images that could have been anchors.
-        unusable: anchors without a positive or without a negative.
+        anchors: number of images that could have been anchors.
+        unusable: number of anchors without a positive or without a negative.
     """
 
     triplets: Int64[Tensor, "t 3"]
@@ -43,18 +43,18 @@ class Mined(NamedTuple):
 
 
 class Mining(Protocol):
-    """What an experiment's ``mining`` can be, for triplets within a batch."""
+    """The interface of an experiment's ``mining``, for triplets within a batch."""
 
     def __call__(
         self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
     ) -> Mined:
-        """Triplets of indices into the batch; ``generator`` is of the CPU."""
+        """Triplets of indices into the batch; ``generator`` is on the CPU."""
         ...
 
 
 @dataclass(frozen=True)
 class NoMining:
-    """Gives the loss every triplet of the batch; losses of pairs take the relation itself then."""
+    """Gives the loss every triplet of the batch; losses of pairs then take the relation itself."""
 
     def __call__(
         self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
@@ -68,7 +68,7 @@ class RandomMining:
     """Draws positives and negatives uniformly.
 
     Args:
-        per_anchor: triplets of each anchor.
+        per_anchor: number of triplets per anchor.
 
     Raises:
         UserError: ``per_anchor`` is below 1.
@@ -95,7 +95,7 @@ class SemiHardMining:
     """For every pair of anchor and positive, draws a negative with ``d+ < d- < d+ + margin``.
 
     Args:
-        margin: in the unit of the descriptors; of unit vectors the largest distance is 2.
+        margin: in the unit of the descriptors; the largest distance of unit vectors is 2.
 
     Raises:
         UserError: ``margin`` is not positive.
@@ -110,7 +110,7 @@ class SemiHardMining:
     def __call__(
         self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
     ) -> Mined:
-        """Triplets of indices into the batch, at most one a pair."""
+        """Triplets of indices into the batch, at most one per pair."""
         apart = descriptor_distances(descriptors)
         anchor, positive = relation.positive.nonzero().unbind(1)
         near = apart[anchor, positive][:, None]
@@ -121,12 +121,12 @@ class SemiHardMining:
 
 @dataclass(frozen=True)
 class BatchHardMining:
-    """For every anchor the furthest positive and the nearest negative."""
+    """For every anchor, takes the furthest positive and the nearest negative."""
 
     def __call__(
         self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
     ) -> Mined:
-        """Triplets of indices into the batch, one an anchor; nothing is drawn."""
+        """Triplets of indices into the batch, one per anchor; nothing is drawn."""
         apart = descriptor_distances(descriptors)
         anchor = relation.usable().nonzero()[:, 0]
         if len(anchor) == 0:
@@ -137,9 +137,9 @@ class BatchHardMining:
 
 
 def draw_column(allowed: Bool[Tensor, "m n"], generator: torch.Generator | None = None) -> Int64[Tensor, "m"]:
-    """One allowed column of each row, uniformly; every row must allow at least one.
+    """Draw one allowed column of each row, uniformly; every row must allow at least one.
 
-    Drawn on the CPU whatever the device, so that one seed gives one result.
+    Draws are made on the CPU whatever the device, so that one seed gives one result.
     """
     if allowed.numel() == 0:
         return torch.zeros(len(allowed), dtype=torch.int64, device=allowed.device)
@@ -151,7 +151,7 @@ def draw_column(allowed: Bool[Tensor, "m n"], generator: torch.Generator | None 
 
 @torch.no_grad()
 def descriptor_distances(descriptors: Float[Tensor, "b d"]) -> Float[Tensor, "b b"]:
-    """Euclidean distances by differences, in float32 or wider, without gradient.
+    """Euclidean distances, by differences, in float32 or wider and without gradient.
 
     Raises:
         ValueError: a descriptor is not finite.

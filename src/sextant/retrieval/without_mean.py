@@ -1,12 +1,12 @@
-r"""Descriptors of a traverse without what all its images share: light, season, the camera.
+r"""Centring: removes from the descriptors of a traverse what all its images share, such as light, season and camera.
 
-The map's descriptors are taken less their mean :math:`\bar r`; those of the queries less the mean of all queries
-(``all``), or, while a ride goes on (``running``), less the mean of those so far, for which the map's stands in with the
-weight of ten images:
+The mean :math:`\bar r` is subtracted from the map's descriptors. From the queries', the mean of all queries is
+subtracted (``all``) or, while a traverse goes on (``running``), the mean of those so far, in which the map's mean
+counts as ten images:
 
 .. math:: m_t = \frac{10\,\bar r + \sum_{s \le t} q_s}{10 + t}.
 
-What is left has norm one again.
+The result is scaled to norm one again.
 """
 
 from typing import Literal, get_args
@@ -19,7 +19,7 @@ from sextant.errors import ArgumentError
 
 Centring = Literal["none", "running", "all"]
 CENTRINGS: tuple[Centring, ...] = get_args(Centring)
-#: images that the mean of the map counts as, before a ride has any of its own
+#: number of images that the mean of the map counts as in a running mean
 PRIOR_IMAGES = 10
 
 
@@ -29,12 +29,12 @@ def centred(
     """Descriptors of a map and of queries, each without its mean.
 
     Args:
-        reference: of the map.
-        query: of the queries, in the order of their ride.
-        centring: whose mean the queries lose; ``none`` leaves both as they are.
+        reference: descriptors of the map.
+        query: descriptors of the queries, in the order of their traverse.
+        centring: which mean is subtracted from the queries; ``none`` leaves both as they are.
 
     Raises:
-        ArgumentError: there is no such centring, or one query is to lose its own mean.
+        ArgumentError: ``centring`` is unknown, or is ``all`` for a single query.
     """
     if centring not in CENTRINGS:
         raise ArgumentError(f"centring={centring} must be one of {', '.join(CENTRINGS)}", "centring=none")

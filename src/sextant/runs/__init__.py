@@ -1,1 +1,1 @@
-"""Run directories: where the truth about a run lies. MLflow is a mirror of them."""
+"""Run directories, the authoritative record of runs. MLflow is a mirror of them."""

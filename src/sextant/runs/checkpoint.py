@@ -1,4 +1,4 @@
-"""Checkpoints of plain containers: verified, and read without unpickling anything else.
+"""Checkpoints of plain containers: verified by a digest, and read without unpickling anything else.
 
 They are written by :mod:`~sextant.runs.checkpoint_io`, which imports Lightning; reading does not.
 """
@@ -20,7 +20,7 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     """Read a checkpoint on the CPU. Nothing in it is executed: only tensors and plain containers are accepted.
 
     Raises:
-        UserError: the file is missing, truncated, damaged, not a checkpoint, or holds anything but tensors and
+        UserError: the file is missing, truncated, damaged or not a checkpoint, or holds anything but tensors and plain
             containers.
     """
     try:

@@ -1,4 +1,4 @@
-"""How Lightning writes and reads the checkpoints of a run."""
+"""Atomic writing and safe reading of checkpoints for Lightning."""
 
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,11 @@ class AtomicCheckpointIO(CheckpointIO):
         """Write ``checkpoint`` to ``path``, with its digest.
 
         Raises:
-            UserError: the disk is full or not writable; the previous checkpoint is still there.
+            UserError: the disk is full or not writable; the previous checkpoint is kept.
         """
         try:
             write_atomically(Path(path), lambda file: save_sealed(checkpoint, file))
-        except (OSError, RuntimeError) as error:  # torch wraps an OSError of the file it writes to
+        except (OSError, RuntimeError) as error:  # torch wraps an OSError of the file
             cause = error.__cause__ or error.__context__ or error
             raise UserError(
                 f"could not save the checkpoint {path}: {cause}",

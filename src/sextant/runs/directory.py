@@ -1,4 +1,4 @@
-"""One run directory: what lies where, and which directory a run belongs in."""
+"""Run directories: their layout, and which directory a run belongs in."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ Reuse = Literal["exact", "any_code"]
 
 @dataclass(frozen=True)
 class RunKey:
-    """What identifies a run: the experiment, its replicate, and the code and data it was computed with."""
+    """The identity of a run: the experiment, its replicate (seed), and the code and data it was computed with."""
 
     task: str
     digest: str
@@ -30,8 +30,8 @@ class RunKey:
 class RunDirectory:
     """The files of one run.
 
-    ``metrics.json`` is written last and atomically: a directory that has it holds a finished run, one that has not
-    holds a run to be resumed from ``checkpoints/last.ckpt``.
+    ``metrics.json`` is written last and atomically. A directory with this file holds a finished run; one without it
+    holds a run that can be resumed from ``checkpoints/last.ckpt``.
     """
 
     path: Path
@@ -43,12 +43,12 @@ class RunDirectory:
 
     @property
     def metrics(self) -> Path:
-        """Final metrics; there once the run is finished."""
+        """Final metrics; the file exists once the run is finished."""
         return self.path / "metrics.json"
 
     @property
     def history(self) -> Path:
-        """Logged metrics, one JSON object a line."""
+        """Logged metrics, one JSON object per line."""
         return self.path / "history.jsonl"
 
     @property
@@ -77,7 +77,7 @@ class RunDirectory:
         return self.checkpoints / "best.ckpt"
 
     def state(self) -> dict[str, Any]:
-        """The content of ``run.json``: key, status, provenance, MLflow ids; empty before the run began."""
+        """The content of ``run.json``: key, status, provenance, MLflow ids; empty before the run has begun."""
         found = read_json(self.path / "run.json")
         return found if isinstance(found, dict) else {}
 
@@ -86,23 +86,23 @@ class RunDirectory:
         write_json(self.path / "run.json", {**self.state(), **changes})
 
     def results(self) -> dict[str, Any] | None:
-        """The content of ``metrics.json``, None before the run is finished."""
+        """The content of ``metrics.json``; None before the run is finished."""
         found = read_json(self.metrics)
         return found if isinstance(found, dict) else None
 
     def tracking_ids(self) -> list[str]:
-        """The MLflow runs that mirror or mirrored this one, the newest last."""
+        """The MLflow runs that mirror or have mirrored this run, newest last."""
         return list(self.state().get("mlflow_runs", []))
 
 
 @dataclass(frozen=True)
 class Claim:
-    """The directory a run belongs in, and what is there.
+    """The directory that a run belongs in, and whether it holds the finished run.
 
     Attributes:
         directory: the run directory.
-        finished: it holds the finished run.
-        passed_over: for each finished directory of the same experiment and seed that was not taken, why.
+        finished: whether it holds the finished run.
+        passed_over: for each finished directory of the same experiment and seed that was not taken, the reason.
     """
 
     directory: RunDirectory
@@ -111,10 +111,10 @@ class Claim:
 
 
 def claim(outputs: Path, key: RunKey, reuse: Reuse = "exact") -> Claim:
-    """Find the directory of a run: a finished one to return, a begun one to resume, or a new one.
+    """Find the directory of a run: a finished run to return, an unfinished one to resume, or a new directory.
 
-    A directory is taken if it was computed with the same data and the same code; ``reuse="any_code"`` forgives a
-    finished run its other code. Otherwise the run goes into ``<name>-2``, ``<name>-3``, ...; nothing is overwritten.
+    A directory is taken if it was computed with the same data and the same code; ``reuse="any_code"`` also accepts a
+    finished run of other code. Otherwise the run goes into ``<name>-2``, ``<name>-3``, ...; nothing is overwritten.
     """
     passed_over: list[str] = []
     for path in _candidates(outputs / "runs" / key.task / key.name):
@@ -138,5 +138,5 @@ def _candidates(first: Path) -> Iterator[Path]:
 
 
 def all_runs(outputs: Path) -> list[RunDirectory]:
-    """Every run directory, in order of its name."""
+    """Every run directory, sorted by name."""
     return [RunDirectory(path.parent) for path in sorted(outputs.glob("runs/*/*/run.json"))]

@@ -1,4 +1,4 @@
-"""Logged metrics of a run as JSON lines."""
+"""The logged metrics of a run as JSON lines."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -8,10 +8,10 @@ from sextant.atomic_files import write_atomically
 
 
 class History:
-    """Appends metrics to a file, each (step, name) once.
+    """Appends metrics to a file, each pair of step and name once.
 
-    A run that was killed and resumed from an earlier checkpoint computes some steps again, with the same values: they
-    are recognised and left out. A last line that was cut off by a crash is dropped.
+    A run that was killed and resumed from an earlier checkpoint repeats some steps with the same values; these are
+    recognised and left out. A last line that was cut off by a crash is dropped.
     """
 
     def __init__(self, path: Path):
@@ -25,7 +25,7 @@ class History:
             self._seen.update((line["step"], name) for name in line["metrics"])
 
     def add(self, step: int, time_ms: int, metrics: Mapping[str, float]) -> dict[str, float]:
-        """Append what is new in ``metrics`` and return it."""
+        """Append the new entries of ``metrics`` and return them."""
         new = {name: value for name, value in metrics.items() if (step, name) not in self._seen}
         if new:
             self._seen.update((step, name) for name in new)

@@ -1,4 +1,4 @@
-"""One process per run directory, on however many hosts."""
+"""Locks that admit one process per run directory, across any number of hosts."""
 
 import time
 from collections.abc import Iterator
@@ -17,19 +17,19 @@ class LockedError(UserError):
 
 @contextmanager
 def run_lock(folder: Path, name: str, wait: bool, lease_s: float = LEASE_S) -> Iterator[Lease]:
-    """Hold the lock of the runs called ``name``; it is free when the process ends, however it ends.
+    """Hold the lock of the runs called ``name``, which is released when the process ends, however it ends.
 
-    On this host it is so at once; on others that share the disk, after ``lease_s`` in which it was not heard of.
+    On this host the lock is free at once; on other hosts that share the disk, after ``lease_s`` without a sign of life.
 
     Args:
         folder: the task's folder of run directories.
         name: the run's name.
-        wait: wait for another process, as sweeps do, rather than give up.
-        lease_s: in seconds.
+        wait: whether to wait for another process, as sweeps do, instead of giving up.
+        lease_s: duration of the lease, in seconds.
 
     Raises:
-        LockedError: another process holds the lock and ``wait`` is false, or it took the lock over since this process
-            had stood still for too long; names it.
+        LockedError: another process holds the lock and ``wait`` is false, or it took the lock over because this process
+            had stalled for too long. The message names that process.
     """
     place = _place(folder, name)
     while isinstance(lease := take(place, lease_s), Holder):
@@ -54,13 +54,13 @@ def run_lock(folder: Path, name: str, wait: bool, lease_s: float = LEASE_S) -> I
 
 
 def run_holder(run: Path) -> tuple[Holder, bool] | None:
-    """Who last held the lock of a run directory and whether that is still at work; None if it was given back."""
+    """The last holder of a run directory's lock, and whether it is still alive; None if the lock was released."""
     digest, seed = run.name.split("-")[:2]
     return look(_place(run.parent, f"{digest}-{seed}"))
 
 
 def sweep_holder(directory: Path) -> Holder | None:
-    """The process that is at work on a sweep."""
+    """The process that is working on a sweep, None if there is none."""
     found = look(_place(directory.parent, directory.name))
     return found[0] if found and found[1] else None
 

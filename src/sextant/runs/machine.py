@@ -1,4 +1,4 @@
-"""What runs need of a machine, and what of it is there."""
+"""What runs need from a machine, and whether this machine provides it."""
 
 import os
 import shutil
@@ -23,14 +23,14 @@ DATA = {
     "panoramas": "chapter 2 on real panoramas",
     "butterflies": "chapter 6 on photographs",
 }
-#: a rendered city, and a few hundred runs
+#: room for a rendered city and a few hundred runs
 ENOUGH_DISK_GIB = 10.0
 OPTIONAL = ("embreex", "timm", "matplotlib", "mlflow", "joblib")
 
 
 @dataclass(frozen=True)
 class MachineFact:
-    """One thing that was looked at: ``bad`` keeps something from working, a ``note`` may surprise."""
+    """One fact about the machine: ``bad`` prevents something from working, a ``note`` may surprise."""
 
     topic: str
     name: str
@@ -39,11 +39,11 @@ class MachineFact:
 
 
 def machine_facts(outputs: Path, data: str | None) -> Iterator[MachineFact]:
-    """Look at versions, data, stores, threads, disk and accelerators; nothing is changed.
+    """Check versions, data, stores, threads, disk and accelerators, without changing anything.
 
     Args:
         outputs: folder of runs.
-        data: where datasets are looked for; None if nobody said.
+        data: folder where datasets are looked for; None if it is not set.
     """
     origin = provenance()
     for name, found in origin["versions"].items():
@@ -93,7 +93,7 @@ def _outputs(outputs: Path) -> Iterator[MachineFact]:
 
 
 def _tracked(finished: list[RunDirectory]) -> MachineFact:
-    """Whether a store has every finished run; what was run with ``tracking=none`` and never sent is in none."""
+    """Whether every finished run is in a store; runs with ``tracking=none`` that were never sent are in none."""
     states = [run.state() for run in finished]
     unsent = sum((state.get("tracking") or {}).get("sent") is False for state in states)
     nowhere = sum(not state.get("tracking") and not state.get("mlflow_runs") for state in states)

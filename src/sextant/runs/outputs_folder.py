@@ -1,4 +1,4 @@
-"""Where runs are written unless the user says otherwise."""
+"""Default locations of the config files and of the outputs."""
 
 import os
 from functools import cache

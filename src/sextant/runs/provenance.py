@@ -1,4 +1,4 @@
-"""Where a result comes from: code, versions, hardware."""
+"""Provenance of a result: code, versions, hardware."""
 
 import os
 import platform

@@ -23,25 +23,27 @@ class FoundRun:
 
     @property
     def identity(self) -> str:
-        """What it is, whatever it is called: the hash of the checkpoint."""
+        """The hash of the checkpoint, which identifies the model whatever its name."""
         return hashlib.sha256(self.checkpoint.read_bytes()).hexdigest()
 
     def is_own(self, outputs: Path) -> bool:
-        """Whether it is a run of this folder of outputs: its config is the user's, not that of whoever sent a file."""
+        """Whether it is a run of this output folder, so its config is the user's own, not a received file's."""
         return self.directory is not None and self.directory.path.resolve().is_relative_to((outputs / "runs").resolve())
 
 
 def resolve_run(reference: str, outputs: Path, key: str = "run") -> FoundRun:
-    """The run that ``reference`` names: an MLflow run id, a run directory or its name, a checkpoint file, or ``zoo:``
-    and the name of a model that comes with the package.
+    """Find the run that ``reference`` names.
+
+    A reference is an MLflow run id, a run directory or its name, a checkpoint file, or ``zoo:`` followed by the name of
+    a model that comes with the package.
 
     Args:
         reference: what the user wrote.
         outputs: folder of runs.
-        key: that the user wrote it for, in messages.
+        key: key that the user gave it for, for messages.
 
     Raises:
-        UserError: there is no such run, or it has no checkpoint yet; lists the trained runs there are.
+        UserError: the run does not exist, or it has no checkpoint yet; an unknown run lists the trained runs.
     """
     if reference.startswith(PREFIX):
         return FoundRun(model_file(reference), None)

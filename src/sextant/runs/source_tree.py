@@ -1,4 +1,4 @@
-"""Hash of the source that computes results: they carry it, so that a change of code is seen."""
+"""Hash of the source code that computes results, stored with them so that a change of code is noticed."""
 
 import hashlib
 from collections.abc import Iterable
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import sextant
 
-#: Parts of the package that show or keep results and compute none.
+#: Parts of the package that show or store results but compute none.
 NOT_COMPUTING = (
     "reports/",
     "figures/",
@@ -26,10 +26,10 @@ NOT_COMPUTING = (
 
 
 def source_sha256(targets: Iterable[str] = ()) -> str:
-    """SHA-256 over the package's computing source, and the modules of import paths that lie outside it.
+    """SHA-256 over the package's computing source and the modules of import paths outside the package.
 
     Args:
-        targets: the ``_target_`` paths of a config; those of torch and of Sextant itself add nothing.
+        targets: the ``_target_`` paths of a config; paths within torch and Sextant add nothing.
     """
     own = [target for target in sorted(set(targets)) if target.split(".")[0] not in ("sextant", "torch")]
     tree = hashlib.sha256(_package().encode())
@@ -54,6 +54,6 @@ def _module_source(name: str) -> bytes:
         spec = find_spec(name)
     except (ImportError, ValueError):
         return b""
-    if spec is None or not spec.has_location or spec.origin is None:  # missing, or of the interpreter itself
+    if spec is None or not spec.has_location or spec.origin is None:  # missing, or built into the interpreter
         return b""
     return Path(spec.origin).read_bytes()

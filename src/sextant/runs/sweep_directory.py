@@ -1,4 +1,4 @@
-"""The directory of a sweep: which cells it plans and where their runs lie."""
+"""The directory of a sweep: its planned cells and the locations of their runs."""
 
 import hashlib
 import json
@@ -19,12 +19,12 @@ class Cell:
 
     Attributes:
         factors: the setting that this cell shares with the cells it is compared to.
-        arm: which of the compared things it is.
-        pair: number of the seed in the sweep's list; cells of one pair are compared with each other.
-        seed: the seed it runs with: the pair's, plus the arm's offset.
+        arm: name of the compared arm.
+        pair: index of the seed in the sweep's list; cells of one pair are compared with each other.
+        seed: the seed of the run: that of the pair plus the arm's offset.
         digest: digest of its config.
         run: its run directory, relative to the output folder.
-        message: why it failed, empty if it did not.
+        message: why it failed; empty if it did not.
     """
 
     factors: dict[str, str]
@@ -37,24 +37,24 @@ class Cell:
 
     @property
     def setting(self) -> str:
-        """The factors' values, such as ``lenet_a``; ``-`` without factors."""
+        """The values of the factors, such as ``lenet_a``; ``-`` without factors."""
         return ", ".join(self.factors.values()) or "-"
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What a sweep runs and how it is to be read; the content of ``cells.json``.
+    """The plan of a sweep: what it runs and how to read it; the content of ``cells.json``.
 
     Attributes:
         definition: the ``sweep`` node of the config.
         command: the overrides it was called with.
         cells: every planned run.
-        mlflow_runs: the parent runs that mirror or mirrored it, the newest last.
-        tracking: kind and address of the store they are in.
+        mlflow_runs: the parent runs that mirror or have mirrored it, newest last.
+        tracking: kind and address of the store that holds them.
         started: when it was last run, in seconds since 1970.
-        began: when its first run was started; 0 if none was yet.
-        ended: when its last run had ended; 0 while they run, and if it was killed.
-        key: of a search, which keeps its directory while its cells become more; empty otherwise.
+        began: when its first run was started; 0 if none has been.
+        ended: when its last run had ended; 0 while runs go on, and if it was killed.
+        key: identity of a search, which keeps its directory while cells are added; empty otherwise.
     """
 
     name: str
@@ -70,7 +70,7 @@ class SweepPlan:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the planned runs, wherever they lie, or the key."""
+        """The key of a search, otherwise the SHA-256 of the planned runs, independent of their location."""
         if self.key:
             return self.key
         cells = sorted([cell.setting, cell.arm, cell.pair, cell.seed, cell.digest] for cell in self.cells)
@@ -92,19 +92,19 @@ class SweepPlan:
         return directory
 
     def resumed(self, outputs: Path) -> "SweepPlan":
-        """This plan with the parent run and times of the one that lies in its directory, if that can be read."""
+        """This plan with the parent runs and times of the plan stored in its directory, if that can be read."""
         try:
             before = read_plan(self.directory(outputs))
-        except UserError:  # not begun before, or damaged: the directory's name says that it is of this plan
+        except UserError:  # not begun before, or damaged: the name of the directory identifies the plan
             return self
         return replace(self, mlflow_runs=before.mlflow_runs, began=before.began, ended=before.ended)
 
 
 def read_plan(directory: Path) -> SweepPlan:
-    """The plan in a sweep's directory.
+    """Read the plan in a sweep's directory.
 
     Raises:
-        UserError: there is none, or it is damaged.
+        UserError: the plan is missing or damaged.
     """
     found: Any = read_json(directory / "cells.json")
     try:
@@ -116,7 +116,7 @@ def read_plan(directory: Path) -> SweepPlan:
 
 
 def read_plans(outputs: Path, reporter: Reporter = SILENT) -> dict[Path, SweepPlan]:
-    """The plans of all sweeps by their directories; the reporter hears of those that are damaged and passed over."""
+    """Read the plans of all sweeps, by directory; the reporter is told of damaged plans, which are skipped."""
     found: dict[Path, SweepPlan] = {}
     for directory in sorted(file.parent for file in outputs.glob("sweeps/*/cells.json")):
         try:
@@ -127,22 +127,22 @@ def read_plans(outputs: Path, reporter: Reporter = SILENT) -> dict[Path, SweepPl
 
 
 def report_command(directory: Path) -> str:
-    """The command that reports on the sweep of a directory, with its output folder unless that is the default."""
+    """The command that reports on the sweep in a directory, with its output folder unless that is the default."""
     outputs = directory.absolute().parents[1]
     there = [] if outputs == default_outputs() else [f"outputs={outputs}"]
     return shlex.join(["sextant", "report", f"sweep={directory.name}", *there])
 
 
 def find_sweep(reference: str, outputs: Path, reporter: Reporter = SILENT) -> Path:
-    """The directory of a sweep given by its name (the newest of that name), directory, or MLflow parent run.
+    """Find the directory of a sweep given its name (the newest of that name), directory, or MLflow parent run.
 
     Args:
-        reference: to the sweep.
+        reference: name, directory or parent run of the sweep.
         outputs: output folder.
-        reporter: hears of plans that are damaged and passed over, as any of them may be of that name.
+        reporter: is told of damaged plans that are skipped, as any of them may have that name.
 
     Raises:
-        UserError: there is no such sweep, or it has not run; lists those that have.
+        UserError: the sweep does not exist, or it has not run here; an unknown sweep lists those that have run.
     """
     path = Path(reference).expanduser()
     if (path / "cells.json").is_file():
@@ -154,7 +154,7 @@ def find_sweep(reference: str, outputs: Path, reporter: Reporter = SILENT) -> Pa
         if reference == plan.name or reference in plan.mlflow_runs:
             return directory
     for file in outputs.glob("sweeps/*/cells.json"):
-        if file.parent.name.rpartition("-")[0] == reference:  # damaged, which is told when it is read
+        if file.parent.name.rpartition("-")[0] == reference:  # damaged, which is reported when it is read
             return file.parent
     if (conf_dir() / "sweep" / f"{reference}.yaml").is_file():
         raise UserError(

@@ -1,1 +1,1 @@
-"""Lightning modules, one a task; thin over the functional core."""
+"""Lightning modules, one per task: thin layers over the functional core."""

@@ -1,4 +1,4 @@
-"""What modules train with: an optimiser, and a schedule that is stepped once an epoch."""
+"""Optimisation of modules: an optimiser, and a schedule stepped once per epoch."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -17,17 +17,17 @@ Schedule = Callable[[float], float]
 
 
 def nothing_to_optimize() -> Optimizer:
-    """For a module that learns without gradients: Lightning writes no checkpoint unless an optimiser has stepped."""
+    """An optimiser for modules without gradients: Lightning writes no checkpoint unless an optimiser has stepped."""
     return SGD([torch.zeros(1, requires_grad=True)], lr=0.0)
 
 
 def optimizers(module: pl.LightningModule, factory: OptimizerFactory | None, schedule: Schedule | None) -> Any:
-    """What ``configure_optimizers`` returns; None for a module that is only evaluated."""
+    """The return value of ``configure_optimizers``; None for a module that is only evaluated."""
     if factory is None:
         return None
     optimizer = factory(module.parameters())
     groups = parameter_groups(module.parameters(), optimizer.defaults["lr"])
-    if len(groups) > 1:  # a pretrained network whose layers learn at rates of their own
+    if len(groups) > 1:  # a pretrained network whose layers have their own learning rates
         optimizer = factory(groups)
     if schedule is None:
         return optimizer
@@ -37,7 +37,7 @@ def optimizers(module: pl.LightningModule, factory: OptimizerFactory | None, sch
 
 
 def log_training_loss(module: pl.LightningModule, loss: float | None, **others: float) -> None:
-    """Log the mean loss of the last steps, if it is due, with the learning rate and ``others``."""
+    """Log the mean loss of the last steps, if due, with the learning rate and ``others``."""
     if loss is not None and module.logger is not None:
         rate = module.trainer.optimizers[0].param_groups[0]["lr"]
         metrics = {"loss": loss, "learning_rate": rate, **others}

@@ -1,4 +1,4 @@
-"""What a step needs of all processes that share its batch."""
+"""Gathering the values of a batch from all processes that share it."""
 
 from torch import Tensor
 
@@ -7,13 +7,13 @@ from sextant.layers.global_batch_norm import sum_over_processes
 
 
 def over_processes(values: Tensor, count: int, share: Share) -> Tensor:
-    """The rows ``(count, d)`` of a whole batch, each from the process whose share it is.
+    """Gather the rows ``(count, d)`` of a whole batch, each from the process whose share it is in.
 
-    Gradients go back to the process that a row came from, added up over the processes that used it.
+    Gradients flow back to the process that a row came from, summed over the processes that used it.
 
     Args:
-        values: of this process's share, ``(b, d)``; what a process without one gives instead counts for nothing.
-        count: rows of the batch.
+        values: of this process's share, ``(b, d)``; values of a process without a share are ignored.
+        count: number of rows of the batch.
         share: of this process.
     """
     if share.ranks == 1:

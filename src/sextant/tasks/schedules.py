@@ -1,10 +1,10 @@
-"""Learning-rate schedules over a run, stated in fractions of it so that a shorter run keeps its shape."""
+"""Learning-rate schedules over a run, given in fractions of it so that a shorter run keeps the shape."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-TOLERANCE = 1e-6  # a fraction written with six digits, such as 0.666667, means the epoch it is near
+TOLERANCE = 1e-6  # a fraction written with six digits, such as 0.666667, refers to the nearest epoch
 
 
 @dataclass(frozen=True)

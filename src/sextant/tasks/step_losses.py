@@ -1,4 +1,4 @@
-"""Training losses kept on their device and looked at every few steps."""
+"""Training losses kept on their device and read only every few steps."""
 
 import torch
 import torch.distributed as dist
@@ -8,10 +8,10 @@ from sextant.errors import LossNotFiniteError
 
 
 class StepLosses:
-    """A buffer of the last ``every`` losses: no transfer and no logging call at each step.
+    """A buffer of the last ``every`` losses, which saves a transfer and a logging call at each step.
 
     Args:
-        every: how many steps are considered together.
+        every: number of steps considered together.
     """
 
     def __init__(self, every: int):
@@ -20,10 +20,10 @@ class StepLosses:
         self._first_step = 0
 
     def add(self, step: int, loss: Tensor) -> float | None:
-        """Note the loss of ``step``; every ``every`` steps, return the mean of those since the last return.
+        """Record the loss of ``step``; every ``every`` steps, return the mean of those since the last return.
 
         Raises:
-            LossNotFiniteError: one of them was not finite; it names the first such step.
+            LossNotFiniteError: one of them was not finite; the message names the first such step.
         """
         if not self._losses:
             self._first_step = step
@@ -31,7 +31,7 @@ class StepLosses:
         return self.flush() if len(self._losses) >= self.every else None
 
     def flush(self) -> float | None:
-        """The mean of what was noted since the last return, over all processes that train; None if nothing was.
+        """The mean of the losses recorded since the last return, over all training processes; None if there are none.
 
         Raises:
             LossNotFiniteError: as :meth:`add`.

@@ -1,1 +1,1 @@
-"""MLflow, which mirrors the run directories. Nothing else in Sextant imports it, and nothing here does at import."""
+"""MLflow, a mirror of the run directories. Only this package imports MLflow, and only when it is used."""

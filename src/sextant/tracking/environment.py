@@ -1,4 +1,4 @@
-"""Settings of MLflow and Lightning that must be made before they are imported."""
+"""Settings of MLflow and Lightning that must be in place before they are imported."""
 
 import logging
 import os
@@ -16,7 +16,7 @@ QUIET = ("alembic", "pytorch_lightning", "lightning_fabric", "matplotlib")
 
 
 class _ErrorsOnly(logging.Filter):
-    """Passes errors; unlike a level it survives the libraries' own set-up of their loggers."""
+    """Passes only errors. Unlike a level, it survives the libraries' own set-up of their loggers."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         return record.levelno >= logging.ERROR
@@ -26,9 +26,9 @@ _ERRORS_ONLY = _ErrorsOnly()
 
 
 def quiet_libraries() -> None:
-    """No telemetry, no adverts, no progress bars but ours, and a server that does not answer is given up soon.
+    """Turn off telemetry, adverts and the libraries' progress bars, and give up soon on a server that does not answer.
 
-    A variable that the user has set stays as it is.
+    Variables that the user has set are kept.
     """
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)

@@ -13,11 +13,11 @@ from sextant.tracking.mirror import MirroredRun
 
 
 class RunLogger(Logger):
-    """Writes every metric to ``history.jsonl`` and passes what is new to the mirror. It never sets a run's status.
+    """Writes every metric to ``history.jsonl`` and passes new ones to the mirror. It never sets a run's status.
 
     Args:
         directory: the run directory.
-        mirror: its MLflow run, None without tracking.
+        mirror: its MLflow run; None without tracking.
     """
 
     def __init__(self, directory: RunDirectory, mirror: MirroredRun | None):
@@ -36,7 +36,7 @@ class RunLogger(Logger):
         return self._directory.path.name
 
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
-        """Append metrics at ``step``; test metrics have a file of their own, and ``epoch`` follows from the step."""
+        """Append metrics at ``step``, except test metrics, which have their own file, and the redundant ``epoch``."""
         now = int(1000 * time.time())
         values = {n: float(v) for n, v in metrics.items() if n != "epoch" and not n.startswith("test/")}
         new = self._history.add(step or 0, now, values)
@@ -44,4 +44,4 @@ class RunLogger(Logger):
             self._mirror.log(new, step or 0, now)
 
     def log_hyperparams(self, params: dict[str, Any] | Namespace, *args: Any, **kwargs: Any) -> None:
-        """Nothing: the config is written by the run's life cycle."""
+        """Do nothing: the run's life cycle writes the config."""

@@ -1,4 +1,4 @@
-"""MLflow runs made from run directories, while they run or long after."""
+"""MLflow runs that mirror run directories, while they run or long afterwards."""
 
 import re
 import time
@@ -14,7 +14,7 @@ from sextant.tracking.store import Store, how_to_fill
 
 Status = Literal["RUNNING", "FINISHED", "FAILED", "KILLED"]
 PARENT = "mlflow.parentRunId"
-#: of a config: what a reader of a list of runs looks for, beside the parts
+#: keys of a config that a list of runs shows beside the parts
 LOOKED_FOR = ("seed", "optimizer.lr", "trainer.max_epochs", "trainer.batch_size")
 BATCH = 1000
 FLUSH_EVERY_S = 2.0
@@ -23,15 +23,16 @@ FLUSH_EVERY_S = 2.0
 class MirroredRun:
     """The MLflow run that mirrors one run directory.
 
-    The directory is the truth: when the store fails, the mirror says so once and falls silent, and training goes on.
+    The directory is authoritative. If the store fails, the mirror reports this once and stops sending, and training
+    goes on.
 
     Args:
-        store: where.
+        store: the tracking store.
         run_id: an open MLflow run.
-        reporter: hears of a failure.
+        reporter: is told of a failure.
 
     Attributes:
-        broken: the store failed, and may lack any of what was sent since.
+        broken: whether the store failed; nothing is sent afterwards.
     """
 
     def __init__(self, store: Store, run_id: str, reporter: Reporter = SILENT):
@@ -41,13 +42,13 @@ class MirroredRun:
         self.broken = False
 
     def log(self, metrics: Mapping[str, float], step: int, time_ms: int) -> None:
-        """Note metrics; they are sent together, every two seconds or so."""
+        """Queue metrics, which are sent in batches about every two seconds."""
         self._pending += [(name, value, time_ms, step) for name, value in metrics.items()]
         if time.monotonic() - self._flushed > FLUSH_EVERY_S:
             self.flush()
 
     def flush(self) -> None:
-        """Send what was noted."""
+        """Send the queued metrics."""
         from mlflow.entities import Metric
 
         pending, self._pending = self._pending, []
@@ -57,7 +58,7 @@ class MirroredRun:
         self._flushed = time.monotonic()
 
     def artifacts(self, path: Path) -> None:
-        """Copy a file or the files of a folder to the run's artifacts."""
+        """Copy a file, or the files of a folder, to the run's artifacts."""
         client = self.store.client
         if path.is_dir():
             self._try(lambda: client.log_artifacts(self.run_id, str(path), path.name))
@@ -72,7 +73,7 @@ class MirroredRun:
         self._try(lambda: self.store.client.log_batch(self.run_id, tags=entries))
 
     def params(self, params: Mapping[str, Any]) -> None:
-        """Log parameters; those that the run has already stay as they are: MLflow refuses to change one."""
+        """Log parameters. Those that the run already has are kept, as MLflow refuses to change them."""
         self._try(lambda: self._missing_params(params))
 
     def _missing_params(self, params: Mapping[str, Any]) -> None:
@@ -85,7 +86,7 @@ class MirroredRun:
             client.log_batch(self.run_id, params=entries[start : start + 100])
 
     def status(self, status: Status, ended: float | None = None) -> None:
-        """Send what was noted and set the run's status; ``ended`` is when it ended, in seconds since 1970."""
+        """Send the queued metrics and set the run's status; ``ended`` is its end, in seconds since 1970."""
         self.flush()
         if status == "RUNNING":
             self._try(lambda: self.store.client.update_run(self.run_id, status=status))
@@ -98,7 +99,7 @@ class MirroredRun:
             return
         try:
             call()
-        except Exception as error:  # whatever the store raises, the run directory has everything
+        except Exception as error:  # whatever the store raises, the run directory is complete
             self.broken = True
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             self.reporter.say(
@@ -116,10 +117,10 @@ def open_mirror(
     parent: str | None = None,
     reporter: Reporter = SILENT,
 ) -> MirroredRun:
-    """The MLflow run of a run directory: the one it had before if the store still has it, or a new one.
+    """Open the MLflow run of a run directory: its earlier one if the store still has it, or a new one.
 
-    A run that crashed between the making of its MLflow run and the note of it is found by its tag and its start: other
-    output folders may log a run of the same name to the same server.
+    If a run crashed after its MLflow run was created but before that was recorded, the MLflow run is found by its tag
+    and start time. The name alone is not enough, as other output folders may log runs of the same name to the server.
     """
     state, name = directory.state(), directory.path.name
     key = f"{directory.path.parent.name}/{name}"
@@ -139,16 +140,16 @@ def open_mirror(
     mirror.params(clean_params(state.get("params", {})))
     if parent is not None:
         mirror.tags({PARENT: parent})
-    for line in read_history(directory.history):  # the store keeps one copy of a point that it gets again
+    for line in read_history(directory.history):  # the store keeps one copy of a repeated point
         mirror.log(line["metrics"], line["step"], line["time_ms"])
     mirror.status("RUNNING")
     return mirror
 
 
 def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status) -> bool:
-    """Send final metrics and artifacts of a run directory, and set the status.
+    """Send the final metrics and artifacts of a run directory, and set the status.
 
-    Whether all of it got there is returned, and noted in the run's state if it logs to this store.
+    Returns whether everything was sent, and records this in the run's state if the run logs to this store.
     """
     note = note_of(directory, mirror.store)
     results, ended = directory.results(), ended_at(directory)
@@ -172,13 +173,13 @@ def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status) 
 
 
 def note_of(directory: RunDirectory, store: Store) -> dict[str, Any] | None:
-    """What a run directory says of its tracking, if it logs to this store; ``sent``: the store has all of it."""
+    """The tracking record of a run directory if it logs to this store; ``sent`` means that the store is complete."""
     note = directory.state().get("tracking")
     return note if note and store.is_at(note["kind"], note["uri"]) else None
 
 
 def ended_at(directory: RunDirectory) -> float:
-    """When a run ended, in seconds since 1970; of one that was killed, the last that it wrote into its history."""
+    """When a run ended, in seconds since 1970; for a killed run, the time of its last history entry."""
     state = directory.state()
     if state.get("ended"):
         return float(state["ended"])
@@ -187,19 +188,19 @@ def ended_at(directory: RunDirectory) -> float:
 
 
 def milliseconds(seconds: float) -> int:
-    """MLflow's unit of time."""
+    """Seconds in MLflow's unit of time."""
     return int(1000 * seconds)
 
 
 def known_run(store: Store, run_ids: list[str], *, deleted: bool = False) -> str | None:
-    """The newest of these MLflow runs that the store still has; ``deleted`` counts those that a user deleted in it."""
+    """The newest of these MLflow runs that the store still has; with ``deleted``, runs deleted by a user count too."""
     from mlflow.exceptions import MlflowException
 
     for run_id in reversed(run_ids):
         try:
             run = store.client.get_run(run_id)
         except MlflowException as error:
-            if error.error_code != "RESOURCE_DOES_NOT_EXIST":  # a store that does not answer may well have it
+            if error.error_code != "RESOURCE_DOES_NOT_EXIST":  # a store that does not answer may still have it
                 raise
             continue
         if deleted or run.info.lifecycle_stage == "active":
@@ -208,14 +209,14 @@ def known_run(store: Store, run_ids: list[str], *, deleted: bool = False) -> str
 
 
 def clean_params(params: Mapping[str, Any], keys: Sequence[str] = ()) -> dict[str, Any]:
-    """The few settings that tell runs apart in a list; all of them are in the artifact ``config.yaml``.
+    """The few settings that distinguish runs in a list; the artifact ``config.yaml`` has all of them.
 
     >>> clean_params({"seed": 0, "dataset._target_": "sextant.data.digits.Digits", "dataset.size": 28})
     {'dataset': 'Digits', 'seed': 0}
 
     Args:
-        params: the config, flat.
-        keys: that were chosen for this run, or groups: ``optimizer.lr``, ``loss``.
+        params: the flattened config.
+        keys: keys or groups that were chosen for this run, such as ``optimizer.lr`` or ``loss``.
     """
     parts = {
         key.removesuffix("._target_"): value for key, value in params.items() if key.endswith("._target_") and value
@@ -229,7 +230,7 @@ def clean_params(params: Mapping[str, Any], keys: Sequence[str] = ()) -> dict[st
 
 
 def _kind_tags(state: Mapping[str, Any]) -> dict[str, str]:
-    """What a run is of, by the names of its parts' classes: ``dataset: Digits``."""
+    """Tags for the task of a run and the class names of its parts, such as ``dataset: Digits``."""
     params = state.get("params", {})
     parts = {name: str(params.get(f"{name}._target_") or "") for name in ("dataset", "corruption", "backbone", "loss")}
     tags = {name: target.rpartition(".")[2] for name, target in parts.items() if target}

@@ -12,22 +12,22 @@ from sextant.tracking.sweep_parent import refill_parents
 
 
 def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: Reporter = SILENT) -> int:
-    """Make runs again that a store lacks, send what it did not get, and end those whose process is gone.
+    """Recreate runs that a store lacks, send data that it did not receive, and end runs whose process is gone.
 
-    Runs that another process is at work on are left to it.
+    Runs that another process is working on are skipped.
 
     Args:
-        store: where.
+        store: the tracking store.
         outputs: output folder with the run directories.
-        all_of_them: false looks only at runs and sweeps that log to this store, and of these only at what it did not
-            get, unless it lost its database.
-        reporter: hears of each run that is sent, of what the store refuses, and of sweeps that cannot be read.
+        all_of_them: false considers only runs and sweeps that log to this store, and of these only what it did not
+            receive, unless it lost its database.
+        reporter: is told of each run that is sent, of refusals by the store, and of unreadable sweeps.
 
     Returns:
-        How many runs, and parents of sweeps, were made or repaired.
+        The number of runs and parents of sweeps that were created or repaired.
 
     Raises:
-        UserError: the server does not answer any more, or the store refused a run; the others are up to date then.
+        UserError: the server no longer answers, or the store refused a run; all other runs are up to date then.
     """
     changed: list[RunDirectory] = []
     refused: list[str] = []
@@ -50,28 +50,28 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: R
 
 
 def catch_up(kind: Kind, uri: str | None, outputs: Path, reporter: Reporter) -> None:
-    """Send to a store what runs before could not; what fails is reported and stops nothing."""
+    """Send a store what earlier runs could not; a failure is reported and stops nothing."""
     try:
         with telling_store_errors(uri):
             store = open_store(kind, uri, outputs)
             refill(store, outputs, all_of_them=False, reporter=reporter)
-    except Exception as error:  # whatever the store raises, the run directories have everything
+    except Exception as error:  # whatever the store raises, the run directories are complete
         reason = error.problem if isinstance(error, UserError) else str(error)
         reporter.say(f"The tracking store lacks some of the earlier runs: {reason}")
 
 
 def send_again(store: Store, directory: RunDirectory) -> bool:
-    """Send a run whose store failed while it ran, if the store is back; whether all of it got there."""
+    """Resend a run whose store failed during the run, if the store is back; return whether everything was sent."""
     try:
         if store.artifacts is None:
             require_server(store.uri)
         return finish_mirror(_open(store, directory, SILENT), directory, _status(directory))
-    except Exception:  # it was told before, and the next run tries again
+    except Exception:  # the failure was reported before, and the next run tries again
         return False
 
 
 def _refill_one(store: Store, directory: RunDirectory, reporter: Reporter) -> bool | None:
-    """Whether all of a run got to the store; None if it was there."""
+    """Send a run to the store and return whether everything was sent; None if the store had it already."""
     status, note = _status(directory), note_of(directory, store)
     known = known_run(store, directory.tracking_ids())
     if known is not None:
@@ -95,9 +95,10 @@ def _open(store: Store, directory: RunDirectory, reporter: Reporter) -> Mirrored
 
 
 def _behind(store: Store, outputs: Path) -> list[RunDirectory]:
-    """Runs that log to this store and that it did not get.
+    """The runs that log to this store and that it did not receive.
 
-    All that log to it if it lacks the oldest or the newest that it once had: its database was lost, or is an older one.
+    If the store lacks the oldest or the newest run that it once had, its database was lost or replaced by an older
+    copy. All runs that log to it are returned then.
     """
     noted = [(directory, note) for directory in all_runs(outputs) if (note := note_of(directory, store)) is not None]
     sent = sorted((directory for directory, note in noted if note["sent"]), key=ended_at)

@@ -1,4 +1,4 @@
-"""Models in MLflow's registry, which its server can serve."""
+"""Models in MLflow's registry, which MLflow can serve."""
 
 import os
 import sys
@@ -14,24 +14,24 @@ from sextant.tracking.store import Store
 if TYPE_CHECKING:
     from mlflow.models import ModelSignature
 
-#: name of the artifact that a model is made of, and of the column with the photos
+#: names of the artifact that holds a model's checkpoint, and of the column of photos
 CHECKPOINT, IMAGE = "checkpoint", "image"
 
 
 class Answers(Protocol):
-    """What a served model asks."""
+    """A predictor that a served model calls."""
 
     def predict(self, photos: Sequence[Path]) -> list[dict[str, Any]]:
-        """A row for each photo."""
+        """One row per photo."""
 
 
 def serve(load: Callable[[Path], Answers]) -> None:
-    """Say what MLflow serves: called by a file of code that is kept with a model.
+    """Define the model that MLflow serves; called by the code file that is kept with a model.
 
-    The model takes a table with a column ``image``, of the bytes of image files of any kind and size.
+    The model takes a table with a column ``image``, the bytes of image files of any kind and size.
 
     Args:
-        load: makes what answers from the path of a checkpoint.
+        load: makes the predictor from the path of a checkpoint.
     """
     from mlflow.models import set_model
     from mlflow.pyfunc.model import PythonModel
@@ -40,7 +40,7 @@ def serve(load: Callable[[Path], Answers]) -> None:
         def load_context(self, context: Any) -> None:
             self.answers = load(Path(context.artifacts[CHECKPOINT]))
 
-        # without types, from which MLflow would make a signature of its own
+        # without types, from which MLflow would infer its own signature
         def predict(self, context, model_input, params=None):  # type: ignore[no-untyped-def]
             return answered(self.answers, list(model_input[IMAGE]))
 
@@ -48,7 +48,7 @@ def serve(load: Callable[[Path], Answers]) -> None:
 
 
 def answered(model: Answers, images: Sequence[bytes]) -> list[dict[str, Any]]:
-    """Rows for image files of which there are only the bytes."""
+    """Rows for image files that are given as bytes."""
     from tempfile import TemporaryDirectory
 
     with TemporaryDirectory() as folder:
@@ -59,21 +59,21 @@ def answered(model: Answers, images: Sequence[bytes]) -> list[dict[str, Any]]:
 
 
 def _without(folder: str, value: Any) -> Any:
-    """A text without the folder that images were put into."""
+    """A text without the temporary folder of the images; other values unchanged."""
     return value.replace(f"{folder}/", "") if isinstance(value, str) else value
 
 
 @dataclass(frozen=True)
 class Registration:
-    """What is registered.
+    """A model to be registered.
 
     Attributes:
-        name: of the model in the registry.
+        name: name of the model in the registry.
         code: file that calls :func:`serve`; it is kept with the model, and nothing is pickled.
-        checkpoint: that the model is made of.
-        card: what is known of it.
-        experiment: that it is shown in.
-        run_id: that it is of, if the store has it.
+        checkpoint: checkpoint of the model.
+        card: model card.
+        experiment: experiment that shows the model.
+        run_id: MLflow run of the model, if the store has it.
     """
 
     name: str
@@ -85,16 +85,16 @@ class Registration:
 
 
 def register_model(store: Store, found: Registration, example: bytes, answer: Mapping[str, Any]) -> int:
-    """Log a model, with its signature and an example, and make it the newest version of its name.
+    """Log a model with its signature and an example, and make it the newest version of its name.
 
     Args:
-        store: whose registry.
+        store: store whose registry is used.
         found: the model.
-        example: an image file.
-        answer: what the model says of it.
+        example: bytes of an image file.
+        answer: the model's prediction for the example.
 
     Returns:
-        The version.
+        The version number.
     """
     import mlflow
     import pandas as pd
@@ -103,7 +103,7 @@ def register_model(store: Store, found: Registration, example: bytes, answer: Ma
     import sextant
 
     with _at(store, found.experiment), _source_alone(), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # MLflow asks for type hints, of which it would make another signature
+        warnings.simplefilter("ignore")  # MLflow asks for type hints, from which it would infer another signature
         info = Model.log(
             artifact_path=None,
             name=found.name,
@@ -122,7 +122,7 @@ def register_model(store: Store, found: Registration, example: bytes, answer: Ma
 
 
 def _signature(row: Mapping[str, Any]) -> "ModelSignature":
-    """Of a model that answers with rows like this one."""
+    """The signature of a model that returns rows like this one."""
     from mlflow.models import ModelSignature
     from mlflow.types import ColSpec, DataType, Schema
     from mlflow.types.schema import Array
@@ -134,7 +134,7 @@ def _signature(row: Mapping[str, Any]) -> "ModelSignature":
 
 @contextmanager
 def _source_alone() -> Iterator[None]:
-    """MLflow imports the code from the model's folder, where no compiled copy of it is to be left."""
+    """Write no bytecode while MLflow imports the code from the model's folder, so that no compiled copy is left."""
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         yield
@@ -144,11 +144,11 @@ def _source_alone() -> Iterator[None]:
 
 @contextmanager
 def _at(store: Store, experiment: str) -> Iterator[None]:
-    """MLflow's functions that know no store use this one meanwhile."""
+    """Make MLflow's global functions use this store and experiment while the context is open."""
     import mlflow
     from mlflow.tracking import fluent
 
-    before = os.environ.get("MLFLOW_TRACKING_URI")  # where MLflow keeps what it was set to
+    before = os.environ.get("MLFLOW_TRACKING_URI")  # MLflow keeps its setting here
     experiment_before = fluent._active_experiment_id, os.environ.get("MLFLOW_EXPERIMENT_ID")
     mlflow.set_tracking_uri(store.uri)  # the registry follows
     mlflow.set_experiment(experiment_id=store.experiment_id(experiment))

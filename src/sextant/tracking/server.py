@@ -1,8 +1,8 @@
-"""MLflow's server, which ends when whoever started it does, however that ends.
+"""MLflow's server, which ends when the process that started it ends, however that happens.
 
-Between the two stands a guard, a process that nothing sent to a terminal or a process group reaches. It reads from a
-pipe whose other end only the starter holds: the system closes that when the starter ends, and the guard then ends all
-that it started. A signal of the system at a parent's death (``PR_SET_PDEATHSIG``) would reach the server alone and none
+Between the two runs a guard, a process out of reach of signals to the terminal or the process group. It reads from a
+pipe whose other end only the starter holds. The system closes the pipe when the starter ends, and the guard then ends
+everything that it started. A signal at the parent's death (``PR_SET_PDEATHSIG``) would reach only the server and none
 of its workers.
 """
 
@@ -21,12 +21,12 @@ from sextant.errors import UserError
 
 PR_SET_CHILD_SUBREAPER = 36
 PATIENCE_S = 5.0
-#: Jobs of language models: three processes more, of no use here.
+#: Turns off jobs for language models, which take three more processes and are not needed.
 WITHOUT_JOBS = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
 
 
 def server_command(host: str, port: int, database: str, artifacts: str) -> list[str]:
-    """The command that serves a database of MLflow's and a folder of artifacts, both given as addresses."""
+    """The command that serves an MLflow database and a folder of artifacts, both given as addresses."""
     return [
         *(sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port), "--workers", "1"),
         *("--backend-store-uri", database, "--artifacts-destination", artifacts),
@@ -34,10 +34,10 @@ def server_command(host: str, port: int, database: str, artifacts: str) -> list[
 
 
 def free_port(host: str, first: int) -> int:
-    """The first free port from here on.
+    """The first free port from ``first`` on.
 
     Raises:
-        UserError: a hundred are taken.
+        UserError: a hundred ports in a row are taken.
     """
     for port in range(first, min(first + 100, 65536)):
         with socket.socket() as probe:
@@ -48,10 +48,10 @@ def free_port(host: str, first: int) -> int:
 
 @contextmanager
 def guarded(command: Sequence[str]) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run a command while the block runs; it ends with all that it started when the block or this process ends.
+    """Run a command while the block runs; the command and its children end when the block or this process ends.
 
     Yields:
-        The guard; it ends when the command does, with its status.
+        The guard process, which ends with the command and has its exit status.
     """
     guard = subprocess.Popen(
         [sys.executable, "-m", __name__, *command],
@@ -68,8 +68,8 @@ def guarded(command: Sequence[str]) -> Iterator["subprocess.Popen[bytes]"]:
 
 
 def main(command: Sequence[str]) -> int:
-    """Be the guard of a command until it ends or standard input does."""
-    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)  # whose parent dies becomes ours, and is found below
+    """Guard a command until it ends or standard input is closed."""
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)  # adopts orphaned descendants, so that they are found below
     child = subprocess.Popen(command, stdin=subprocess.DEVNULL)
 
     def watch() -> None:
@@ -84,7 +84,7 @@ def main(command: Sequence[str]) -> int:
 
 
 def _end_all() -> None:
-    """End every descendant of this process; those that do not heed the request are killed."""
+    """Terminate every descendant of this process, and kill those that do not end."""
     while descendants := psutil.Process().children(recursive=True):
         for send in ("terminate", "kill"):
             for process in descendants:

@@ -26,7 +26,7 @@ HOW_TO_READ = (
     "named by arm, setting and seed. To compare runs, select them and choose *Compare*; group the list by the tag "
     "`arm` to see an arm's mean."
 )
-#: what the experiments hold that are named after a task
+#: descriptions of the experiments that are named after a task
 EXPERIMENTS = {
     "classification": "Push-pull inhibition against image corruptions (chapter 7).",
     "calibration": "Tilt, roll, focal length and distortion from one image (chapter 2).",
@@ -42,8 +42,8 @@ class Store:
 
     Attributes:
         client: the MLflow client.
-        uri: its address.
-        artifacts: folder of the artifacts of an embedded store, None for a server.
+        uri: address of the store.
+        artifacts: artifact folder of an embedded store; None for a server.
     """
 
     client: "MlflowClient"
@@ -51,13 +51,13 @@ class Store:
     artifacts: Path | None
 
     def is_at(self, kind: str | None, uri: str | None) -> bool:
-        """Whether it is the store that the keys ``tracking.kind`` and ``tracking.uri`` name."""
+        """Whether this is the store that the keys ``tracking.kind`` and ``tracking.uri`` name."""
         if self.artifacts is not None:
             return kind == "sqlite"
         return kind == "server" and (uri or "").rstrip("/") == self.uri.rstrip("/")
 
     def experiment_id(self, name: str) -> str:
-        """The id of an experiment, made if it is not there; two processes may ask at once."""
+        """The id of an experiment, created if it does not exist; safe if two processes ask at once."""
         from mlflow.exceptions import MlflowException
 
         found = self.client.get_experiment_by_name(name)
@@ -72,30 +72,30 @@ class Store:
         if found.lifecycle_stage == "deleted":
             self.client.restore_experiment(found.experiment_id)
         for key, value in experiment_tags(name).items():
-            if key not in found.tags:  # what a user wrote stays
+            if key not in found.tags:  # the user's own text is kept
                 self.client.set_experiment_tag(found.experiment_id, key, value)
         return str(found.experiment_id)
 
 
 def experiment_tags(name: str) -> dict[str, str]:
-    """What makes MLflow show an experiment as one of models that are trained, and what it says of it.
+    """Tags by which MLflow shows an experiment as one of model training, with a description.
 
-    Without the kind MLflow infers one from what was logged last, and may open its pages for language models.
+    Without the kind, MLflow infers one from what was logged last, and may open its pages for language models.
     """
     note = f"{EXPERIMENTS.get(name, 'Runs of Sextant.')}\n\n{HOW_TO_READ}"
     return {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": note}
 
 
 def sqlite_uri(outputs: Path) -> str:
-    """Address of the embedded database of an output folder."""
+    """The address of an output folder's embedded database."""
     return f"sqlite:///{outputs.absolute() / 'mlflow.db'}"
 
 
 def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
-    """Open the store, making the embedded one if it is not there.
+    """Open the store, creating the embedded one if it does not exist.
 
-    The embedded database is made under a lock (MLflow makes its tables without one), switched to write-ahead logging so
-    that many processes can write, and its artifact addresses follow a moved output folder.
+    The embedded database is created under a lock (MLflow itself takes none) and switched to write-ahead logging so that
+    many processes can write. Its artifact addresses follow a moved output folder.
 
     Raises:
         UserError: the server does not answer, or the database is not one of MLflow's.
@@ -137,7 +137,7 @@ def how_to_fill(store: Store) -> str:
 
 @contextmanager
 def telling_store_errors(uri: str | None) -> Iterator[None]:
-    """Turn what MLflow raises while a store is opened into a ``UserError``."""
+    """Turn errors that MLflow raises while a store is opened into a ``UserError``."""
     from mlflow.exceptions import MlflowException
 
     try:
@@ -151,7 +151,7 @@ def telling_store_errors(uri: str | None) -> Iterator[None]:
 
 
 def delete_runs(outputs: Path, run_ids: Sequence[str]) -> None:
-    """Delete runs from the embedded store of an output folder; ids that it does not have are passed over."""
+    """Delete runs from the embedded store of an output folder; unknown ids are ignored."""
     from mlflow.exceptions import MlflowException
 
     client = open_store("sqlite", None, outputs).client
@@ -161,15 +161,15 @@ def delete_runs(outputs: Path, run_ids: Sequence[str]) -> None:
 
 
 def require_server(uri: str) -> None:
-    """Ask an MLflow server whether it is there.
+    """Check that an MLflow server answers.
 
     Raises:
-        UserError: it does not answer within half a minute; one that many write to at once may take its time.
+        UserError: it does not answer within half a minute, as a server under heavy load may be slow.
     """
     try:
         urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=30.0).close()
     except urllib.error.HTTPError:
-        return  # something answers; whether it is MLflow will be seen
+        return  # something answers; whether it is MLflow is seen later
     except (OSError, ValueError) as error:
         reason = getattr(error, "reason", error)
         raise UserError(
@@ -179,7 +179,7 @@ def require_server(uri: str) -> None:
 
 
 def _make_database(database: Path) -> None:
-    """Make MLflow's tables beside the database and rename it into place: a process killed halfway leaves no half."""
+    """Make MLflow's tables in a temporary file and rename it, so that a kill leaves no half-made database."""
     for leftover in database.parent.glob(".mlflow.db.*.tmp*"):
         leftover.unlink()
     temporary = database.with_name(f".mlflow.db.{os.getpid()}.tmp")
@@ -188,7 +188,7 @@ def _make_database(database: Path) -> None:
 
 
 def _make_tables(database: Path) -> None:
-    """Copy the empty tables that are kept from the last time, or have MLflow make them, which takes it seconds."""
+    """Copy cached empty tables, or have MLflow make them, which takes seconds."""
     from mlflow import MlflowClient, __version__
 
     kept = cache_folder() / f"empty_mlflow_{__version__}.db"
@@ -196,22 +196,22 @@ def _make_tables(database: Path) -> None:
         database.write_bytes(kept.read_bytes())
         return
     MlflowClient(f"sqlite:///{database}").get_experiment("0")
-    with suppress(OSError):  # a folder that cannot be written costs these seconds each time
+    with suppress(OSError):  # without a writable cache the seconds are spent each time
         write_atomically(kept, lambda file: file.write(database.read_bytes()))
 
 
 def _is_whole(database: Path) -> bool:
-    """Whether a file is a database without a fault, with MLflow's tables and its first experiment."""
+    """Whether a file is an intact database with MLflow's tables and its first experiment."""
     try:
         with closing(sqlite3.connect(f"{database.absolute().as_uri()}?mode=ro", uri=True)) as connection:
             (found,) = connection.execute("SELECT COUNT(*) FROM experiments").fetchone()
             return bool(found == 1 and connection.execute("PRAGMA quick_check").fetchone() == ("ok",))
-    except sqlite3.Error:  # not there either
+    except sqlite3.Error:  # also raised if the file does not exist
         return False
 
 
 def _require_sqlite(database: Path) -> None:
-    """Raise ``sqlite3.Error`` if the file is there and not a database; MLflow would report it in a traceback."""
+    """Raise ``sqlite3.Error`` if the file exists but is not a database, which MLflow would report in a traceback."""
     connection = sqlite3.connect(database, timeout=20)
     try:
         connection.execute("PRAGMA schema_version")
@@ -220,7 +220,7 @@ def _require_sqlite(database: Path) -> None:
 
 
 def _write_ahead_and_follow(database: Path, artifacts: Path) -> None:
-    """Set WAL once, and point artifact addresses of a moved folder to where it is now."""
+    """Enable write-ahead logging, and update the artifact addresses of a moved folder."""
     connection = sqlite3.connect(database, timeout=20)
     try:
         connection.execute("PRAGMA journal_mode=WAL")

@@ -15,18 +15,18 @@ from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan, read_plans
 from sextant.tracking.mirror import PARENT, MirroredRun, Status, clean_params, ended_at, known_run, milliseconds
 from sextant.tracking.store import Kind, Store, open_store, require_server, telling_store_errors
 
-#: in the directory of a sweep: what its parent run shows, and the figures there
+#: file in the directory of a sweep with the page that its parent run shows, and folder of the page's figures
 PAGE, PICTURES = "page.json", "page"
-#: in the page: stands for the parent's id, which changes when a store is filled anew
+#: placeholder in the page for the parent's id, which changes when a store is refilled
 PARENT_ID = "PARENT"
-#: metric of the page: how many runs have ended
+#: metric of the page: number of runs that have ended
 DONE = "runs/done"
 
 
 def open_parent(kind: Kind, uri: str | None, outputs: Path, plan: SweepPlan, experiment: str) -> MirroredRun:
-    """Open the store in the controller, before any worker does, and the parent run of a sweep in it.
+    """Open the store in the controller, before any worker does, and open the parent run of a sweep in it.
 
-    A sweep that was begun before keeps its parent.
+    A resumed sweep keeps its parent run.
     """
     with telling_store_errors(uri):
         store = open_store(kind, uri, outputs)
@@ -41,7 +41,7 @@ def _find_or_make(store: Store, experiment_id: str, plan: SweepPlan, outputs: Pa
         return MirroredRun(store, known)
     key, began = plan.directory(outputs).name, milliseconds(_began(plan, outputs))
     query = f"tags.`sextant.sweep` = '{key}' and attributes.start_time = {began}"
-    found = store.client.search_runs([experiment_id], query, max_results=1)  # made, and killed before the note of it
+    found = store.client.search_runs([experiment_id], query, max_results=1)  # created, but killed before the record
     if found:
         return MirroredRun(store, found[0].info.run_id)
     tags = {"mlflow.runName": plan.name, "sextant.sweep": key, "sextant.command": " ".join(plan.command)}
@@ -52,7 +52,7 @@ def _find_or_make(store: Store, experiment_id: str, plan: SweepPlan, outputs: Pa
 
 
 def artifact_address(path: str) -> str:
-    """Where MLflow's server gives out an artifact of the parent, relative to its pages; see :func:`send_page`."""
+    """The address of an artifact of the parent on MLflow's server, relative to its pages; see :func:`send_page`."""
     return f"get-artifact?{urlencode({'path': path, 'run_uuid': PARENT_ID})}"
 
 
@@ -78,8 +78,8 @@ def label_cells(
 ) -> set[str]:
     """Name the runs of a sweep by arm, setting and seed, and tag them; arms that read answers of one run share it.
 
-    A run that no sweep made becomes one of this; one that is another's keeps its name. Those ``named`` before are
-    passed over; all that have a name now are returned.
+    A run that no sweep made becomes part of this one; a run of another sweep keeps its name. Runs in ``named`` are
+    skipped. Returns the runs that have a name now.
     """
     cells: dict[str, list[Cell]] = {}
     for cell in plan.cells:
@@ -106,7 +106,7 @@ def label_cells(
 
 
 def _varied(plan: SweepPlan) -> list[str]:
-    """The keys that runs of a sweep differ in: its factors, and what its arms override."""
+    """The keys in which the runs of a sweep differ: its factors, its search space, and the overrides of its arms."""
     arms = plan.definition.get("arms") or {}
     overrides = [override for arm in arms.values() for override in arm.get("overrides", [])]
     space = (plan.definition.get("search") or {}).get("space") or {}
@@ -115,7 +115,7 @@ def _varied(plan: SweepPlan) -> list[str]:
 
 
 def run_name(arms: Sequence[str], setting: str, seed: int) -> str:
-    """What a run of a sweep is called.
+    """The name of a run of a sweep.
 
     >>> run_name(["push_pull"], "lenet_a", 3)
     'push_pull lenet_a seed 3'
@@ -124,7 +124,7 @@ def run_name(arms: Sequence[str], setting: str, seed: int) -> str:
 
 
 def log_report(outputs: Path, plan: SweepPlan, report: Path) -> None:
-    """Copy a report to the parent run of its sweep, in the store that the sweep was logged to."""
+    """Copy a report to the parent run of its sweep, in the store to which the sweep was logged."""
     kind: Kind = "server" if plan.tracking.get("kind") == "server" else "sqlite"
     with telling_store_errors(plan.tracking.get("uri")):
         store = open_store(kind, plan.tracking.get("uri"), outputs)
@@ -141,17 +141,17 @@ def refill_parents(
     all_of_them: bool = True,
     reporter: Reporter = SILENT,
 ) -> int:
-    """Make the parent runs that a store lacks, end those that nothing runs, send their pages, and tie cells to them.
+    """Create the parent runs that a store lacks, end those that no process runs, send pages, and attach cells.
 
     Args:
-        store: where.
+        store: the tracking store.
         outputs: output folder with the sweeps.
-        changed: run directories whose MLflow runs may have been made anew.
-        all_of_them: false looks only at sweeps that log to this store and have had a parent in it.
-        reporter: hears of sweeps that cannot be read.
+        changed: run directories whose MLflow runs may have been recreated.
+        all_of_them: false considers only sweeps that log to this store and have had a parent in it.
+        reporter: is told of unreadable sweeps.
 
     Returns:
-        How many were made, ended or brought up to date.
+        The number of parent runs that were created, ended or brought up to date.
     """
     repaired = 0
     for directory, found in sorted(read_plans(outputs, reporter).items(), key=_first_begun):
@@ -168,16 +168,16 @@ def refill_parents(
 
 
 def _first_begun(sweep: tuple[Path, SweepPlan]) -> tuple[float, str]:
-    """Orders sweeps: a run that several share is a child of the first, which names it."""
+    """Sort key of sweeps by their start; a run shared by several sweeps is a child of the first, which names it."""
     directory, plan = sweep
     return plan.began or plan.started, directory.name
 
 
 def _repair(store: Store, outputs: Path, plan: SweepPlan, changed: Sequence[RunDirectory]) -> bool:
-    """Whether the parent had to be made, ended or brought up to date.
+    """Repair the parent run of a sweep, and return whether it had to be created, ended or brought up to date.
 
-    It has to be made for a store that lacks it, also if the sweep was run with ``tracking=none``; to be ended if it is
-    RUNNING although no process runs its sweep; to be brought up to date if it does not count all runs that have ended.
+    It is created if the store lacks it, also if the sweep was run with ``tracking=none``. It is ended if it is RUNNING
+    although no process runs its sweep. It is brought up to date if it does not count all runs that have ended.
     """
     runs, directory = [RunDirectory(outputs / cell.run) for cell in plan.cells], plan.directory(outputs)
     if not plan.mlflow_runs and not any(run.state() for run in runs):
@@ -187,7 +187,7 @@ def _repair(store: Store, outputs: Path, plan: SweepPlan, changed: Sequence[RunD
         experiment = next((run.state()["experiment"] for run in runs if "experiment" in run.state()), "sweeps")
         parent = _find_or_make(store, store.experiment_id(str(experiment)), plan, outputs)
         plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
-        if plan.tracking.get("kind") in (None, "none"):  # from now on its reports go there
+        if plan.tracking.get("kind") in (None, "none"):  # its reports go there from now on
             here = store.artifacts is not None
             plan = replace(plan, tracking={"kind": "sqlite" if here else "server", "uri": None if here else store.uri})
         plan.write(outputs)
@@ -208,7 +208,7 @@ def _repair(store: Store, outputs: Path, plan: SweepPlan, changed: Sequence[RunD
 
 
 def _tie(parent: MirroredRun, plan: SweepPlan, run: RunDirectory) -> None:
-    """Make a run a child of the parent, unless another sweep's parent has it."""
+    """Make a run a child of the parent, unless it belongs to the parent of another sweep."""
     begun_by = (run.state().get("tracking") or {}).get("parent_run")
     child = known_run(parent.store, run.tracking_ids())
     if child is None or begun_by not in (None, *plan.mlflow_runs):
@@ -219,19 +219,19 @@ def _tie(parent: MirroredRun, plan: SweepPlan, run: RunDirectory) -> None:
 
 
 def _behind(store: Store, parent: str, directory: Path) -> bool:
-    """Whether the parent has not ended, or counts other runs than the page in the directory of its sweep does."""
+    """Whether the parent has not ended, or its count of ended runs differs from the page in the sweep's directory."""
     found, page = store.client.get_run(parent), read_json(directory / PAGE)
     counted = None if page is None else page["metrics"].get(DONE)
     return found.info.status == "RUNNING" or (counted is not None and found.data.metrics.get(DONE) != counted)
 
 
 def _deleted(store: Store, plan: SweepPlan) -> bool:
-    """Whether a user deleted the parent in the store, where it can be restored."""
+    """Whether a user deleted the parent in the store, which can restore it."""
     return known_run(store, plan.mlflow_runs) is None and known_run(store, plan.mlflow_runs, deleted=True) is not None
 
 
 def _began(plan: SweepPlan, outputs: Path) -> float:
-    """When a sweep began; of those that were run before this was noted, when its first run did."""
+    """When a sweep began; for old plans without this record, when its first run began."""
     states = [RunDirectory(outputs / cell.run).state() for cell in plan.cells]
     return plan.began or min((state["started"] for state in states if "started" in state), default=plan.started)
 

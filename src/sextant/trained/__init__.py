@@ -1,1 +1,1 @@
-"""Trained networks from their files, whoever wrote them. Neither Hydra nor Lightning is imported."""
+"""Trained networks loaded from their files, whoever wrote them. Imports neither Hydra nor Lightning."""

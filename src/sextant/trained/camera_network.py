@@ -1,4 +1,4 @@
-"""The network of a run of calibration, as what predicts the cameras of images."""
+"""The network of a calibration run, as a predictor of the cameras of images."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -14,16 +14,16 @@ from sextant.trained.content import load_weights, own_config
 
 
 def trained_camera_network(content: Mapping[str, Any], checkpoint: Path, *, trust: bool = False) -> CameraNetwork:
-    """The network of a run of calibration, in evaluation mode.
+    """Load the network of a calibration run, in evaluation mode.
 
     Args:
-        content: of its checkpoint, by :func:`~sextant.trained.content.read_trained`.
-        checkpoint: its file, for messages.
-        trust: build parts of the user's own that the config names.
+        content: content of its checkpoint, from :func:`~sextant.trained.content.read_trained`.
+        checkpoint: the checkpoint's file, for error messages.
+        trust: build user-defined parts that the config names.
 
     Raises:
-        UserError: of another task, with a wrong config or code of the user's own in it, or weights that do not fit
-            or are not finite.
+        UserError: the run is of another task, its config is wrong or names user-defined code, or the weights do not
+            fit or are not finite.
     """
     trained = content[KEY]
     if trained["task"] != "calibration":
@@ -32,7 +32,7 @@ def trained_camera_network(content: Mapping[str, Any], checkpoint: Path, *, trus
         )
     plain = without_weights(own_config(trained, trust=trust)).plain
     network = CameraNetwork(*network_parts(plain, trained["spec"], partial(build, plain)))
-    # what belongs to training alone is left out: the state of a loss
+    # leave out what belongs to training alone: the state of a loss
     own = {name: value for name, value in content["state_dict"].items() if not name.startswith("loss.")}
     load_weights(network, {"state_dict": own}, checkpoint)
     return network.eval()

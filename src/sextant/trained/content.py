@@ -1,4 +1,4 @@
-"""The content of a trained model's file, its config and its weights."""
+"""The content of a trained model's file: its config and its weights."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +17,7 @@ RUNNING = ("running_mean", "running_var")  # statistics of normalisation, which 
 
 
 def read_trained(path: Path) -> dict[str, Any]:
-    """The content of a checkpoint, or of a model of the zoo or a published push-pull network as if it were one.
+    """Read a checkpoint, or a model of the zoo or a published push-pull network in the form of one.
 
     Raises:
         UserError: the file is missing, damaged or none of these; nothing in it was executed.
@@ -37,14 +37,14 @@ def read_trained(path: Path) -> dict[str, Any]:
 
 
 def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> Config:
-    """The config that a checkpoint brings with it, without what belongs to the run alone.
+    """The config that a checkpoint contains, without what belongs to the run alone.
 
     Args:
-        trained: what a checkpoint has under ``runs.checkpoint.KEY``.
+        trained: what the checkpoint holds under ``runs.checkpoint.KEY``.
         trust: allow parts that are not Sextant's.
 
     Raises:
-        UserError: as :func:`~sextant.config.trained.trained_config`.
+        UserError: as for :func:`~sextant.config.trained.trained_config`.
     """
     own = {**trained["config"], "init_from": None, "sweep": None}
     config = trained_config(own, trained["task"], trust=trust)
@@ -54,9 +54,9 @@ def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> Config:
 
 
 def load_weights(module: "nn.Module", content: Mapping[str, Any], checkpoint: Path) -> None:
-    """Load what a checkpoint holds into a module, in place.
+    """Load the weights of a checkpoint into a module, in place.
 
-    What a task stores besides its weights, such as the score of what was never seen, may be infinite.
+    Values that a task stores besides its weights, such as the score of what was never seen, may be infinite.
 
     Raises:
         UserError: the weights do not fit, or are not finite.

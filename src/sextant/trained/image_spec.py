@@ -1,4 +1,4 @@
-"""Shape and classes of the images that a model was trained on. Light."""
+"""Shape and classes of the images that a model was trained on. Light to import."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Networks from the config and spec of a checkpoint, by what is registered in them alone."""
+"""Networks built from the config and spec of a checkpoint, using only what is registered in them."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -21,7 +21,7 @@ TASKS = ("classification", "place_recognition")
 
 
 def classifier(config: Config, spec: Mapping[str, Any]) -> nn.Module:
-    """The network of classification with new weights, and its inhibition: images in [0, 1] to logits.
+    """The classification network with new weights and its inhibition; it maps images in [0, 1] to logits.
 
     Raises:
         UserError: a part cannot be built, or the inhibition does not fit the backbone.
@@ -41,7 +41,7 @@ def classifier(config: Config, spec: Mapping[str, Any]) -> nn.Module:
 
 
 def new_network(config: Config, spec: Mapping[str, Any]) -> nn.Module:
-    """The network of one of :data:`TASKS` with new weights.
+    """Build the network of one of :data:`TASKS` with new weights.
 
     Raises:
         UserError: a part cannot be built.
@@ -53,19 +53,19 @@ def new_network(config: Config, spec: Mapping[str, Any]) -> nn.Module:
 
 
 def trained_network(config: Config, content: Mapping[str, Any], checkpoint: Path) -> Any:
-    """The network of a checkpoint of one of :data:`TASKS`, in evaluation mode.
+    """Build the network of a checkpoint of one of :data:`TASKS`, with its weights, in evaluation mode.
 
     Args:
-        config: its own, by :func:`~sextant.trained.content.own_config`.
-        content: of the checkpoint, by :func:`~sextant.trained.content.read_trained`.
-        checkpoint: its file, for messages.
+        config: the checkpoint's own config, from :func:`~sextant.trained.content.own_config`.
+        content: content of the checkpoint, from :func:`~sextant.trained.content.read_trained`.
+        checkpoint: the checkpoint's file, for error messages.
 
     Raises:
         UserError: a part cannot be built, or the weights do not fit or are not finite.
     """
     trained = content[KEY]
     whole = nn.ModuleDict({"network": new_network(config, trained["spec"])})
-    # what belongs to training alone, such as the state of a loss, is left out
+    # leave out what belongs to training alone, such as the state of a loss
     own = {name: value for name, value in content["state_dict"].items() if name.startswith("network.")}
     load_weights(whole, {"state_dict": own}, checkpoint)
     return whole["network"].eval()

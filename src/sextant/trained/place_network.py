@@ -1,4 +1,4 @@
-"""The network of a run of place recognition, as what describes photos."""
+"""The network of a place-recognition run, as a descriptor of photos."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,17 +15,17 @@ from sextant.trained.networks import trained_network
 def trained_place_network(
     content: Mapping[str, Any], file: Path, model: str, *, trust: bool = False
 ) -> TrainedPlaceNetwork:
-    """The network of a run of place recognition.
+    """Load the network of a place-recognition run.
 
     Args:
-        content: of its checkpoint.
-        file: that the weights come from, for messages.
-        model: what distinguishes it from other networks.
-        trust: build parts of the user's own that the config names.
+        content: content of its checkpoint.
+        file: the file that the weights come from, for error messages.
+        model: identifies the network among others.
+        trust: build user-defined parts that the config names.
 
     Raises:
-        UserError: of another task, with a wrong config or code of the user's own in it, or weights that do not fit
-            or are not finite.
+        UserError: the run is of another task, its config is wrong or names user-defined code, or the weights do not
+            fit or are not finite.
     """
     trained = content[KEY]
     if trained["task"] != "place_recognition":

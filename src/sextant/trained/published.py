@@ -12,9 +12,10 @@ from sextant.runs.outputs_folder import default_outputs
 
 
 def published_content(path: Path) -> dict[str, Any]:
-    """A published network in the form of a checkpoint: the config that builds it, the shape of its images, weights.
+    """A published network in the form of a checkpoint: the config that builds it, the shape of its images, its weights.
 
-    What the config says of training is nobody's: ``published`` has what the file says.
+    The training settings in the config are not those of the authors; what the file says of training is in
+    ``published``.
 
     Raises:
         UserError: the file is not one of the authors', or its inhibition is not in the first convolution.

@@ -1,1 +1,1 @@
-"""Photos of any kind to their cameras, with all that can be said of them."""
+"""From photos of any kind to their cameras, with everything that can be said of them."""

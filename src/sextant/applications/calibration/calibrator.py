@@ -1,4 +1,4 @@
-"""Photos in, their cameras out, by a trained network and the lines of the photos."""
+"""Camera calibration from photos, by a trained network and the lines in the photos."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -25,30 +25,30 @@ from sextant.tasks.calibration.network import CameraNetwork
 from sextant.trained.camera_network import trained_camera_network
 from sextant.trained.content import read_trained
 
-#: the model that is taken where none is named
+#: the default model
 SHIPPED = "zoo:calibration"
 
 
 class PhotoCalibrator:
-    """Calibrates photos by all there is: the network of a run of calibration, lines, and what cameras people hold.
+    """Calibrates photos from all evidence: the network of a calibration run, lines, and a prior over people's cameras.
 
-    The network sees the largest centred part of a photo that has an aspect it was trained on; what it finds is given in
-    pixels of the whole upright original. Photos are files of any kind and size or pictures of Pillow, turned upright by
-    EXIF, or upright arrays of RGB bytes. One photo after the other is decoded, and only the small part that the
-    network sees is kept: so many are never in memory at once, and any iterable will do.
+    The network sees the largest centred part of a photo with an aspect that it was trained on; results are in pixels of
+    the whole upright original. Photos are image files of any kind and size or Pillow images, turned upright by EXIF, or
+    upright arrays of RGB bytes. Photos are decoded one after the other, and only the small part that the network sees
+    is kept. So many photos are never in memory at once, and any iterable will do.
 
     Where a focal length is known beforehand, or photos are of one camera, estimates are fused at fixed appearance: the
-    apparent distortion ``k1 / f²`` and the seen offset of the horizon stay, so that k1 and tilt follow the new focal
-    length.
+    apparent distortion ``k1 / f²`` and the seen offset of the horizon are kept, so that k1 and tilt follow the new
+    focal length.
 
     >>> calibrator = PhotoCalibrator.load("outputs/runs/calibration/1a2b3c4d-s0")  # doctest: +SKIP
     >>> camera = calibrator.calibrate("photo.jpg")  # doctest: +SKIP
     >>> print(camera.focal_px, camera.interval_95.focal_px, camera.verdict)  # doctest: +SKIP
 
     Args:
-        network: that was trained.
-        method: ``joint`` takes all evidence as one robust least-squares problem; ``lines`` leaves the network out, and
-            ``network`` all but the network.
+        network: the trained network.
+        method: ``joint`` combines all evidence in one robust least-squares problem; ``lines`` leaves the network out,
+            and ``network`` uses the network only.
 
     Raises:
         UserError: there is no such method.
@@ -71,23 +71,23 @@ class PhotoCalibrator:
         """The calibrator of a run, or the one that comes with the package.
 
         Args:
-            run: an MLflow run id, a run directory or its name, or a checkpoint; the model of the package unless given.
-            outputs: folder of runs; where runs are written unless given.
-            trust: build parts of the user's own that the checkpoint names.
+            run: an MLflow run id, a run directory or its name, or a checkpoint; by default the package's model.
+            outputs: folder of runs; the folder that runs are written to by default.
+            trust: build user-defined parts that the checkpoint names.
             method: as for the class.
 
         Raises:
-            UserError: there is no such run, its file is damaged, or it is one of another task.
+            UserError: there is no such run, its file is damaged, or it is of another task.
         """
         found = resolve_run(str(run), default_outputs() if outputs is None else Path(outputs).expanduser())
         return cls.of(read_trained(found.checkpoint), found.checkpoint, trust=trust, method=method)
 
     @classmethod
     def of(cls, content: Mapping[str, Any], checkpoint: Path, *, trust: bool = False, method: Method = "joint") -> Self:
-        """The calibrator of a checkpoint that was read.
+        """The calibrator of a checkpoint that has been read already.
 
         Raises:
-            UserError: as :meth:`load`.
+            UserError: as for :meth:`load`.
         """
         return cls(trained_camera_network(content, checkpoint, trust=trust), method)
 
@@ -97,12 +97,12 @@ class PhotoCalibrator:
         """The camera of a photo.
 
         Args:
-            photo: a file, RGB bytes, or a picture of Pillow.
-            focal_prior: a focal length in pixels that is known beforehand; ``exif`` for the one in the file.
-            gravity_prior: ``exif`` for what the phone's accelerometer said, where the file has it.
+            photo: a file, RGB bytes, or a Pillow image.
+            focal_prior: a known focal length in pixels; ``exif`` for the one in the file.
+            gravity_prior: ``exif`` for the reading of the phone's accelerometer, if the file has it.
 
         Raises:
-            UserError: the photo cannot be read, or what the network predicts is no camera.
+            UserError: the photo cannot be read, or the network's prediction is not a camera.
         """
         name = str(photo) if isinstance(photo, Path | str) else "the photo"
         (found,) = self._each([(name, photo)], focal_prior, gravity_prior)
@@ -139,10 +139,10 @@ class PhotoCalibrator:
         """The cameras of photos, each calibrated by itself, in their order.
 
         Args:
-            photos: files, RGB bytes, or pictures of Pillow.
-            focal_prior, gravity_prior: as for :meth:`calibrate`, of all.
-            errors: ``raise`` tries all photos, then raises if some failed; ``return`` has a :class:`FailedPhoto` in the
-                place of each that did.
+            photos: files, RGB bytes, or Pillow images.
+            focal_prior, gravity_prior: as for :meth:`calibrate`, for all photos.
+            errors: ``raise`` tries all photos, then raises if some failed; ``return`` puts a :class:`FailedPhoto` in
+                the place of each that did.
 
         Raises:
             FailedPhotosError: photos failed; it names all of them.
@@ -159,16 +159,16 @@ class PhotoCalibrator:
         gravity_prior: GravityPrior = None,
         errors: Errors = "raise",
     ) -> OneCamera:
-        """The one camera of photos that were taken by one, with one lens setting.
+        """The camera of photos that were all taken with one camera and lens setting.
 
         Args:
-            photos: files, RGB bytes or pictures, upright or not, of one shape; they may be scaled.
-            focal_prior: as for :meth:`calibrate`; in pixels only of photos of one size.
-            gravity_prior: as for :meth:`calibrate`, of each.
+            photos: files, RGB bytes or Pillow images, in any orientation, of one shape; they may be scaled.
+            focal_prior: as for :meth:`calibrate`; in pixels only for photos of one size.
+            gravity_prior: as for :meth:`calibrate`, for each photo.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` fuses the others.
 
         Raises:
-            FailedPhotosError: photos failed, with ``errors="return"`` all of them.
+            FailedPhotosError: photos failed; with ``errors="return"``, all of them.
             UserError: they cannot be of one camera, or the network gives no intervals.
         """
         check_priors(focal_prior, gravity_prior)

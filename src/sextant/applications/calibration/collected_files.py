@@ -1,4 +1,4 @@
-"""The files of all photos together: a table, everything, and a contact sheet."""
+"""The files for all photos together: a table, a JSON file with everything, and a contact sheet."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,10 +28,10 @@ def write_collected(
     """Write ``calibrations.json``, ``calibrations.csv`` and ``calibrations.png``.
 
     Args:
-        rows: of all photos, those that failed included.
-        summary: of the one camera, if they are of one.
-        sheet: what is drawn on the contact sheet.
-        output: the folder.
+        rows: rows of all photos, including those that failed.
+        summary: summary of the one camera, if they are of one.
+        sheet: photos on the contact sheet.
+        output: folder to write into.
 
     Raises:
         UserError: the disk is full, or the folder cannot be written to.

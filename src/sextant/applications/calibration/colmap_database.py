@@ -1,17 +1,17 @@
-r"""What COLMAP starts from: a database with cameras and gravity, and beside it how sure these are.
+r"""Priors for COLMAP: a database with cameras and gravity, and a file that states how sure these are.
 
-``database.db`` has of each photo its camera (model RADIAL), gravity and, where EXIF tells it, the position on WGS 84.
-Gravity is a unit vector in the camera's frame (x right, y down, z forward); of tilt θ and roll ψ it is
+``database.db`` holds for each photo its camera (model RADIAL), gravity and, if EXIF has it, the position on WGS 84.
+Gravity is a unit vector in the camera's frame (x right, y down, z forward); for tilt θ and roll ψ it is
 
 .. math:: g = (\sin\psi\cos\theta,\; \cos\psi\cos\theta,\; -\sin\theta).
 
-COLMAP 4.2 stores no uncertainty of it, which is therefore in ``priors.json``: the covariance
+COLMAP 4.2 stores no uncertainty of gravity, which is therefore in ``priors.json``: the covariance
 :math:`\sigma_\theta^2\, g_\theta g_\theta^\top + \sigma_\psi^2\, g_\psi g_\psi^\top` in rad², with the derivatives of g
-by tilt and roll, taken as independent; across g, so that its rank is 2. COLMAP believes what is in the database, so the
-gravity of photos that are not trustworthy stands only in ``priors.json``, and only the focal length of a camera with a
-good photo is called known (``has_prior_focal_length``).
+by tilt and roll, which are taken as independent. It is perpendicular to g, so its rank is 2. COLMAP takes the database
+as certain. So the gravity of photos that are not trustworthy is only in ``priors.json``, and a focal length is only
+marked as known (``has_prior_focal_length``) for a camera with a good photo.
 
-COLMAP looks at a picture as it is stored, whatever its EXIF orientation: cameras and vectors are turned to that.
+COLMAP reads an image as it is stored, whatever its EXIF orientation; cameras and vectors are rotated accordingly.
 Sources: COLMAP 4.2, ``src/colmap/geometry/pose_prior.h`` and ``sensor/models.h``.
 """
 
@@ -33,7 +33,7 @@ from sextant.data.upright import STORED_FROM_UPRIGHT
 from sextant.errors import ArgumentError, UserError
 
 DATABASE, PRIORS = "database.db", "priors.json"
-#: digits that the parameters of one camera share, turned or not
+#: digits to which the parameters of one camera agree, rotated or not
 SAME = 9
 UNITS = (
     "names are relative to image_path; pixels, gravity (a unit vector, x right, y down, z forward) and its covariance "
@@ -42,7 +42,7 @@ UNITS = (
 
 
 def gravity_prior(camera: PhotoCamera) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3 3"]]:
-    """Gravity in the frame of the camera as its photo is stored, of length 1, and its covariance in rad²."""
+    """Gravity as a unit vector in the camera frame of the stored image, and its covariance in rad²."""
     tilt, roll = math.radians(camera.tilt_deg), math.radians(camera.roll_deg)
     (ct, st), (cr, sr) = ((math.cos(angle), math.sin(angle)) for angle in (tilt, roll))
     by_tilt, by_roll = np.array([-sr * st, -cr * st, -ct]), np.array([cr * ct, -sr * ct, 0.0])
@@ -55,7 +55,7 @@ def gravity_prior(camera: PhotoCamera) -> tuple[Float64[ndarray, "3"], Float64[n
 
 
 def check_colmap(folder: Path) -> None:
-    """Raise what :func:`write_colmap` would raise of the folder and of what is installed, before any work is done."""
+    """Raise any error of :func:`write_colmap` about the folder or the installation, before work is done."""
     import pycolmap  # noqa: F401
 
     if (folder / DATABASE).exists():
@@ -68,18 +68,18 @@ def check_colmap(folder: Path) -> None:
 def write_colmap(cameras: Sequence[PhotoCamera], folder: Path | str) -> list[Path]:
     """Write ``database.db`` and ``priors.json``.
 
-    Photos with equal parameters, as those of :meth:`~sextant.PhotoCalibrator.one_camera`, share a camera.
-    ``colmap feature_extractor`` and all that follows take the database as it is.
+    Photos with equal parameters, such as those of :meth:`~sextant.PhotoCalibrator.one_camera`, share a camera.
+    ``colmap feature_extractor`` and all later steps accept the database as it is.
 
     Args:
-        cameras: of files; ``image_path`` in ``priors.json`` is the folder around all of them.
-        folder: that is made if need be.
+        cameras: cameras of files; ``image_path`` in ``priors.json`` is the folder around all of them.
+        folder: folder to write into; created if needed.
 
     Returns:
         The two files.
 
     Raises:
-        ArgumentError: there is no camera, or one is not of a file.
+        ArgumentError: there are no cameras, or one is not of a file.
         UserError: there is a database already, the disk is full, or the folder cannot be written to.
         ModuleNotFoundError: pycolmap is not installed: ``pip install 'sextant[colmap]'``.
 
@@ -146,7 +146,7 @@ def _fill(
 
 
 def _new_sensor(database: Any, stored: dict[str, Any], known: bool) -> tuple[int, int]:
-    """Numbers of a camera and of its rig, which is that camera alone."""
+    """Ids of a new camera and of its rig, which consists of that camera only."""
     import pycolmap
 
     camera = pycolmap.Camera(**stored, has_prior_focal_length=known)
@@ -157,13 +157,13 @@ def _new_sensor(database: Any, stored: dict[str, Any], known: bool) -> tuple[int
 
 
 def _key(camera: PhotoCamera) -> str:
-    """Equal for photos of one camera."""
+    """A key that is equal for photos of one camera."""
     stored = _stored(camera)
     return " ".join(f"{value:.{SAME}g}" for value in (stored["width"], stored["height"], *stored["params"]))
 
 
 def _stored(camera: PhotoCamera) -> dict[str, Any]:
-    """COLMAP's camera of the photo as it is stored."""
+    """COLMAP's camera for the image as it is stored."""
     model, (focal, cx, cy, *distortion) = camera.colmap()
     width, height = camera.width, camera.height
     if camera.exif_orientation >= 5:
@@ -172,7 +172,7 @@ def _stored(camera: PhotoCamera) -> dict[str, Any]:
 
 
 def _position(path: Path) -> dict[str, Any]:
-    """Where EXIF says that a photo was taken; COLMAP needs the altitude too."""
+    """The position of a photo by EXIF; COLMAP needs the altitude too."""
     import pycolmap
 
     found = photo_gps(path)

@@ -1,4 +1,4 @@
-"""How far a camera can be trusted, and why not further."""
+"""How far an estimated camera can be trusted, and why not further."""
 
 import math
 from collections.abc import Mapping
@@ -14,32 +14,33 @@ from sextant.applications.calibration.photo_camera import Verdict
 from sextant.geometry import CameraParameters, focal_from_vfov, vfov_from_focal
 from sextant.tasks.calibration.network import CameraNetwork
 
-GOOD, TRUSTWORTHY = 0.5, 1.0  # half-width of a 68 % interval, in half-widths of the central 68 % trained on
-#: the same of a camera by all evidence, where the spread of cameras trained on is no measure: tilt and roll in radians,
-#: the focal length relative, and k1_hat in longer sides: 0.1 and 0.3 in heights of 4:3
+GOOD, TRUSTWORTHY = 0.5, 1.0  # half-width of a 68 % interval, in half-widths of the central 68 % of training cameras
+#: the same for a camera from all evidence, for which the spread of the training cameras is no measure: tilt and roll in
+#: radians, relative focal length, and k1_hat in longer sides: 0.1 and 0.3 in heights of 4:3
 JOINTLY_GOOD = (math.radians(3), math.radians(2), 0.1, 0.18)
 JOINTLY_TRUSTWORTHY = (math.radians(10), math.radians(6), 0.25, 0.53)
-#: of the network's own interval: wider ones of a camera by all evidence rest on the network
+#: share of the network's own interval; a wider interval from all evidence rests on the network
 LEANS = 0.5
 NAMES = ("tilt", "roll", "field of view", "apparent distortion")
-#: of a range: the cameras trained on end at :data:`ENDS`, for a range is a little wider than they spread
+#: ends of a range that raise doubts; the training cameras end at :data:`ENDS`, since a range is a little wider than
+#: their spread
 EDGE, ENDS = 0.01, 0.02 / 1.04
-#: what the four numbers are, whatever the parameterization
+#: names of the four numbers, whatever the parameterization
 NUMBERS = ("vertical position of the horizon or tilt", "roll", "size", "distortion")
 
 
 def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple[str, ...], Mapping[str, float]]:
-    """A verdict, its reasons, and the widths of the 68 % intervals over the spread of the cameras trained on.
+    """A verdict, its reasons, and the widths of the 68 % intervals over the spread of the training cameras.
 
-    The verdict is the worst of the widths, the finding's doubts, and of the range. Of the network alone an interval as
-    wide as the spread of the cameras trained on says no more than was known before training; by all evidence, one is as
-    wide as it is.
+    The verdict is the worst of those by the widths, the finding's doubts and the training range. For the network alone,
+    an interval as wide as the spread of the training cameras says no more than was known before training. For all
+    evidence, the width itself counts.
     """
     spread, half = network.spec.spread, finding.half["68"]
     ratios = half / np.asarray(spread)
     worst, reasons = 0, []
     for i, (name, good, most) in enumerate(zip(NAMES, *_allowed(finding, network), strict=True)):
-        if not half[i] <= good:  # nor if it is no number
+        if not half[i] <= good:  # true for nan too
             worst = max(worst, 1 if half[i] <= most else 2)
             turn, unit = (180 / math.pi, "°") if i < 3 else (1.0, "")
             wider = f"±{(good if half[i] <= most else most) * turn:.2g}{unit}"
@@ -56,7 +57,7 @@ def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple
 
 
 def _allowed(finding: Finding, network: CameraNetwork) -> tuple[Float64[ndarray, "4"], Float64[ndarray, "4"]]:
-    """Half widths of 68 % intervals up to which a camera is good, and trustworthy."""
+    """Half widths of 68 % intervals up to which a camera is good, and up to which it is trustworthy."""
     if finding.network is None:
         spread = np.asarray(network.spec.spread)
         return GOOD * spread, TRUSTWORTHY * spread
@@ -67,12 +68,12 @@ def _allowed(finding: Finding, network: CameraNetwork) -> tuple[Float64[ndarray,
 
 
 def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, str]]:
-    """What speaks against a camera at the end of the range trained on, or near it for how sure it is.
+    """Doubts about a camera at the end of the training range, or near it for how sure the network is.
 
-    A network answers within the range of cameras trained on alone: what lies beyond an end is reported as something
-    before it, and the nearer the end, the surer: no camera trained on could be far off there. So an angle is doubted
-    where its 95 % interval reaches beyond the end. Distortion is not: most lenses have none, which is the end of most
-    ranges. Nor is what the lines of the photo settled.
+    A network only answers within the range of its training cameras. A camera beyond an end is reported as one before
+    it, and the nearer the end, the surer the network is, since no training camera could be far off there. So an angle
+    is doubted where its 95 % interval reaches beyond the end. Distortion is not: most lenses have none, which is the
+    end of most ranges. Nor is anything that the lines of the photo settled.
     """
     said, doubts = finding.network or finding, []
     own = finding.alone or finding.half
@@ -102,7 +103,7 @@ def _stacked(*cameras: CameraParameters) -> CameraParameters:
 
 
 def _interval_ends(finding: Finding) -> CameraParameters:
-    """The camera with one of tilt, roll and field of view after the other at the low and high end of its interval."""
+    """The camera with tilt, roll and field of view in turn at the low and high end of their intervals."""
     camera = finding.camera
     ends = []
     for i, half in enumerate(finding.half["95"][:3]):

@@ -1,4 +1,4 @@
-"""What is known of a photo's camera while it is put together."""
+"""Intermediate results for a photo's camera."""
 
 import math
 from collections.abc import Mapping
@@ -19,24 +19,25 @@ LEVELS = {"68": (0.68, 1.0), "95": (0.95, 1.96)}  # name: share of photos, and m
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """A photo's camera while it is put together. Focal length and k1_hat are in heights of the part that was seen.
+    """A photo's camera in progress. Focal length and k1_hat are in heights of the part that was seen.
 
     Attributes:
-        name: of the photo.
-        photo: as read, its picture dropped.
+        name: name of the photo.
+        photo: the photo as read, without its picture.
         view: the part that the network saw.
         camera: tilt, roll, focal and k1, float64 scalars.
-        half: by level, half the widths of the intervals of tilt, roll, vfov (radians) and k1_hat.
-        family: of the lens.
-        doubts: what speaks against it, each with the verdict it allows at best: 0 good, 1 weak, 2 not trustworthy.
+        half: by level, half-widths of the intervals of tilt, roll, vfov (radians) and k1_hat.
+        family: family of the lens.
+        doubts: what speaks against the camera, each with the best verdict that it allows: 0 good, 1 weak, 2 not
+            trustworthy.
         basis: what the intervals rest on.
-        lines: of the photo; None where they are not looked at.
-        network: what the network alone says, where ``camera`` is by more than that.
-        trusts_network: whether the network's word counted for ``camera``.
-        strangeness: of the photo to the network.
-        network_doubts: as ``doubts``, against what the network says alone.
-        alone: half the widths of the intervals by this photo alone, where ``half`` is fused with others.
-        gravity: that counts for ``camera`` beside the picture.
+        lines: lines of the photo; None if they are not used.
+        network: the finding of the network alone, if ``camera`` rests on more than that.
+        trusts_network: whether the network contributed to ``camera``.
+        strangeness: how strange the photo looks to the network.
+        network_doubts: as ``doubts``, against the finding of the network alone.
+        alone: half-widths of the intervals from this photo alone, if ``half`` is fused with others.
+        gravity: gravity that contributes to ``camera`` besides the picture.
     """
 
     name: str
@@ -56,7 +57,7 @@ class Finding:
     gravity: GravityBelief | None = None
 
     def doubted(self, verdict: int, *reasons: str) -> Self:
-        """The same with more that speaks against it."""
+        """The same finding with further doubts."""
         return replace(self, doubts=(*self.doubts, *((verdict, reason) for reason in reasons)))
 
     @property
@@ -66,21 +67,21 @@ class Finding:
 
     @property
     def focal_px(self) -> float:
-        """Pixels of the upright original."""
+        """Focal length in pixels of the upright original."""
         return float(self.camera.focal) * self.view.height
 
     @property
     def zoom(self) -> float:
-        """Heights of the photo that the part which the network saw is high."""
+        """Height of the part that the network saw, in heights of the photo."""
         return self.view.height / self.photo.height
 
     @property
     def side(self) -> int:
-        """The longer side of the original: the unit in which photos of one camera, upright or not, are compared."""
+        """The longer side of the original: the unit in which photos of one camera are compared in any orientation."""
         return max(self.photo.width, self.photo.height)
 
     def focal_interval(self, level: str) -> tuple[float, float]:
-        """Pixels of the original; 0 and infinity where the interval of the field of view has no end."""
+        """Interval in pixels of the original; 0 and infinity where the interval of the field of view has no end."""
         vfov, half = float(vfov_from_focal(self.camera.focal)), self.half[level][2]
         wide, narrow = vfov + half, vfov - half
         low = float(focal_from_vfov(torch.tensor(wide, dtype=torch.float64))) if wide < math.pi else 0.0

@@ -1,6 +1,6 @@
-r"""A photo's focal length and distortion as numbers that can be fused, and what is fused as its camera.
+r"""A photo's focal length and distortion as numbers that can be fused, and how a fused result becomes its camera.
 
-With the longer side of the original as unit, photos of one camera, upright or not, scaled or not, share
+With the longer side of the original as unit, photos of one camera, in any orientation and at any scale, share
 :math:`\log f` and :math:`\hat k_1 = k_1 / f^2`. Their standard errors are half the 68 % intervals; with
 :math:`f = 1 / (2 \tan(v / 2))` in image heights, :math:`|d \log f / d v| = (4 f^2 + 1) / (4 f)`.
 """
@@ -19,12 +19,12 @@ from sextant.baselines.calibration import CameraBelief, PhotoPrior
 from sextant.evaluation.calibration.fusion import Fusion
 from sextant.geometry import CameraParameters, k2_of_k1, rho_from_tilt, tilt_from_rho
 
-#: standard error of what is taken as known
+#: standard error of values that are taken as known
 CERTAIN = 1e-4
 
 
 def estimate(finding: Finding) -> tuple[Float64[ndarray, "2"], Float64[ndarray, "2"]]:
-    """Log of the focal length and k1_hat in units of the longer side, with standard errors: half the 68 % intervals."""
+    """Log focal length and k1_hat in units of the longer side, with standard errors: half the 68 % intervals."""
     focal, zoom = float(finding.camera.focal), finding.side / finding.view.height
     per_vfov = (4 * focal * focal + 1) / (4 * focal)  # |d ln f / d vfov|
     k1_hat = float(finding.camera.k1) / focal**2
@@ -34,9 +34,9 @@ def estimate(finding: Finding) -> tuple[Float64[ndarray, "2"], Float64[ndarray, 
 
 
 def shared(finding: Finding) -> float:
-    """Share of what is known of the focal length that photos of one camera have in common: all but their lines.
+    """Share of the information on the focal length that photos of one camera have in common: all but their lines.
 
-    The prior and a network's leanings are the same in every photo; however many there are, they are one piece of
+    The prior and a network's bias are the same in every photo; however many photos there are, they are one piece of
     evidence.
     """
     if finding.network is None:
@@ -51,8 +51,8 @@ def shared(finding: Finding) -> float:
 def adopt(finding: Finding, fusion: Fusion, basis: str) -> Finding:
     """The finding with a fused focal length and distortion.
 
-    Tilt and roll are what the evidence says with that lens, and as unsure as that lens makes them; or, of the network
-    alone, what keeps the horizon where it was seen in the picture.
+    Tilt and roll are those that the evidence gives with that lens, with the uncertainty of the lens included. For the
+    network alone, they are chosen such that the horizon stays where it was seen in the picture.
     """
     zoom = finding.side / finding.view.height
     old = finding.camera
@@ -82,6 +82,6 @@ def adopt(finding: Finding, fusion: Fusion, basis: str) -> Finding:
 
 
 def _lens(focal: float, k1: float, finding: Finding) -> CameraBelief:
-    """That the lens is this one, beyond doubt."""
+    """The belief that the lens is this one, beyond doubt."""
     known = (math.inf, math.inf, CERTAIN, CERTAIN)
     return CameraBelief(0.0, 0.0, focal, k1 / focal**2, known, nu=math.inf, zoom=finding.zoom)

@@ -1,4 +1,4 @@
-"""What is seen of photos, what the network says of them, and what speaks against it there and then."""
+"""What is seen in photos, what the network predicts for them, and immediate doubts about it."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,7 +24,7 @@ from sextant.errors import UserError
 from sextant.geometry import CameraParameters
 from sextant.tasks.calibration.network import CameraNetwork
 
-#: photos whose small views go through the network at a time
+#: photos whose reduced views go through the network at a time
 BATCH = 64
 LITTLE_SEEN = 0.6  # of the photo's area
 MAYBE_PANORAMA = (
@@ -35,7 +35,7 @@ AnyPhoto = Path | str | UInt8[ndarray, "h w 3"] | Image.Image
 
 @dataclass(frozen=True)
 class _Seen:
-    """A photo without its pixels, and what was seen of it."""
+    """A photo without its pixels, and what was seen in it."""
 
     name: str
     photo: Photo
@@ -47,14 +47,14 @@ class _Seen:
 def find_cameras(
     network: CameraNetwork, photos: Iterable[tuple[str, AnyPhoto]], *, look_at_lines: bool = False
 ) -> Iterator[Finding | FailedPhoto]:
-    """What the network says of each photo, in their order.
+    """The network's prediction for each photo, in their order.
 
-    Photos are read one at a time, and only the small views and the lines are kept.
+    Photos are read one at a time, and only the reduced views and the lines are kept.
 
     Args:
-        network: that was trained.
-        photos: with their names.
-        look_at_lines: keep the lines of each photo, and say where it is none.
+        network: the trained network.
+        photos: photos with their names.
+        look_at_lines: keep the lines of each photo, and report what is not a photo.
     """
     left = iter(photos)
     while batch := [attempted(name, _seen, network, name, photo, look_at_lines) for name, photo in islice(left, BATCH)]:
@@ -87,7 +87,7 @@ def _read(name: str, photo: AnyPhoto) -> Photo:
     if isinstance(photo, Image.Image):
         try:
             photo = np.asarray(rgb_bytes(upright(photo), 1))
-        except OSError as error:  # it is read only now
+        except OSError as error:  # Pillow reads it only now
             raise UserError(f"{name} cannot be read: {error}", "Give another.") from None
     if not isinstance(photo, ndarray):
         raise UserError(
@@ -100,7 +100,7 @@ def _read(name: str, photo: AnyPhoto) -> Photo:
 def _predicted(
     network: CameraNetwork, views: Sequence[NetworkView]
 ) -> Iterator[tuple[Tensor, dict[str, Float64[ndarray, "4"]], float]]:
-    """Of each view the numbers of the camera, by level half the widths of their intervals, and its strangeness."""
+    """For each view: the camera parameters, half-widths of their intervals by level, and the view's strangeness."""
     if not views:
         return
     images = torch.from_numpy(np.stack([view.image for view in views]).transpose(0, 3, 1, 2).copy())

@@ -1,8 +1,9 @@
-r"""A photo's camera by all that is known of it: the network, lines, what people's cameras are, and what else was named.
+r"""A photo's camera from all evidence: the network, lines, a prior over people's cameras, and any named prior.
 
 Standard errors come from the curvature of the joint cost (:mod:`sextant.baselines.calibration.joint`). How often the
-truth lies within a multiple of them was counted on real photos and panoramas, and :data:`MULTIPLES` are those that hold
-68 and 95 % of these, averaged over their sources: a normal's would be 1 and 1.96, and real evidence has longer tails.
+truth lies within a multiple of them was counted on real photos and panoramas. :data:`MULTIPLES` are those that hold 68
+and 95 % of these, averaged over their sources. Under a normal distribution they would be 1 and 1.96; real evidence has
+longer tails.
 """
 
 import math
@@ -20,38 +21,39 @@ from sextant.baselines.calibration import CameraBelief, JointEstimate, PhotoPrio
 from sextant.geometry import CameraParameters, vfov_from_focal
 
 Method = Literal["joint", "lines", "network"]
-#: by how much a network's errors of tilt, roll, vfov and k1_hat on photos of sources that it never saw exceed those
-#: that it expects: rounded up from crops of 60 panoramas and 110 photos; more for vfov, in which it errs all one way,
-#: the more the vaguer it is: at :data:`VAGUE` twice as much (radians)
+#: factors by which a network's errors of tilt, roll, vfov and k1_hat exceed those that it expects, on photos of sources
+#: that it never saw: rounded up from crops of 60 panoramas and 110 photos. That of vfov grows with the width of its
+#: interval, since these errors are all in one direction: at :data:`VAGUE` (radians) it is twice as large
 NETWORK_SCALE = np.array([1.2, 1.2, 2.2, 4.0])
 VAGUE = math.radians(8)
-#: of the joint standard errors of tilt, roll, vfov and k1_hat, by level: counted on 273 photos and crops of nine
-#: sources that trained no network, each source weighing as much as the root of its photos
+#: multiples of the joint standard errors of tilt, roll, vfov and k1_hat, by level: counted on 273 photos and crops of
+#: nine sources that trained no network, each source weighted by the root of its number of photos
 #: (``python -m benchmarks.joint_intervals``)
 MULTIPLES = {"68": np.array([1.4, 1.25, 0.85, 2.7]), "95": np.array([3.45, 4.3, 2.5, 10.8])}
-#: standard deviation of a lens's principal point off the centre, longer sides: it turns the tilt
+#: standard deviation of a lens's principal point from the centre, in longer sides; it turns the tilt
 PRINCIPAL_POINT = 0.01
-#: of tilt, roll and log focal, where a network has its own opinion of how people hold cameras, as sure as the usual
-#: prior or surer; from half as sure on that prior is all there is
+#: standard deviations of the prior of tilt, roll and log focal length beside a network that is at least as sure as the
+#: usual prior, since it has its own opinion of how people hold cameras; for tilt and roll, the usual prior takes over
+#: until the network is half as sure
 WIDE = (1.0, 0.2, 0.35)
-#: long segments that point to an axis, below which no lens is measured by them, and those of each of two axes; the
-#: probability of all but the best camera from which it is doubted
+#: least number of long segments that point to an axis for a lens to be measured by them, and least number for each of
+#: two axes; the probability of all cameras but the best above which it is doubted
 FEW, AN_AXIS, RIVALS = 10, 3, 0.2
-#: standard errors between the network and the joint camera from which they disagree
+#: standard errors between the network and the joint camera above which they disagree
 DISAGREE = 3.0
 
 
 def by_method(finding: Finding, method: Method) -> Finding:
-    """What one method makes of a photo that was seen: all evidence, all but the network, or the network alone."""
+    """The finding by one method: all evidence, all but the network, or the network alone."""
     return finding if method == "network" else jointly(replace(finding, trusts_network=method == "joint"))
 
 
 def jointly(finding: Finding, more: Sequence[Term] = ()) -> Finding:
-    """The camera by the network's finding, the lines, the prior, and ``more`` that is known.
+    """The camera given the network's finding, the lines, the prior, and ``more`` that is known.
 
     Args:
-        finding: of a photo whose lines were looked at; by the network, or jointly already.
-        more: beliefs, in heights of the photo.
+        finding: finding of a photo whose lines were looked at; by the network, or jointly already.
+        more: further beliefs, in heights of the photo.
     """
     said = replace(finding.network or finding, gravity=finding.gravity)
     assert said.lines is not None
@@ -64,13 +66,13 @@ def jointly(finding: Finding, more: Sequence[Term] = ()) -> Finding:
     joint = _adopted(said, found, longer)
     if found.ends:
         joint = joint.doubted(1, f"at an end of what is searched: {', '.join(found.ends)}; the truth may lie beyond")
-    if not more:  # else the lens is known, and does not rest on lines
+    if not more:  # otherwise the lens is known, and does not rest on lines
         joint = joint.doubted(1, *_little(found))
     return joint.doubted(1, *_disagreements(said, joint)) if said.trusts_network else joint
 
 
 def _held(network: CameraBelief) -> tuple[float, float, float]:
-    """How far people's cameras are from level, beside a network: as ever where that says nothing."""
+    """Standard deviations of the prior of people's cameras beside a network: the usual ones where it says nothing."""
     usual = PhotoPrior.sigma
     tilt, roll = (
         wide - (wide - common) * min(max(said / common - 1, 0.0), 1.0)
@@ -80,7 +82,7 @@ def _held(network: CameraBelief) -> tuple[float, float, float]:
 
 
 def network_belief(said: Finding) -> CameraBelief:
-    """What the network says, with errors as it makes them on real photos; larger where a photo looks strange to it."""
+    """The network's prediction, with its errors on real photos; larger where a photo looks strange to it."""
     camera = said.camera
     tilt, roll, vfov, k1_hat = map(float, max(1.0, said.strangeness) * network_sigmas(said))
     return CameraBelief(
@@ -90,7 +92,7 @@ def network_belief(said: Finding) -> CameraBelief:
 
 
 def network_sigmas(said: Finding) -> Float64[ndarray, "4"]:
-    """Standard errors of what the network says of tilt, roll, vfov (radians) and k1_hat, as it makes them on photos."""
+    """Standard errors of the network's tilt, roll, vfov (radians) and k1_hat, as on real photos."""
     sigmas = NETWORK_SCALE * said.half["68"]
     return np.asarray(sigmas * [1, 1, 1 + said.half["68"][2] / VAGUE, 1])
 
@@ -113,7 +115,7 @@ def _adopted(said: Finding, found: JointEstimate, longer: float) -> Finding:
 
 
 def _little(found: JointEstimate) -> list[str]:
-    """Where the lens rests on too few lines, or on two opinions."""
+    """Doubts where the lens rests on too few lines, or where two cameras are nearly as likely."""
     doubts = []
     if found.support.sum() < FEW or (found.support >= AN_AXIS).sum() < 2:
         doubts.append(
@@ -126,7 +128,7 @@ def _little(found: JointEstimate) -> list[str]:
 
 
 def _disagreements(said: Finding, joint: Finding) -> list[str]:
-    """Where the network is far off what lines and priors made of the photo."""
+    """Doubts where the network is far from what lines and priors made of the photo."""
     off = [said.camera.tilt - joint.camera.tilt, said.camera.roll - joint.camera.roll]
     off.append(vfov_from_focal(said.camera.focal) - vfov_from_focal(joint.camera.focal))
     sigmas = network_sigmas(said)[:3]

@@ -1,4 +1,4 @@
-"""Photos of one camera and lens setting: their estimates made one."""
+"""Fusing the estimates of several photos of one camera and lens setting."""
 
 import math
 from collections.abc import Sequence
@@ -20,13 +20,13 @@ SAME_SHAPE = 0.02  # largest relative difference of aspect among photos of one c
 
 @dataclass(frozen=True, eq=False)
 class OneCamera:
-    """One camera and lens setting by several of its photos.
+    """One camera and lens setting, estimated from several of its photos.
 
     Attributes:
-        photos: each with the camera fused over all, or why it failed; in the order given.
-        fusion: of the log of the focal length, and of k1 / f², f in longer sides of a photo; with which photos were
-            kept, and whether these agree.
-        doubts: what speaks against it.
+        photos: each photo with the fused camera, or why it failed; in the given order.
+        fusion: fusion of the log of the focal length and of k1 / f², f in longer sides of a photo; it states which
+            photos were kept and whether they agree.
+        doubts: what speaks against the result.
     """
 
     photos: tuple[PhotoCamera | FailedPhoto, ...]
@@ -35,16 +35,16 @@ class OneCamera:
 
     @property
     def cameras(self) -> tuple[PhotoCamera, ...]:
-        """Of the photos that did not fail."""
+        """The cameras of the photos that did not fail."""
         return tuple(photo for photo in self.photos if isinstance(photo, PhotoCamera))
 
     @property
     def focal_of_longer_side(self) -> float:
-        """Focal length in longer sides of a photo: times the longer side, pixels."""
+        """Focal length in longer sides of a photo; times the longer side in pixels, it is in pixels."""
         return math.exp(self.fusion.values[0])
 
     def row(self) -> dict[str, Any]:
-        """Plain values of the fusion."""
+        """The fusion as plain values."""
         kept = [(camera.name, bool(kept)) for camera, kept in zip(self.cameras, self.fusion.kept, strict=True)]
         return {
             "photos": len(kept),
@@ -66,7 +66,7 @@ class OneCamera:
 def fuse_as_one_camera(
     findings: Sequence[Finding], focal_prior: FocalPrior
 ) -> tuple[list[Finding], Fusion, tuple[str, ...]]:
-    """The findings with the focal length and distortion of all, where they agree; the fusion, and doubts about it.
+    """The findings with the focal length and distortion fused where they agree; the fusion, and doubts about it.
 
     Copies of one photo count once.
 
@@ -104,14 +104,14 @@ def fuse_as_one_camera(
 
 
 def _firsts(findings: Sequence[Finding]) -> list[int]:
-    """Of each photo the number of the first one with its picture: its own, unless it is a copy."""
+    """For each photo, the number of the first photo with the same picture: its own, unless it is a copy."""
     numbers: dict[tuple[int, int, bytes], int] = {}
     pictures = ((each.photo.width, each.photo.height, each.view.image.tobytes()) for each in findings)
     return [numbers.setdefault(picture, i) for i, picture in enumerate(pictures)]
 
 
 def _with_priors(fusion: Fusion, findings: Sequence[Finding], focal_prior: FocalPrior) -> tuple[Fusion, list[str]]:
-    """The fusion with the median of what is known of the focal length, and what speaks against that."""
+    """The fusion with the median of the known focal lengths, and what speaks against it."""
     priors = [prior for finding in findings if (prior := prior_of(finding, focal_prior))]
     doubts: list[str] = []
     if priors:

@@ -1,4 +1,4 @@
-"""The camera of a photo, with all that can be said of it."""
+"""The camera of a photo, with everything that can be said of it."""
 
 import math
 from collections.abc import Mapping
@@ -22,13 +22,13 @@ Verdict = Literal["good", "weak", "not trustworthy"]
 
 @dataclass(frozen=True)
 class Intervals:
-    """Low and high ends at one level.
+    """Intervals at one level, as (low, high).
 
     Attributes:
         tilt_deg, roll_deg: degrees.
-        focal_px: pixels of the upright original; from 0 or to infinity where nothing bounds it.
-        vfov_deg: of the nominal vertical field of view, degrees.
-        k1: at the focal length that was found.
+        focal_px: pixels of the upright original; starts at 0 or ends at infinity where nothing bounds it.
+        vfov_deg: nominal vertical field of view, degrees.
+        k1: at the estimated focal length.
     """
 
     tilt_deg: tuple[float, float]
@@ -43,21 +43,21 @@ class PhotoCamera:
     """The camera of a photo. Pixels are those of the upright original, after EXIF orientation.
 
     Attributes:
-        name: file of the photo; of an array its place, such as ``photos[3]``.
-        width, height: of the photo, pixels.
+        name: file of the photo; for an array its place, such as ``photos[3]``.
+        width, height: size of the photo, pixels.
         exif_orientation: 1 to 8; 1 is upright.
-        exif_focal_px: focal length by EXIF in pixels, None where it has none.
-        tilt_deg: of the camera, degrees, positive looks up.
-        roll_deg: of the camera, degrees.
+        exif_focal_px: focal length from EXIF in pixels; None if it has none.
+        tilt_deg: tilt of the camera in degrees; positive looks up.
+        roll_deg: roll of the camera in degrees.
         focal_px: focal length in pixels.
         k1, k2: coefficients of the radial distortion ``1 + k1 r² + k2 r⁴``, r the tangent of the angle to the axis.
-        interval_68, interval_95: that hold the truth in 68 and in 95 % of photos: by the network alone, of those like
-            the ones trained on; by all evidence, on average over the sets that they were counted on.
-        intervals_by: what they rest on.
-        verdict: how far it can be trusted.
+        interval_68, interval_95: intervals that hold the truth in 68 and 95 % of photos. For the network alone: of
+            photos like those it was trained on; for all evidence: on average over the sets that they were counted on.
+        intervals_by: what the intervals rest on.
+        verdict: how far the camera can be trusted.
         reasons: why not further.
         width_over_training_spread: half the 68 % intervals of tilt, roll, field of view and apparent distortion, in
-            units of the same of all cameras trained on.
+            units of the same over all training cameras.
         seen: left, top, width and height of the part that the network saw, pixels.
     """
 
@@ -93,23 +93,23 @@ class PhotoCamera:
         return horizontal, vertical
 
     def opencv(self) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "5"]]:
-        """Camera matrix and distortion coefficients (k1, k2, p1, p2, k3) of OpenCV."""
+        """Camera matrix and distortion coefficients (k1, k2, p1, p2, k3) in OpenCV's convention."""
         row = self.row()["opencv"]
         return np.array(row["matrix"], np.float64), np.array(row["distortion"], np.float64)
 
     def colmap(self) -> tuple[str, list[float]]:
-        """Camera model of COLMAP and its parameters: f, cx, cy, k1, k2."""
+        """COLMAP's camera model and its parameters: f, cx, cy, k1, k2."""
         return "RADIAL", [self.focal_px, self.width / 2, self.height / 2, self.k1, self.k2]
 
     def undistort(self, image: UInt8[ndarray, "h w 3"], keep: Keep = "crop") -> tuple[UInt8[ndarray, "h w 3"], float]:
-        """The photo as a lens without distortion would have taken it, and the focal length of that in its pixels.
+        """The photo as a lens without distortion would have taken it, and the focal length of the result in its pixels.
 
         Args:
-            image: the photo, upright, of any size.
-            keep: ``crop`` leaves out what would leave a border without picture; ``all`` keeps every pixel.
+            image: the photo, upright, at any size.
+            keep: ``crop`` cuts off what would leave an empty border; ``all`` keeps every pixel.
 
         Raises:
-            UserError: the image is not of the photo's shape.
+            UserError: the image does not have the photo's shape.
         """
         rows, columns = image.shape[:2]
         scale = rows / self.height
@@ -121,7 +121,7 @@ class PhotoCamera:
         return undistort_photo(image, self.focal_px * scale, self.k1, self.k2, keep)
 
     def drawn(self, image: UInt8[ndarray, "h w 3"]) -> "CalibratedPhoto":
-        """What :func:`~sextant.figures.calibration.overlay.calibration_overlay` draws; the image may be scaled."""
+        """The input of :func:`~sextant.figures.calibration.overlay.calibration_overlay`; the image may be scaled."""
         from sextant.figures.calibration.overlay import CalibratedPhoto
 
         left, top, width, height = self.seen
@@ -145,7 +145,7 @@ class PhotoCamera:
         ]
 
     def row(self) -> dict[str, Any]:
-        """All of it as plain numbers, with the conventions of other programs: the content of a JSON file."""
+        """Everything as plain numbers, with the conventions of other programs: the content of a JSON file."""
         focal, width, height = self.focal_px, self.width, self.height
         model, parameters = self.colmap()
         horizontal, vertical = self.true_fov_deg

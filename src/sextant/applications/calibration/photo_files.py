@@ -1,4 +1,4 @@
-"""The files of each photo: its camera, the photo made straight, and the camera drawn into it."""
+"""The files of each photo: its camera, the undistorted photo, and the camera drawn into it."""
 
 import io
 import json
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from sextant.figures.calibration.overlay import CalibratedPhoto
 
 SHEET = 40  # photos on the contact sheet
-#: how photos are straightened, if they are
+#: whether and how photos are undistorted
 Undistort = Keep | Literal["none"]
 
 
 def write_photos(
     found: Sequence[PhotoCamera | FailedPhoto], output: Path, undistort: Undistort
 ) -> tuple[list[dict[str, Any]], "list[CalibratedPhoto]"]:
-    """Write ``<stem>.json``, ``<stem>_overlay.png`` and ``<stem>_undistorted`` of each photo that did not fail.
+    """Write ``<stem>.json``, ``<stem>_overlay.png`` and ``<stem>_undistorted`` for each photo that did not fail.
 
     Returns:
         The rows of all photos, and what belongs on the contact sheet.
@@ -44,7 +44,7 @@ def write_photos(
     rows = [each.row() for each in found]
     good = [(each, row) for each, row in zip(found, rows, strict=True) if isinstance(each, PhotoCamera)]
     for (camera, row), stem in zip(good, file_stems([Path(camera.name) for camera, _ in good]), strict=True):
-        image = read_photo(Path(camera.name)).image  # again, so that never more than one photo is in memory
+        image = read_photo(Path(camera.name)).image  # read again, so that only one photo at a time is in memory
         with telling_write_errors(output):
             _forget_straight(output, stem)
             if undistort != "none":
@@ -60,7 +60,7 @@ def write_photos(
 
 
 def _forget_straight(output: Path, stem: str) -> None:
-    """Remove the straightened photo that an earlier run wrote, if the JSON file that it left names it."""
+    """Remove the undistorted photo that an earlier run wrote, if the JSON file of that run names it."""
     try:
         earlier = json.loads((output / f"{stem}.json").read_text())["undistorted"]["file"]
     except (OSError, ValueError, KeyError, TypeError):

@@ -1,4 +1,4 @@
-"""What is known beforehand: a focal length by EXIF or by the user, and gravity by the phone's accelerometer."""
+"""Prior knowledge: a focal length from EXIF or from the user, and gravity from the phone's accelerometer."""
 
 import math
 from dataclasses import replace
@@ -13,15 +13,15 @@ from sextant.baselines.calibration import FOCAL_HEIGHTS, FocalBelief, GravityBel
 from sextant.errors import ArgumentError
 from sextant.evaluation.calibration.fusion import Prior, fuse, with_prior
 
-#: pixels of the photo, what EXIF says, or nothing
+#: a focal length in pixels of the photo, the one in EXIF, or none
 FocalPrior = float | Literal["exif"] | None
-#: standard deviation of the log of a focal length. EXIF: whole millimetres (2 % at 26 mm), makers that compare widths
-#: and not diagonals (4 %), lens corrections that crop. Given by hand: as a person knows it.
+#: standard deviation of the log of a focal length. EXIF: rounding to whole millimetres (2 % at 26 mm), makers that
+#: compare widths and not diagonals (4 %), lens corrections that crop. Given by hand: as well as a person knows it.
 PRIOR_SIGMA = {"exif": 0.05, "given": 0.02}
 PRIOR_DISAGREES = 3.0  # standard errors
-#: gravity by the accelerometer in the photo's metadata, or nothing
+#: gravity from the accelerometer, in the photo's metadata, or none
 GravityPrior = Literal["exif"] | None
-#: of an accelerometer in each direction: a phone held in a hand, and a sensor that is not quite square to it (radians)
+#: standard deviation of an accelerometer per direction (radians): a hand-held phone, a sensor not quite square to it
 GRAVITY_SIGMA = math.radians(1.5)
 
 
@@ -39,10 +39,10 @@ def check_priors(focal_prior: FocalPrior, gravity_prior: GravityPrior) -> None:
 
 
 def prior_of(finding: Finding, focal_prior: FocalPrior) -> Prior | None:
-    """What is known of the log of the focal length in longer sides; None where nothing is, or shall not be used.
+    """The prior of the log of the focal length in longer sides; None if nothing is known or is to be used.
 
     Raises:
-        ArgumentError: a focal length is given that is not among those sought.
+        ArgumentError: the given focal length is outside the range of the search.
     """
     if focal_prior == "exif":
         known = finding.photo.exif_focal_px
@@ -60,14 +60,14 @@ def prior_of(finding: Finding, focal_prior: FocalPrior) -> Prior | None:
 
 
 def disagreement(z: float, focal_prior: FocalPrior) -> list[str]:
-    """What to say of a prior that is ``z`` standard errors from the picture; nothing where that is near enough."""
+    """What to say of a prior that is ``z`` standard errors from the picture; nothing if it is close enough."""
     if not abs(z) > PRIOR_DISAGREES:
         return []
     return [f"the focal length by focal_prior={focal_prior} and the picture disagree by {abs(z):.1f} standard errors"]
 
 
 def with_focal_prior(finding: Finding, focal_prior: FocalPrior) -> Finding:
-    """The finding fused with the prior of its focal length; one that is not used may still cast doubt."""
+    """The finding fused with the prior of its focal length; a prior that is not used may still raise doubts."""
     prior = prior_of(finding, focal_prior)
     known = finding.photo.exif_focal_px
     if prior is None:
@@ -89,25 +89,25 @@ def with_focal_prior(finding: Finding, focal_prior: FocalPrior) -> Finding:
 
 
 def with_gravity(finding: Finding, gravity_prior: GravityPrior) -> Finding:
-    """The finding with the accelerometer's gravity among the evidence; where it is not used it may still cast doubt."""
+    """The finding with the accelerometer's gravity as evidence; gravity that is not used may still raise doubts."""
     held, doubts = _held(finding, gravity_prior)
     return held.doubted(0 if held.photo.gravity is None else 1, *doubts)
 
 
 def with_priors(finding: Finding, focal_prior: FocalPrior, gravity_prior: GravityPrior) -> Finding:
-    """The finding with both priors among the evidence, and what either says against it."""
+    """The finding with both priors as evidence, and what either says against it."""
     held, doubts = _held(finding, gravity_prior)
     return with_focal_prior(held, focal_prior).doubted(0 if held.photo.gravity is None else 1, *doubts)
 
 
 def _held(finding: Finding, gravity_prior: GravityPrior) -> tuple[Finding, list[str]]:
-    """The finding with gravity as it is asked for, and doubts about that."""
+    """The finding with gravity as requested, and doubts about it."""
     known = finding.photo.gravity
     if known is None:
         return finding, ["the metadata contain no gravity: none was used"] * (gravity_prior is not None)
     belief = GravityBelief(known, GRAVITY_SIGMA)
     off = np.array(belief.pose) - [float(finding.camera.tilt), float(finding.camera.roll)]
-    steep = max(math.cos(belief.pose[0]), GRAVITY_SIGMA)  # nearly straight down any roll is the same camera
+    steep = max(math.cos(belief.pose[0]), GRAVITY_SIGMA)  # looking nearly straight down, any roll is the same camera
     doubts: list[str] = []
     if (np.abs(off) > np.hypot(finding.half["95"][:2], [2 * GRAVITY_SIGMA, 2 * GRAVITY_SIGMA / steep])).any():
         tilt, roll = (math.degrees(angle) for angle in belief.pose)
@@ -121,7 +121,7 @@ def _held(finding: Finding, gravity_prior: GravityPrior) -> tuple[Finding, list[
 
 
 def _jointly_with(finding: Finding, prior: Prior, focal_prior: FocalPrior) -> Finding:
-    """The finding with the focal length among the evidence; EXIF that contradicts the picture is not used."""
+    """The finding with the focal length as evidence; EXIF that contradicts the picture is not used."""
     values, sigmas = estimate(finding)
     z = float((prior.mean - values[0]) / np.hypot(sigmas[0], prior.sigma))
     doubts = disagreement(z, focal_prior)

@@ -1,4 +1,4 @@
-"""From photos to files of their cameras."""
+"""Calibrating photos and writing the files of their cameras."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ class WrittenCameras:
     """What was found and written.
 
     Attributes:
-        rows: plain values of each photo, those included that failed.
-        summary: of the one camera, if they are of one.
-        files: that are of all photos.
+        rows: plain values of each photo, including those that failed.
+        summary: summary of the one camera, if they are of one.
+        files: files for all photos together.
     """
 
     rows: list[dict[str, Any]]
@@ -40,19 +40,19 @@ def write_cameras(
     gravity_prior: GravityPrior = None,
     colmap: bool = False,
 ) -> WrittenCameras:
-    """Calibrate photos and write everything into a folder; a photo that fails is among the rows, and the rest go on.
+    """Calibrate photos and write all results to a folder; a photo that fails is among the rows, and the rest go on.
 
     Args:
-        calibrator: what calibrates.
-        paths: of the photos.
-        output: a folder that is there.
-        undistort: how photos are straightened, if they are.
+        calibrator: calibrates the photos.
+        paths: files of the photos.
+        output: an existing folder.
+        undistort: whether and how photos are undistorted.
         camera: ``one`` fuses all photos as those of one camera.
         focal_prior, gravity_prior: as for :meth:`~sextant.PhotoCalibrator.calibrate`.
         colmap: write ``colmap/database.db`` and ``colmap/priors.json`` too.
 
     Raises:
-        UserError: the photos cannot be of one camera, the folder has a database of COLMAP already, or the disk is full.
+        UserError: the photos cannot be of one camera, the folder already has a COLMAP database, or the disk is full.
     """
     if colmap:
         check_colmap(output / "colmap")
@@ -71,7 +71,7 @@ def write_cameras(
 def _calibrated(
     calibrator: PhotoCalibrator, paths: Sequence[Path], camera: Literal["each", "one"], priors: dict[str, Any]
 ) -> tuple[Sequence[PhotoCamera | FailedPhoto], dict[str, Any] | None]:
-    """What was found of each photo, and the summary of the one camera, if they are of one."""
+    """The result for each photo, and the summary of the one camera, if they are of one."""
     if camera == "each":
         return calibrator.calibrate_many(paths, **priors, errors="return"), None
     try:

@@ -31,10 +31,10 @@ AnyImage = Path | str | UInt8[ndarray, "h w *c"]
 
 @dataclass(frozen=True)
 class Classified:
-    """What an image shows.
+    """The classification of an image.
 
     Attributes:
-        probabilities: of each class, in [0, 1], in the order of training; they sum to 1.
+        probabilities: probability of each class, in [0, 1], in the order of training; they sum to 1.
     """
 
     probabilities: Mapping[str, float]
@@ -46,12 +46,12 @@ class Classified:
 
     @property
     def probability(self) -> float:
-        """Of the most probable class."""
+        """The probability of that class."""
         return self.probabilities[self.label]
 
 
 class ImageClassifier:
-    """Classifies images with the network of a run of classification, or a published push-pull network.
+    """Classifies images with the network of a classification run, or a published push-pull network.
 
     >>> classifier = ImageClassifier.load("outputs/runs/classification/1a2b3c4d-s0")  # doctest: +SKIP
     >>> seen = classifier.classify("photo.jpg")  # doctest: +SKIP
@@ -60,7 +60,7 @@ class ImageClassifier:
     Args:
         network: maps images in [0, 1], ``(b, c, h, w)``, to logits ``(b, k)``.
         spec: shape of its images, and its classes.
-        name: of the network, for messages.
+        name: name of the network, for error messages.
     """
 
     def __init__(self, network: nn.Module, spec: ImageSpec, name: str = "this network"):
@@ -72,21 +72,21 @@ class ImageClassifier:
 
         Args:
             run: an MLflow run id, a run directory or its name, a checkpoint, or a published ``.pth.tar``.
-            outputs: folder of runs; where runs are written unless given.
-            trust: build parts of the user's own that the checkpoint names.
+            outputs: folder of runs; the folder that runs are written to by default.
+            trust: build user-defined parts that the checkpoint names.
 
         Raises:
-            UserError: there is no such run, its file is damaged, or it is one of another task.
+            UserError: there is no such run, its file is damaged, or it is of another task.
         """
         found = resolve_run(str(run), default_outputs() if outputs is None else Path(outputs).expanduser())
         return cls.of(read_trained(found.checkpoint), found.checkpoint, trust=trust)
 
     @classmethod
     def of(cls, content: Mapping[str, Any], checkpoint: Path, *, trust: bool = False) -> Self:
-        """The classifier of a checkpoint that was read.
+        """The classifier of a checkpoint that has been read already.
 
         Raises:
-            UserError: as :meth:`load`.
+            UserError: as for :meth:`load`.
         """
         trained = content[KEY]
         if trained["task"] != "classification":
@@ -95,13 +95,13 @@ class ImageClassifier:
         return cls(trained_network(config, content, checkpoint), image_spec(trained["spec"]), str(checkpoint))
 
     def classify(self, image: AnyImage) -> Classified:
-        """What an image shows.
+        """Classify one image.
 
         Args:
             image: a file or an array, as for :meth:`classify_many`.
 
         Raises:
-            UserError: it cannot be read or has another shape, or the network returns NaN.
+            UserError: the image cannot be read or has another shape, or the network returns NaN.
         """
         (found,) = self.classify_many([image], errors="return")
         if isinstance(found, FailedPhoto):
@@ -117,12 +117,12 @@ class ImageClassifier:
     def classify_many(
         self, images: Iterable[AnyImage], *, errors: Errors = "raise"
     ) -> list[Classified] | list[Classified | FailedPhoto]:
-        """What each of some images shows, in their order.
+        """Classify several images; results are in the same order.
 
         Args:
             images: files of any kind and size, which are turned upright, scaled to cover the network's images and
-                cropped at the centre; or arrays of bytes that have the size of the network's images.
-            errors: ``raise`` tries all images, then raises if some failed; ``return`` has a
+                cropped at the centre; or arrays of bytes of the size of the network's images.
+            errors: ``raise`` tries all images, then raises if some failed; ``return`` puts a
                 :class:`~sextant.applications.FailedPhoto` in the place of each that did.
 
         Raises:
@@ -146,7 +146,7 @@ class ImageClassifier:
 
     @torch.no_grad()
     def probabilities(self, images: UInt8[Tensor, "b c h w"]) -> Float32[Tensor, "b k"]:
-        """Probabilities of the classes for images of bytes.
+        """Class probabilities for images of bytes.
 
         Raises:
             UserError: the network returns NaN.

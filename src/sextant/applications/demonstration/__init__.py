@@ -1,4 +1,4 @@
-"""What the demonstration answers: each a function of files that returns plain values, with pictures as data addresses.
+"""The answers of the demonstration: functions of files that return plain values, with pictures as data addresses.
 
-No server and no page: these are in :mod:`sextant.pages.demo`.
+They need no server and no page; these are in :mod:`sextant.pages.demo`.
 """

@@ -1,4 +1,4 @@
-"""A digit under every corruption, and what two networks make of it: one that convolves first, one with push-pull."""
+"""A digit under every corruption, as classified by two networks: one with a convolution first, one with push-pull."""
 
 from pathlib import Path
 from typing import Any, Self
@@ -18,27 +18,27 @@ from sextant.corruptions import BenchmarkSuite
 from sextant.data.digits import Digits
 from sextant.errors import ArgumentError, UserError
 
-#: what the networks are called, and where they are
+#: names of the networks, and where they are
 NETWORKS = {"convolution": "zoo:digits", "push_pull": "zoo:digits_push_pull"}
-#: of MNIST: side of the images, and of the box that its digits were fitted into
+#: in MNIST: side of the images, and of the box that digits were fitted into
 SIDE, BOX = 28, 20
-#: pixels of the longest side at which a picture is looked at
+#: longest side at which a picture is processed, in pixels
 LONGEST = 400
-#: of 255: what is brighter is ink, after the paper was made black; ink spans more, or there is none
+#: of 255: brighter pixels are ink, once the paper is black; if the ink spans less than the second, there is none
 INK, FAINT = 64, 48
-#: width over height from which it is no digit: of 20,000 of MNIST none is wider
+#: ratio of width to height from which it is not a digit: of 20,000 of MNIST none is wider
 WIDEST = 2.0
 
 
 class DigitTrial:
-    """Tries digits under the 19 corruptions of CIFAR-10-C at their five severities, drawn at the size of the digits.
+    """Classifies digits under the 19 corruptions of CIFAR-10-C at five severities, applied at the size of the digits.
 
     >>> found = DigitTrial.load().answer(Path("seven.png"))  # doctest: +SKIP
     >>> print(found["clean"], found["names"][0], found["answers"][0])  # doctest: +SKIP
 
     Args:
-        networks: by name.
-        errors: that the networks make on test digits, as their cards tell, by name.
+        networks: networks by name.
+        errors: their errors on test digits, from their cards, by name.
     """
 
     def __init__(self, networks: dict[str, ImageClassifier], errors: dict[str, Any]):
@@ -47,13 +47,13 @@ class DigitTrial:
 
     @classmethod
     def load(cls) -> Self:
-        """With the networks of the package."""
+        """Load the networks of the package."""
         cards = {name: zoo.read_card(zoo.model_file(each)) for name, each in NETWORKS.items()}
         networks = {name: ImageClassifier.load(each) for name, each in NETWORKS.items()}
         return cls(networks, {name: card["metrics"] for name, card in cards.items()})
 
     def answer(self, picture: Path) -> dict[str, Any]:
-        """What the networks say of a picture of a digit, clean and corrupted.
+        """The networks' answers for a picture of a digit, clean and corrupted.
 
         Raises:
             UserError: the picture cannot be read, or has no digit in it.
@@ -61,7 +61,7 @@ class DigitTrial:
         return self.of(digit_of(read_image(picture, LONGEST).picture))
 
     def of_scan(self, digit: int) -> dict[str, Any]:
-        """The same of a digit that somebody wrote, one of the scans that come with scikit-learn.
+        """The answers for a handwritten digit, one of the scans that come with scikit-learn.
 
         Raises:
             UserError: there is no such digit.
@@ -72,7 +72,7 @@ class DigitTrial:
         return self.of(centred(scans.images[int((scans.labels == digit).argmax()), 0]))
 
     def of(self, digit: UInt8[ndarray, "28 28"]) -> dict[str, Any]:
-        """What the networks say of a digit as MNIST has them: white on black, 28 pixels a side."""
+        """The answers for a digit in MNIST's format: white on black, 28 pixels a side."""
         clean = torch.from_numpy(digit.copy())[None, None].float() / 255
         conditions = self.suite.conditions()
         index = torch.zeros(1, dtype=torch.int64)
@@ -96,10 +96,10 @@ class DigitTrial:
 
 
 def digit_of(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "28 28"]:
-    """What is drawn or written in a picture, as MNIST has digits; dark on bright or bright on dark.
+    """The digit in a picture in MNIST's format; it may be dark on bright or bright on dark.
 
     Raises:
-        UserError: nothing is drawn in it, or something far wider than high.
+        UserError: the picture is empty, or shows something far wider than high.
     """
     grey = np.asarray(Image.fromarray(picture).convert("L")).astype(np.float32)
     edge = np.concatenate([grey[0], grey[-1], grey[:, 0], grey[:, -1]])
@@ -110,7 +110,7 @@ def digit_of(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "28 28"]:
 
 
 def centred(ink: UInt8[ndarray, "h w"]) -> UInt8[ndarray, "28 28"]:
-    """Fitted into a box of 20 pixels, its centre of mass in the middle of 28, as the digits of MNIST were.
+    """Fit a digit into a box of 20 pixels and put its centre of mass in the middle of 28, as in MNIST.
 
     Raises:
         UserError: it is far wider than high.
@@ -134,7 +134,7 @@ def centred(ink: UInt8[ndarray, "h w"]) -> UInt8[ndarray, "28 28"]:
 
 
 def _sheet(images: UInt8[ndarray, "n 28 28"], columns: int) -> UInt8[ndarray, "y x"]:
-    """All images as one, a row of ``columns`` below the other."""
+    """All images as one, in rows of ``columns`` images."""
     side = images.shape[-1]
     sheet: UInt8[ndarray, "y x"] = images.reshape(-1, columns, side, side).swapaxes(1, 2).reshape(-1, columns * side)
     return sheet

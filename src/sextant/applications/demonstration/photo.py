@@ -1,4 +1,4 @@
-"""One photo: its horizon, where gravity pulls, how its lens bends lines, a level copy, and the camera in numbers."""
+"""One photo: its horizon, the direction of gravity, how its lens bends lines, a level copy, and camera parameters."""
 
 import math
 from pathlib import Path
@@ -14,20 +14,20 @@ from sextant.applications.demonstration.pictures import data_address, shrunk
 from sextant.data.photos import read_photo
 from sextant.data.photos.levelling import level_photo
 
-#: width of full frame, the size that photographers give focal lengths for, millimetres
+#: width in millimetres of full frame, the format for which photographers state focal lengths
 FULL_FRAME = 36
-#: every so many points of a curve are drawn
+#: every n-th point of a curve is drawn
 EVERY = 10
 
 
 def photo_answer(calibrator: PhotoCalibrator, path: Path) -> dict[str, Any]:
-    """What is found of a photo.
+    """The results for a photo.
 
     Lines are in heights of the picture from its centre, u to the right and v downwards.
 
     Args:
-        calibrator: by which.
-        path: of the photo.
+        calibrator: calibrates the photo.
+        path: file of the photo.
 
     Raises:
         UserError: the photo cannot be read or calibrated.
@@ -61,7 +61,7 @@ def _lines(camera: PhotoCamera, image: ndarray) -> dict[str, Any]:
 
 
 def _pieces(curve: Float[ndarray, "n 2"]) -> list[list[list[float]]]:
-    """The runs of a curve's points that are numbers."""
+    """The contiguous pieces of a curve without nan."""
     curve = curve[::EVERY]
     there = np.isfinite(curve).all(axis=1)
     runs = np.split(curve, np.flatnonzero(there[1:] != there[:-1]) + 1)
@@ -99,5 +99,5 @@ def _quantities(camera: PhotoCamera) -> list[dict[str, Any]]:
 
 
 def _ends(ends: tuple[float, float], scale: float) -> list[float | None]:
-    """Both ends, None for infinity, which JSON has not."""
+    """Both ends, None for infinity, which JSON does not have."""
     return [scale * end if math.isfinite(end) else None for end in ends]

@@ -1,4 +1,4 @@
-"""Pictures for a page: small, and in the page itself."""
+"""Pictures for a page: small, and embedded in the page."""
 
 import base64
 import io
@@ -12,15 +12,15 @@ from PIL import Image
 
 from sextant.data.photos import read_photo
 
-#: pixels of the longest side of what a page shows
+#: longest side of what a page shows, in pixels
 LONGEST = 1000
 
 
 def page_picture(path: Path) -> dict[str, Any]:
-    """A photo of any kind as a page can show it: upright and small.
+    """A photo of any kind in a form that a page can show: upright and small.
 
     Raises:
-        UserError: as :func:`~sextant.data.photos.read_photo`.
+        UserError: as for :func:`~sextant.data.photos.read_photo`.
     """
     photo = read_photo(path)
     return {"picture": data_address(shrunk(photo.image)), "width": photo.width, "height": photo.height}
@@ -34,7 +34,7 @@ def shrunk(image: UInt8[ndarray, "h w 3"], longest: int = LONGEST) -> UInt8[ndar
 
 
 def data_address(image: UInt8[ndarray, "h w *c"]) -> str:
-    """An image as a ``data:`` address: WebP where it is transparent, PNG where it is grey, JPEG of all others."""
+    """An image as a ``data:`` address: WebP if it is transparent, PNG if it is grey, otherwise JPEG."""
     kind = {4: "webp", 3: "jpeg"}.get(image.shape[2] if image.ndim == 3 else 1, "png")
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, kind, **({} if kind == "png" else {"quality": 88}))

@@ -1,4 +1,4 @@
-"""Two photos: how similar the network of places finds them, and what can be said of that."""
+"""Two photos: how similar the place-recognition network finds them, and what that means."""
 
 import json
 from pathlib import Path
@@ -19,20 +19,20 @@ NETWORK = "zoo:places"
 #: similarities of known pairs (``python -m benchmarks.same_place``): quantiles at :data:`SHARES`
 KNOWN_PAIRS = Path(__file__).with_name("known_pairs.json")
 SHARES = np.linspace(0, 1, 21)
-#: standard deviation of pixels, of 255, below which a photo is blank; the plainest of known pairs have 2.9
+#: standard deviation of pixels, of 255, below which a photo is blank; the plainest of the known pairs have 2.9
 BLANK = 2
 
 
 class SamePlace:
-    """Compares photos two by two.
+    """Compares pairs of photos.
 
-    A similarity means little by itself, so it stands beside those of pairs whose places are known.
+    A similarity means little by itself, so it is reported beside those of pairs whose places are known.
 
     >>> found = SamePlace.load().answer(Path("day.jpg"), Path("night.jpg"))  # doctest: +SKIP
     >>> print(found["similarity"], found["known"])  # doctest: +SKIP
 
     Args:
-        places: whose descriptor compares; known pairs are those of the package's network.
+        places: map whose descriptor compares; known pairs are those of the package's network.
 
     Attributes:
         size: height, width and channels of the images that are described.
@@ -44,25 +44,25 @@ class SamePlace:
 
     @classmethod
     def load(cls) -> Self:
-        """By the network of the package."""
+        """Load the network of the package."""
         return cls(PlaceMap.load(NETWORK))
 
     def similarities(
         self, first: UInt8[ndarray, "n h w c"], second: UInt8[ndarray, "m h w c"]
     ) -> Float32[ndarray, "n m"]:
-        """Cosines of the descriptors of images."""
+        """Cosine similarities of the descriptors of images."""
         describer = self.places.descriptor.describer
         assert describer is not None
         rows = [unit_norm(describer.describe(images)) for images in (first, second)]
         return np.asarray(rows[0] @ rows[1].T)
 
     def answer(self, first: Path, second: Path) -> dict[str, Any]:
-        """How similar two photos are, and what shares of known pairs are less so, or more.
+        """How similar two photos are, and which shares of the known pairs are less or more similar.
 
         Raises:
             UserError: a photo cannot be read, or is blank.
         """
-        shown = [page_picture(path) for path in (first, second)]  # checks files more closely than the next line does
+        shown = [page_picture(path) for path in (first, second)]  # checks files more strictly than the next line does
         images = [as_pixels(path, self.size) for path in (first, second)]
         for path, image in zip((first, second), images, strict=True):
             if image.std((0, 1)).max() < BLANK:
@@ -79,7 +79,7 @@ class SamePlace:
 
 
 def known_pairs(similarity: float) -> dict[str, Any]:
-    """Where a similarity lies among those of known pairs."""
+    """The rank of a similarity among those of known pairs."""
     known = json.loads(KNOWN_PAIRS.read_text("utf-8"))
     same, other = (float(np.interp(similarity, known[kind], SHARES)) for kind in ("same", "other"))
     middle = {kind: [known[kind][2], known[kind][-3]] for kind in ("same", "other")}

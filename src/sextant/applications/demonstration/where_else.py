@@ -1,4 +1,4 @@
-"""One example or a few, pointed at in photos: where else does it occur?"""
+"""One or a few examples, pointed at in photos: where else do they occur?"""
 
 import math
 from collections.abc import Sequence
@@ -17,33 +17,34 @@ from sextant.errors import ArgumentError
 from sextant.layers.cosfire import GaborBank
 from sextant.layers.cosfire.tuples import offsets
 
-#: pixels of the longest side of the photos that are searched; what is found is some 70 of them wide
+#: longest side of the photos that are searched, in pixels; what is found is about 70 of them wide
 LONGEST = 480
 MOST_EXAMPLES = 3
 ROTATIONS, SCALES = 8, (0.7, 1.0, 1.4)
 MOST_FOUND = 50
-#: minimum response of what is given: the page shows less of it
+#: least response that is returned; the page shows fewer
 LEAST = 0.4
-#: how opaque the strongest response is
+#: opacity of the strongest response
 OPAQUE = 217
 
-#: number of the photo, and the point in shares of its width and height
+#: number of the photo, and the point as shares of its width and height
 Point = tuple[int, float, float]
 
 
 def where_else_answer(
     photos: Sequence[Path], points: Sequence[Point], *, turned: bool = False, resized: bool = False
 ) -> dict[str, Any]:
-    """Find similar spots, by filters configured from what photos show at points; places in shares of the photos' sides.
+    """Find spots similar to points in photos, by filters configured there; positions are shares of the photos' sides.
 
     Args:
         photos: one or two.
-        points: of the examples, at most :data:`MOST_EXAMPLES`.
+        points: points of the examples, at most :data:`MOST_EXAMPLES`.
         turned: find the examples in eight orientations.
         resized: find them at 0.7, 1 and 1.4 times their size.
 
     Raises:
-        UserError: a photo cannot be read, there is no point or too many, or one shows nothing to make a filter of.
+        UserError: a photo cannot be read, there are no points or too many, or a point shows nothing to configure a
+            filter from.
     """
     if not 1 <= len(points) <= MOST_EXAMPLES:
         raise ArgumentError(f"points: {len(points)} given", f"Point at 1 to {MOST_EXAMPLES} things.")
@@ -88,7 +89,7 @@ def _found(detector: ExampleDetector, image: UprightImage) -> dict[str, Any]:
 
 
 def _own(detector: ExampleDetector, image: UprightImage, found: Sequence[Detection]) -> set[int]:
-    """Which are examples themselves; one may be several of them, for what is close together is found once."""
+    """Numbers of the examples' own detections; one may stand for several, since close ones are merged."""
     own = set()
     for example in detector.examples:
         apart = [math.dist(image.at((each.x, each.y)), example.point) for each in found]
@@ -98,14 +99,14 @@ def _own(detector: ExampleDetector, image: UprightImage, found: Sequence[Detecti
 
 
 def glow(response: Float[ndarray, "y x"]) -> UInt8[ndarray, "y x 4"]:
-    """A response as colours to lay over its image: the stronger the brighter, transparent where there is none."""
+    """A response as colours to overlay on its image: the stronger the brighter, transparent where there is none."""
     share = np.clip(response, 0, 1)
     colours = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)[..., ::-1]
     return np.dstack([colours, (OPAQUE * np.sqrt(share)).astype(np.uint8)])
 
 
 def _parts(detector: ExampleDetector, number: int) -> dict[str, Any]:
-    """The lines that a filter is made of: their middles, in shares of the photo's sides, and directions in degrees."""
+    """The lines that make up a filter: their centres as shares of the photo's sides, and directions in degrees."""
     example, filters = detector.examples[number], detector.filters
     parts = filters.tuples(number)
     height, width = example.image.picture.shape[:2]

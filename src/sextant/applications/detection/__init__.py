@@ -1,1 +1,1 @@
-"""Detection of what one example shows, by COSFIRE filters."""
+"""Detection from a single example, by COSFIRE filters."""

@@ -1,4 +1,4 @@
-"""What an example shows, or several, found in images."""
+"""Finding in images what one or several examples show."""
 
 import math
 from collections.abc import Sequence
@@ -20,19 +20,19 @@ from sextant.errors import ArgumentError, UserError
 from sextant.layers.cosfire import Cosfire, Move, keypoints
 from sextant.runs.outputs_folder import default_outputs
 
-#: least score, with filters made by hand and with features of a network: cosines are seldom small
+#: least score, for hand-made filters and for features of a network, whose cosines are seldom small
 THRESHOLD, NETWORK_THRESHOLD = 0.7, 0.8
 
 
 @dataclass(frozen=True)
 class Detection:
-    """Something found.
+    """A detection.
 
     Attributes:
-        x, y: in pixels of the upright original, whose centres are at whole numbers.
-        score: the response, as a share of what the filter answers to its own prototype.
-        move: of the example that answers most; None where the filter tolerates none.
-        example: which one that is, in the order in which they were added.
+        x, y: position in pixels of the upright original, whose centres are at whole numbers.
+        score: the response as a share of the filter's response to its own prototype.
+        move: the move of the example that responds most strongly; None if the filter tolerates none.
+        example: number of that example, in the order of adding.
     """
 
     x: float
@@ -52,15 +52,15 @@ class Detection:
 
 @dataclass(frozen=True)
 class Example:
-    """What a filter was configured from.
+    """An example that a filter was configured from.
 
     Attributes:
-        image: see there.
-        point: of what is looked for, x and y in the image's picture.
-        parts: of the filter as the example shows them.
+        image: the image of the example.
+        point: x and y of what is looked for, in the image's picture.
+        parts: number of parts of the filter as the example shows them.
         radius: largest distance of a part from the centre, in pixels of the maps, at least one.
-        own: the strongest response of the filter at the point, and as near to it as parts may be off.
-        moves: of the filter's forms; None for a form whose move is not known, or where there is but one.
+        own: the filter's strongest response at the point, or within the distance by which parts may be off.
+        moves: moves of the filter's forms; None for a form whose move is unknown, or if there is only one.
     """
 
     image: UprightImage
@@ -72,10 +72,10 @@ class Example:
 
 
 class ExampleDetector:
-    """Finds what an example shows, wherever the same parts are arranged alike: a COSFIRE filter, not trained.
+    """Finds what an example shows, wherever the same parts are arranged alike: a COSFIRE filter, without training.
 
-    It looks through Gabor filters, or through the features of a trained network, see :meth:`load`. Several examples
-    have a filter each, and the one that answers most counts. Images are files of any kind, turned upright by EXIF, or
+    The filter operates on Gabor filters, or on the features of a trained network, see :meth:`load`. Several examples
+    have a filter each, and the strongest response counts. Images are files of any kind, turned upright by EXIF, or
     upright arrays of bytes, grey or RGB.
 
     >>> detector = ExampleDetector(rotations=8).add("photo.jpg", point=(310, 190))  # doctest: +SKIP
@@ -83,22 +83,24 @@ class ExampleDetector:
     ...     print(found.x, found.y, found.score)
 
     Args:
-        features: of a network that filters look through; without them it is what ``preset`` says.
+        features: features of a network for the filters to operate on; otherwise those that ``preset`` names.
         preset: constants of published filters, or ``photo`` (edges) by default; one of
             :data:`~sextant.applications.detection.options.PRESET_NAMES`.
-        rotations: of an example that are found too, evenly over the circle; the preset's, or 1.
-        scales: sizes of an example that are found too, such as ``(0.7, 1, 1.4)``; the preset's, or 1.
-        reflection: mirror images are found too; as the preset says, or not.
-        longest: pixels of the longest side that larger images, examples too, are shrunk to.
-        reach: pixels from the centre of a filter of ``photo`` to its outermost parts: half the size of a thing.
+        rotations: number of orientations of an example to find, evenly spaced over the circle; by default the preset's,
+            or 1.
+        scales: sizes of an example to find, such as ``(0.7, 1, 1.4)``; by default the preset's, or 1.
+        reflection: find mirror images too; by default as the preset says, or not.
+        longest: images larger than this, including examples, are shrunk to this longest side in pixels.
+        reach: distance in pixels from the centre of a ``photo`` filter to its outermost parts: half an object's size.
 
     Attributes:
-        filters: each form of a filter, which is one move of its example, as a filter of its own.
-        examples: that were added.
+        filters: every form of a filter, i.e. one move of its example, as a separate filter.
+        examples: examples that were added.
         threshold: least score of a detection, unless another is given.
 
     Raises:
-        ArgumentError: there is no such preset, or features have none; no rotation, or a scale that is not above 0.
+        ArgumentError: there is no such preset, or it was given together with features; there is no rotation, or a
+            scale is not above 0.
     """
 
     def __init__(
@@ -133,31 +135,32 @@ class ExampleDetector:
         trust: bool = False,
         **chosen: Any,
     ) -> Self:
-        """A detector that looks through the network of a run of classification or place recognition.
+        """A detector on the network of a classification or place-recognition run.
 
         Args:
             run: an MLflow run id, a run directory or its name, a checkpoint, or a published ``.pth.tar``.
-            outputs: folder of runs; where runs are written unless given.
-            layer: whose output is looked at; that which descriptors of places are made of, or a classifier's last map.
-            trust: build parts of the user's own that the checkpoint names.
+            outputs: folder of runs; the folder that runs are written to by default.
+            layer: layer whose output is used; by default the one that place descriptors are made of, or a classifier's
+                last feature map.
+            trust: build user-defined parts that the checkpoint names.
             chosen: as for the class.
 
         Raises:
-            UserError: there is no such run or layer, its file is damaged, or it is one of another task.
+            UserError: there is no such run or layer, its file is damaged, or it is of another task.
         """
         folder = default_outputs() if outputs is None else Path(outputs).expanduser()
         return cls(trained_features(str(run), folder, layer, trust=trust), **chosen)
 
     @torch.no_grad()
     def add(self, example: AnyImage | UprightImage, point: tuple[float, float] | None = None) -> Self:
-        """Look for what an example shows, too.
+        """Add an example of what to look for.
 
         Args:
             example: an image.
-            point: x and y of what is looked for, in pixels of the upright original; None is the middle.
+            point: x and y of what is looked for, in pixels of the upright original; None is the centre.
 
         Raises:
-            UserError: the image cannot be read, or has nothing at the point that a filter could be made of.
+            UserError: the image cannot be read, or has nothing at the point to configure a filter from.
         """
         image = upright_image(example, self.longest)
         if point is not None:
@@ -192,7 +195,7 @@ class ExampleDetector:
                 f"the filter does not answer to its own prototype at x {at[0]:.0f}, y {at[1]:.0f}",
                 "Choose a point that is not so near the border of the prototype.",
             )
-        # a bank that cannot steer may have found nothing in some moved examples, and then which is not known
+        # a bank that cannot steer may have found nothing in some moved examples; which ones is then unknown
         known = forms == len(moves) > 1
         return Example(image, at, len(rho), radius, own, moves if known else (None,) * forms)
 
@@ -204,13 +207,14 @@ class ExampleDetector:
         min_distance: float | None = None,
         max_detections: int = MAX_DETECTIONS,
     ) -> list[Detection]:
-        """What is found in an image, the strongest first.
+        """Detect in an image; the strongest detections come first.
 
         Args:
             image: a file, or bytes.
             threshold: least score; :attr:`threshold` unless given.
-            min_distance: within which two are one, in pixels of the original; the filter's radius unless given.
-            max_detections: the strongest.
+            min_distance: distance within which two detections are merged, in pixels of the original; the filter's
+                radius unless given.
+            max_detections: largest number of detections; the strongest are kept.
 
         Raises:
             UserError: there is no example yet, the image cannot be read, or the network cannot take it.
@@ -230,7 +234,7 @@ class ExampleDetector:
         min_distance: float | None = None,
         max_detections: int = MAX_DETECTIONS,
     ) -> tuple[Float[ndarray, "y x"], list[Detection]]:
-        """The response over an image, and what :meth:`detect` finds in it.
+        """The response over an image, and the detections as for :meth:`detect`.
 
         Raises:
             UserError: there is no example yet, or the network cannot take the image.
@@ -258,7 +262,7 @@ class ExampleDetector:
 
     @torch.no_grad()
     def respond(self, image: Float[Tensor, "c h w"]) -> tuple[Float[Tensor, "y x"], Int64[Tensor, "y x"]]:
-        """The strongest response of all forms, each as a share of its example's own, and the number of the form.
+        """The strongest response over all forms, as a share of its example's own, and the number of that form.
 
         Raises:
             UserError: there is no example yet, or the network cannot take the image.
@@ -272,11 +276,11 @@ class ExampleDetector:
 
     @torch.no_grad()
     def strongest(self, images: Float[Tensor, "n c h w"], columns: int = 1) -> Float[Tensor, "n examples columns"]:
-        """How strongly each example is answered in vertical strips of images, as a share of its own response.
+        """The strongest response to each example in vertical strips of images, as a share of its own response.
 
         Args:
-            images: in [0, 1], of one size.
-            columns: strips, from left to right.
+            images: images in [0, 1], of one size.
+            columns: number of strips, from left to right.
 
         Raises:
             UserError: there is no example yet, or the network cannot take the images.

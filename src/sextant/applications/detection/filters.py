@@ -1,4 +1,4 @@
-"""Filters that are not configured yet, by what the user chose."""
+"""Filters that are not configured yet, for the options that the user chose."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,14 +18,14 @@ from sextant.layers.cosfire import (
     preset,
 )
 
-#: the least that a vector of a network counts, as a cosine: one that is missing does not silence a filter
+#: least contribution of a network's vector, as a cosine: a missing one does not silence a filter
 FLOOR = 0.05
-#: pixels from the centre of a filter for photos to its outermost parts
+#: distance in pixels from the centre of a filter for photos to its outermost parts
 REACH = 32.0
 
 
 def preset_filter(name: str, reach: float = REACH) -> Cosfire:
-    """A filter over Gabor filters or differences of Gaussians; ``reach`` is that of ``photo``.
+    """A filter on Gabor filters or differences of Gaussians; ``reach`` only applies to ``photo``.
 
     Raises:
         ArgumentError: there is no such preset.
@@ -36,7 +36,7 @@ def preset_filter(name: str, reach: float = REACH) -> Cosfire:
 
 
 def photo_filter(reach: float = REACH) -> Cosfire:
-    """Edges on circles of up to ``reach`` pixels, of a quarter of that for a wavelength: for things twice as large.
+    """Edges on circles of up to ``reach`` pixels, with a wavelength of a quarter of that, for objects twice as large.
 
     Raises:
         ArgumentError: the reach is less than 8 pixels, where no edge has a direction.
@@ -52,11 +52,11 @@ def photo_filter(reach: float = REACH) -> Cosfire:
 
 
 def network_filter(features: nn.Module, size: int) -> Cosfire:
-    """A filter over the directions of feature vectors.
+    """A filter on the directions of feature vectors.
 
     Args:
         features: maps images to ``(b, size, y, x)``.
-        size: numbers of a feature vector.
+        size: length of a feature vector.
     """
     return Cosfire(VectorBank(features, size), VectorKeypoints(), blur=Blur(0.67, 0.1), floor=FLOOR)
 
@@ -64,10 +64,10 @@ def network_filter(features: nn.Module, size: int) -> Cosfire:
 def tolerant(
     filters: Cosfire, rotations: int | None, scales: Sequence[float] | None, reflection: bool | None
 ) -> Cosfire:
-    """With the moves that the user chose, those of the filter where nothing was; the example itself is among them.
+    """The filter with the tolerances that the user chose, otherwise its own; the example itself is always included.
 
     Raises:
-        ArgumentError: no rotation, or a scale that is not above 0.
+        ArgumentError: there is no rotation, or a scale is not above 0.
     """
     own: Tolerance = filters.tolerance
     try:
@@ -80,5 +80,5 @@ def tolerant(
         )
     except ValueError as error:
         raise ArgumentError(str(error), "For example rotations=8, scales=(0.7, 1, 1.4)") from None
-    filters.t3 = 0.0  # of the image's own strongest: what is found then hangs on what else there is. threshold= does it
+    filters.t3 = 0.0  # relative to an image's strongest response, i.e. to what else it shows; threshold= replaces it
     return filters

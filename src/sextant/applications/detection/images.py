@@ -24,9 +24,9 @@ class UprightImage:
     """A decoded image, perhaps smaller than its original.
 
     Attributes:
-        name: its file, for messages.
+        name: its file, for error messages.
         picture: RGB bytes.
-        width, height: of the upright original, pixels.
+        width, height: size of the upright original, pixels.
     """
 
     name: str
@@ -36,16 +36,16 @@ class UprightImage:
 
     @property
     def scale(self) -> float:
-        """Pixels of the picture for one of the original."""
+        """Pixels of the picture per pixel of the original."""
         return float(self.picture.shape[1] / self.width)
 
     def tensor(self, channels: int) -> Float[Tensor, "c h w"]:
-        """In [0, 1]; one channel is the luma."""
+        """The picture with values in [0, 1]; a single channel is the luma."""
         picture = self.picture if channels == 3 else np.asarray(Image.fromarray(self.picture).convert("L"))[..., None]
         return torch.from_numpy(picture.copy()).permute(2, 0, 1).float() / 255
 
     def at(self, point: tuple[float, float]) -> tuple[float, float]:
-        """A point of the original in the picture; pixels have their centres at whole numbers."""
+        """A point of the original in picture coordinates; pixel centres are at whole numbers."""
         across, down = self.picture.shape[1] / self.width, self.picture.shape[0] / self.height
         return (point[0] + 0.5) * across - 0.5, (point[1] + 0.5) * down - 0.5
 
@@ -54,7 +54,7 @@ def upright_image(image: AnyImage | UprightImage, longest: int) -> UprightImage:
     """An image of any size; larger ones are shrunk so that their longest side has ``longest`` pixels.
 
     Raises:
-        UserError: as :func:`read_image`, or an array is not of bytes, grey or RGB.
+        UserError: as for :func:`read_image`, or an array is not of bytes, grey or RGB.
     """
     if isinstance(image, UprightImage):
         return image
@@ -75,7 +75,7 @@ def read_image(path: Path, longest: int) -> UprightImage:
     """Decode an image of any size; larger ones are shrunk so that their longest side has ``longest`` pixels.
 
     Raises:
-        UserError: as :func:`~sextant.data.photos.read_photo`, but that images may be small.
+        UserError: as for :func:`~sextant.data.photos.read_photo`, except that images may be small.
     """
     try:
         photo = read_photo(path)
@@ -97,11 +97,11 @@ def _shrunk(image: UInt8[ndarray, "h w 3"], longest: int) -> UInt8[ndarray, "h w
 
 
 def _small(path: Path) -> UInt8[ndarray, "h w 3"] | None:
-    """An image too small for a photo, but not for a filter; None if it is none or cannot be read."""
+    """An image too small for a photo but not for a filter; None if it is not an image or cannot be read."""
     try:
         with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
             if min(image.size) >= SMALLEST_SIDE:
                 return None
             return np.asarray(rgb_bytes(upright(image), 1))
-    except Exception:  # the decoders raise almost anything, and read_photo has said what is wrong
+    except Exception:  # decoders raise almost anything, and read_photo has reported what is wrong
         return None

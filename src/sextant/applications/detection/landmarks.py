@@ -1,4 +1,4 @@
-"""Landmarks that somebody pointed at, as the descriptor of an image: how strongly and where each is seen in it."""
+"""Hand-picked landmarks as an image descriptor: how strongly and where each is seen in the image."""
 
 import math
 from collections.abc import Sequence
@@ -17,30 +17,30 @@ from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.errors import ArgumentError
 from sextant.runs.outputs_folder import default_outputs
 
-#: images that filters look at together
+#: images that are filtered at a time
 BATCH = 32
-#: pixels that a filter reaches at least
+#: least reach of a filter in pixels
 LEAST_REACH = 8.0
 
 
 class Landmarks:
     r"""COSFIRE filters, one for each point on a photo, and their strongest responses in strips of an image.
 
-    With :math:`R_l(x)` the response of the filter of landmark l as a share of what it answers to its own example, the
+    With :math:`R_l(x)` the response of the filter of landmark l, as a share of its response to its own example, the
     descriptor is :math:`\max_{x \in s} R_l(x)` for each landmark l and vertical strip s of the image, from left to
-    right. Beside an ordinary descriptor, the numbers are multiplied so that over the map their mean variance is
+    right. Beside an ordinary descriptor, the numbers are scaled such that over the map their mean variance is
     ``weight`` squared times the other's.
 
-    The photo is one of the map's camera; it is stretched to the size of the images, and so are the points.
+    The photo is taken with the map's camera; it is stretched to the size of the images, and so are the points.
 
     Args:
-        photo: on which the points are.
-        points: x and y in pixels of the photo, upright.
+        photo: the photo that the points lie on.
+        points: x and y in pixels of the upright photo.
         beside: name of an ordinary descriptor that the landmarks are appended to; None for the landmarks alone.
-        columns: strips of an image.
-        reach: of the filters, in heights of an image: half the size of a landmark; not of filters on a network.
-        weight: of the landmarks beside the ordinary descriptor.
-        network: run whose features the filters look at, in place of Gabor filters.
+        columns: number of strips of an image.
+        reach: reach of the filters, in heights of an image: half the size of a landmark; not for filters on a network.
+        weight: weight of the landmarks relative to the ordinary descriptor.
+        network: run whose features the filters operate on, instead of Gabor filters.
 
     Raises:
         UserError: there is no point, an argument is out of range, or there is no such descriptor.
@@ -72,10 +72,10 @@ class Landmarks:
         self.add(photo, points)
 
     def add(self, photo: AnyImage, points: Sequence[tuple[float, float]]) -> Self:
-        """More landmarks, on another photo; before :meth:`fit`.
+        """Add landmarks on another photo; before :meth:`fit`.
 
         Raises:
-            UserError: there is no point, points are not pairs of finite numbers, or the filters are configured.
+            UserError: there is no point, points are not pairs of finite numbers, or the filters are configured already.
         """
         if self._detector is not None:
             raise ArgumentError("add: the filters are configured already", "Add all landmarks before fit.", of=self)
@@ -91,10 +91,10 @@ class Landmarks:
         return self
 
     def fit(self, images: UInt8[ndarray, "n h w c"]) -> Self:
-        """Configure the filters for images of this size, and learn how much landmarks count beside the other.
+        """Configure the filters for images of this size, and fit the weight of landmarks beside the other descriptor.
 
         Raises:
-            UserError: a photo cannot be read, or has nothing at a point that a filter could be made of; or the images
+            UserError: a photo cannot be read, or has nothing at a point to configure a filter from; or the images
                 are too low for filters of this reach.
             ValueError: there are too few images for the ordinary descriptor.
         """
@@ -107,14 +107,14 @@ class Landmarks:
         return self
 
     def describe(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
-        """The ordinary descriptor, if there is one, then each landmark's strips."""
+        """The ordinary descriptor, if there is one, followed by each landmark's strips."""
         responses = np.float32(self.scale) * self.responses(images)
         if self.ordinary is None:
             return responses
         return np.concatenate([self.ordinary.describe(images), responses], axis=1)
 
     def responses(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
-        """Each landmark's strips: shares of what its filter answers to its own example.
+        """Each landmark's strips: responses as shares of the filter's response to its own example.
 
         Raises:
             UserError: the network cannot take the images.

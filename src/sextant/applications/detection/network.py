@@ -1,4 +1,4 @@
-"""The features of a trained network that a filter looks at."""
+"""The features of a trained network on which a filter operates."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ class TrainedFeatures:
 
     Attributes:
         features: maps images in [0, 1] to its feature map.
-        size: channels of the map.
-        channels: of the images.
-        facts: which run, checkpoint and layer, for the files that are written.
+        size: channels of the feature map.
+        channels: channels of the images.
+        facts: run, checkpoint and layer, for the files that are written.
     """
 
     features: nn.Module
@@ -33,17 +33,17 @@ class TrainedFeatures:
 
 
 def trained_features(reference: str, outputs: Path, layer: str | None, *, trust: bool) -> TrainedFeatures:
-    """The features of a run of classification or place recognition.
+    """The features of a classification or place-recognition run.
 
     Args:
         reference: the run, see :func:`~sextant.runs.resolve.resolve_run`.
         outputs: folder of runs.
-        layer: whose output the features are; None is the one that descriptors of places are made of, or the last map
-            of a classifier where that has a usual name.
-        trust: build parts of the user's own that the checkpoint names.
+        layer: layer whose output is used; by default the one that place descriptors are made of, or the last feature
+            map of a classifier, if that has a usual name.
+        trust: build user-defined parts that the checkpoint names.
 
     Raises:
-        UserError: there is no such run or layer (those there are, are listed), or its task has no such network.
+        UserError: there is no such run or layer (those that exist are listed), or its task has no such network.
     """
     found = resolve_run(reference, outputs)
     content = read_trained(found.checkpoint)
@@ -59,7 +59,7 @@ def trained_features(reference: str, outputs: Path, layer: str | None, *, trust:
     before: nn.Module = nn.Identity()
     if trained["task"] == "place_recognition":
         before, network = network.standardize, network.backbone
-        if isinstance(network, FeatureMap):  # one within another would never see its layer
+        if isinstance(network, FeatureMap):  # nested, the outer one would never see its layer
             layer, network = layer or network.layer, network.network
     features = FeatureMap(network, spec["channels"], (spec["height"], spec["width"]), layer=layer)
     whole = nn.Sequential(before, features).eval().requires_grad_(False)

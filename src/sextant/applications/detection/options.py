@@ -1,14 +1,14 @@
-"""What may be chosen of detection from an example; imports nothing heavy."""
+"""Options of detection from an example; imports nothing heavy."""
 
 from typing import Literal, get_args
 
 from sextant.errors import ArgumentError
 
-#: of ours for photos, then those of :data:`sextant.layers.cosfire.PRESETS` that detect (those of vessels delineate)
+#: our own for photos, then those of :data:`sextant.layers.cosfire.PRESETS` that detect (those of vessels delineate)
 Preset = Literal["photo", "bifurcation", "symbol", "digit", "traffic_sign"]
 PRESET_NAMES: tuple[Preset, ...] = get_args(Preset)
 PHOTO: Preset = "photo"
-#: pixels of the longest side that larger images, examples too, are shrunk to; detections of an image, the strongest
+#: longest side in pixels that larger images, including examples, are shrunk to; most detections per image, by strength
 LONGEST, MAX_DETECTIONS = 800, 100
 
 

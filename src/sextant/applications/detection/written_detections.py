@@ -1,4 +1,4 @@
-"""The files of all images together: a table of detections, and everything."""
+"""The files for all images together: a table of detections, and a JSON file with everything."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -14,12 +14,12 @@ MOVE_COLUMNS = ("rotation_deg", "scale", "mirrored")
 
 
 def write_detections(rows: Sequence[Mapping[str, Any]], facts: Mapping[str, Any], output: Path) -> None:
-    """Write ``detections.csv``, a row a detection or an image that could not be read, and ``detections.json``.
+    """Write ``detections.csv``, a row per detection or unreadable image, and ``detections.json``.
 
     Args:
-        rows: one an image: its file, size and detections, or its error.
-        facts: of the filter, for ``detections.json``.
-        output: folder.
+        rows: one per image: its file, size and detections, or its error.
+        facts: facts of the filter, for ``detections.json``.
+        output: folder to write into.
 
     Raises:
         UserError: the disk is full, or the folder cannot be written to.
@@ -32,11 +32,11 @@ def write_detections(rows: Sequence[Mapping[str, Any]], facts: Mapping[str, Any]
 
 
 def filter_facts(detector: ExampleDetector, source: Mapping[str, Any]) -> dict[str, Any]:
-    """The filter of a detector with one example as plain values.
+    """The filter of a detector with one example, as plain values.
 
     Args:
-        detector: with its example.
-        source: what the filter looks through: a preset, or a run and its layer.
+        detector: detector with its example.
+        source: what the filter operates on: a preset, or a run and its layer.
     """
     (example,) = detector.examples
     scale = example.image.scale

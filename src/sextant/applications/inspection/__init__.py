@@ -1,4 +1,4 @@
-"""What a user's own folder holds, which tasks fit it, and the commands for them: :func:`inspect`."""
+"""What a user's own folder contains, which tasks fit it, and the commands for them: :func:`inspect`."""
 
 from sextant.applications.inspection.inspecting import Inspection, inspect
 from sextant.applications.inspection.summary import summary

@@ -1,4 +1,4 @@
-"""Drives with poses: what ``dataset=pose_folder`` needs to be told of them."""
+"""Drives with poses: the settings that ``dataset=pose_folder`` needs for them."""
 
 import os
 from collections.abc import Iterator
@@ -15,13 +15,13 @@ from sextant.data.localization.plane import AHEAD, PLANES, Ahead, to_plane
 from sextant.data.localization.pose_folder import FILES, PoseFormat
 from sextant.errors import ArgumentError
 
-#: videos and recordings that get a command, at most
+#: largest number of videos and recordings that get a command
 MOST_STREAMS = 4
-#: metres: shorter steps tell nothing of where a body looks
+#: metres: shorter steps say nothing about where a body looks
 STEP = 1e-3
-#: the body's axis that is upright where another looks ahead: y of a camera points down, z of a robot up
+#: the body's upright axis if another looks ahead: y of a camera points down, z of a robot up
 UPRIGHT: dict[Ahead, int] = {"z": 1, "x": 2}
-#: what localizes photos in a map of the user's own, and images too small for the network that describes those
+#: commands for photos in a map of the user's own, and for images too small for the network that describes photos
 OF_PHOTOS, OF_SMALL = ("experiment=localization_folder",), ("task=localization", "dataset=pose_folder")
 #: pixels of the shorter side from which an image is a photo, as in applications/localization/localizer_folder.py
 ENOUGH = 48
@@ -30,7 +30,7 @@ LEVEL = 0.7
 
 
 def localization(seen: Seen) -> Iterator[Suggestion]:
-    """Localization in a map of the user's own, and in one of a run for a video."""
+    """Localization in a map of the user's own and, for videos, in that of a run."""
     yield from _walks(seen)
     yield from _of_poses(seen)
     streams = [seen.folder / each.name for each in seen.videos] + [seen.folder / bag for bag in seen.files.recordings]
@@ -46,7 +46,7 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
 
 
 def _usable(seen: Seen) -> Iterator[tuple[FoundPoses, PoseFormat, Path]]:
-    """The poses of all images of a folder, with their format and the folder."""
+    """Poses that cover all images of a folder, with their format and the folder."""
     for each in seen.poses:
         whole = each.posed and not each.unposed and not each.problem and each.headings
         if whole and each.images is not None and each.format != "cold":
@@ -128,13 +128,13 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
 
 
 def _show_enough(seen: Seen, found: dict[Path, FoundPoses]) -> bool:
-    """Whether the network of places, which describes photos, sees something in the images of all drives."""
+    """Whether the images of all drives are large enough for the place-recognition network, which describes photos."""
     sides = [min(each.width, each.height) for file, each in seen.headers.items() if file.parent in found]
     return min(sides, default=0) >= ENOUGH
 
 
 def _on_one_ground(seen: Seen, found: dict[Path, FoundPoses]) -> dict[Path, FoundPoses]:
-    """The drives that come near the map, which is the first of them."""
+    """The drives that come close to the map, which is the first of them."""
     folders = sorted(found, key=lambda each: not each.name.lower().startswith(MAPS))
     drives = {folder: positions(seen.headers, folder) for folder in folders}
     return {folder: found[folder] for folder in folders if same_ground(drives[folders[0]], drives[folder])}
@@ -145,9 +145,9 @@ def _below(folder: Path, base: Path) -> str:
 
 
 def axes(found: FoundPoses) -> dict[str, str] | None:
-    """The plane that is moved in and the axis that looks ahead, as far as they are not the defaults.
+    """The plane of motion and the axis that looks ahead, where they are not the defaults.
 
-    The plane's normal is the axis of the world that the body's upright one is nearest to.
+    The normal of the plane is the world axis that is closest to the body's upright axis.
     """
     if found.poses is None:
         return {}

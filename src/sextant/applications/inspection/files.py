@@ -11,7 +11,7 @@ from sextant.data.localization.frames import VIDEOS
 from sextant.data.localization.rosbag import FIRST, METADATA
 from sextant.data.photo_files import FOUND_IN_FOLDERS
 
-#: what may hold poses, or what is known of photos
+#: files that may contain poses, or facts about photos
 TABLES = (".txt", ".csv", ".tum", ".kitti", ".json", ".bin")
 
 
@@ -20,12 +20,12 @@ class FoundFiles:
     """Files below a folder, relative to it, in natural order; hidden ones are left out.
 
     Attributes:
-        images, videos: by their suffixes.
-        tables: that may hold poses.
+        images, videos: images and videos, by their suffixes.
+        tables: files that may contain poses.
         recordings: ROS bags: files of ROS 1, folders of ROS 2.
         others: how many there are of each other suffix.
         unreadable: reasons by file or folder.
-        links: folders that are links, which are not followed.
+        links: links to folders, which are not followed.
     """
 
     images: tuple[Path, ...]
@@ -38,7 +38,7 @@ class FoundFiles:
 
 
 def found_files(path: Path) -> FoundFiles:
-    """List a folder and all below it, or one file. A link to a folder is not followed: it may lead in a circle."""
+    """List a folder recursively, or one file. Links to folders are not followed, since they may be circular."""
     unreadable: dict[str, str] = {}
     links: list[Path] = []
     walked = _walk(path, unreadable, links) if path.is_dir() else [Path(path.name)]
@@ -67,7 +67,7 @@ def _walk(folder: Path, unreadable: dict[str, str], links: list[Path]) -> Iterat
         links += [here / name for name in folders if (Path(base) / name).is_symlink()]
         for name in files:
             path = Path(base) / name
-            if path.exists() and not path.is_file():  # a pipe might never end
+            if path.exists() and not path.is_file():  # reading a pipe might never end
                 unreadable[(here / name).as_posix()] = "is no file"
             elif not name.startswith("."):
                 yield here / name

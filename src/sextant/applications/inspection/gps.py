@@ -1,4 +1,4 @@
-"""Folders whose photos all have a position by GPS: drives without a file of poses."""
+"""Folders whose photos all have a GPS position: drives without a file of poses."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,12 +11,12 @@ from sextant.data.photos.gps import GpsPosition
 from sextant.data.photos.header import PhotoHeader
 from sextant.data.places.gps_poses import local_poses
 
-#: metres between the grounds of two drives through the same places, at most
+#: largest distance in metres between the grounds of two drives through the same places
 APART_M = 50.0
 
 
 def positions(headers: Mapping[Path, PhotoHeader], folder: Path | None = None) -> list[GpsPosition]:
-    """Of all photos, or of those right in a folder."""
+    """Positions of all photos, or of those directly in a folder."""
     return [
         each.gps for file, each in headers.items() if each.gps is not None and (folder is None or file.parent == folder)
     ]
@@ -33,13 +33,13 @@ def poses_by_gps(headers: Mapping[Path, PhotoHeader], folders: Sequence[FolderOf
 
 
 def extent_m(found: Sequence[GpsPosition]) -> tuple[float, float]:
-    """Metres from west to east and from south to north."""
+    """Extent in metres from west to east and from south to north."""
     east, north = np.ptp([(pose.x, pose.y) for pose in local_poses(found)], axis=0)
     return float(east), float(north)
 
 
 def same_ground(one: Sequence[GpsPosition], other: Sequence[GpsPosition]) -> bool:
-    """Whether the boxes around two drives come within :data:`APART_M` of each other."""
+    """Whether the bounding boxes of two drives come within :data:`APART_M` of each other."""
     places = np.array([(pose.x, pose.y) for pose in local_poses([*one, *other])])
     first, second = places[: len(one)], places[len(one) :]
     return bool(((first.max(0) + APART_M >= second.min(0)) & (second.max(0) + APART_M >= first.min(0))).all())

@@ -1,4 +1,4 @@
-"""What a user's own folder or video holds, and what can be done with it."""
+"""What a user's own folder or video contains, and what can be done with it."""
 
 from collections import Counter
 from dataclasses import asdict, dataclass
@@ -20,12 +20,12 @@ from sextant.reporter import SILENT, Progress
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """What was found, and which tasks fit.
+    """The contents of a folder, and the tasks that fit them.
 
     Attributes:
-        seen: what the folder holds.
+        seen: what the folder contains.
         suggestions: tasks that fit, with their commands.
-        remarks: what a user should know beforehand.
+        remarks: what the user should know beforehand.
     """
 
     seen: Seen
@@ -33,7 +33,7 @@ class Inspection:
     remarks: tuple[str, ...]
 
     def facts(self) -> dict[str, Any]:
-        """All of it as plain values: the content of a JSON file."""
+        """Everything as plain values: the content of a JSON file."""
         seen, headers = self.seen, self.seen.headers.values()
         return {
             "input": str(seen.given),
@@ -69,18 +69,18 @@ class Inspection:
 
 
 def sizes(seen: Seen) -> dict[tuple[int, int], int]:
-    """How many images have each width and height, the most frequent first."""
+    """How many images have each width and height, the most frequent size first."""
     return dict(Counter((each.width, each.height) for each in seen.headers.values()).most_common())
 
 
 def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspection:
-    """Look at a folder, a photo, a video or a file of poses: by headers, so that thousands of photos take seconds.
+    """Inspect a folder, a photo, a video or a file of poses, by headers, so that thousands of photos take seconds.
 
-    Files of equal size are compared by content, and what has the shape of a panorama is decoded, small.
+    Files of equal size are compared by content, and photos with the shape of a panorama are decoded at a small size.
 
     Args:
         input: what to look at.
-        progress: shows how far the work is.
+        progress: shows the progress of the work.
 
     Raises:
         ArgumentError: there is no such file or folder.
@@ -118,7 +118,7 @@ def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspecti
 
 
 def _remarks(seen: Seen) -> list[str]:
-    """What is odd, and what follows from it."""
+    """Irregularities and their consequences."""
     said: list[str] = []
     photos = len(seen.headers) - len(seen.panoramas)
     if not seen.headers and not seen.videos and not seen.poses and not seen.files.recordings:

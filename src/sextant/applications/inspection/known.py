@@ -1,4 +1,4 @@
-"""Cameras that are known beside photos, and datasets in their published layout."""
+"""Known cameras beside photos, and datasets in their published layout."""
 
 import csv
 import os
@@ -16,7 +16,10 @@ STANDARD = {
 
 
 def known_cameras(folder: Path, tables: Sequence[Path], headers: Mapping[Path, PhotoHeader]) -> dict[Path, str]:
-    """Folders whose photos' cameras are known, and by what: see :mod:`sextant.data.calibration.known_photos`."""
+    """Folders of photos with known cameras, and the files that state them.
+
+    See :mod:`sextant.data.calibration.known_photos`.
+    """
     found: dict[Path, str] = {}
     for file in tables:
         beside = any(each.is_relative_to(file.parent) for each in headers)
@@ -26,26 +29,26 @@ def known_cameras(folder: Path, tables: Sequence[Path], headers: Mapping[Path, P
 
 
 def level_panoramas(folder: Path, tables: Sequence[Path], panoramas: Sequence[Path]) -> dict[Path, str]:
-    """Folders with a table of panoramas, whose column is ``file``, without cameras."""
+    """Folders with a table of panoramas that has a column ``file``, but no cameras."""
     inside = {path.parent for path in panoramas}
     columns = {file: _columns(folder / file) for file in tables if file.parent in inside}
     return {file.parent: file.name for file, names in columns.items() if "file" in names and "f_px" not in names}
 
 
 def standard_sets(folder: Path) -> dict[str, Path]:
-    """What chooses each published dataset that lies in a folder, or that the folder is part of; and ``paths.data``."""
+    """Options for each published dataset in a folder, or that the folder is part of, with its ``paths.data``."""
     here = folder.resolve()
     found: dict[str, Path] = {}
     for overrides, file in STANDARD.items():
         for base in (here, *here.parents[:2]):
             whole = base / file
-            if os.path.isfile(whole) and whole.is_relative_to(here):  # False where it may not look
+            if os.path.isfile(whole) and whole.is_relative_to(here):  # False without permission to look
                 found[overrides] = base
     return found
 
 
 def _columns(path: Path) -> set[str]:
-    """The header of a CSV file; nothing of any other."""
+    """The column names of a CSV file; empty for any other file."""
     if path.suffix.lower() != ".csv":
         return set()
     try:

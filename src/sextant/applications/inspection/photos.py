@@ -1,4 +1,4 @@
-"""What the headers of many photos say together."""
+"""What the headers of many photos show together."""
 
 import hashlib
 from collections import Counter
@@ -14,25 +14,25 @@ from sextant.data.photos.reading import without_pillow_limit
 from sextant.data.source import file_sha256
 from sextant.reporter import Advance
 
-#: headers that are waited for at a time, on disks and in networks
+#: headers that are read at a time, since disks and networks are slow to answer
 THREADS = 8
-#: bytes that are compared before whole files are
+#: bytes that are compared first, before whole files
 HEAD = 65536
-#: rows that panoramas are looked at with
+#: rows at which panoramas are checked
 PANORAMA_ROWS = 256
-#: a panorama of fewer rows is of no use
+#: a panorama with fewer rows is of no use
 SMALLEST_PANORAMA = 128
 
 
 @dataclass(frozen=True)
 class CameraGroup:
-    """Photos of one camera and one setting of its lens, as far as headers tell.
+    """Photos of one camera and lens setting, as far as headers tell.
 
     Attributes:
-        camera: make and model; "" where EXIF has none.
+        camera: make and model; "" if EXIF names none.
         long, short: sides of the photos, pixels.
-        focal_px: focal length by EXIF, None where it has none.
-        photos: how many there are.
+        focal_px: focal length from EXIF; None if it has none.
+        photos: number of photos.
     """
 
     camera: str
@@ -45,7 +45,7 @@ class CameraGroup:
 def read_headers(
     folder: Path, files: Sequence[Path], advance: Advance
 ) -> tuple[dict[Path, PhotoHeader], dict[str, str]]:
-    """Headers by file, and reasons why there is none by the names of the others."""
+    """Headers by file; and for files without one, the reason by name."""
 
     def read(file: Path) -> PhotoHeader | str:
         try:
@@ -66,7 +66,7 @@ def read_headers(
 
 
 def camera_groups(headers: Sequence[PhotoHeader]) -> list[CameraGroup]:
-    """Cameras with their lens settings, the most frequent first; a photo turned by 90 degrees is of the same."""
+    """Cameras with their lens settings, the most frequent first; photos rotated by 90 degrees count as the same."""
     keys = Counter(
         (
             each.camera,
@@ -80,13 +80,13 @@ def camera_groups(headers: Sequence[PhotoHeader]) -> list[CameraGroup]:
 
 
 def described(groups: Sequence[CameraGroup]) -> str:
-    """How many cameras there are, or sizes where EXIF names none."""
+    """The number of cameras, or of image sizes where EXIF names no camera."""
     named = any(group.camera or group.focal_px for group in groups)
     return f"{len(groups):,} {'cameras or settings of a lens' if named else 'sizes'}"
 
 
 def duplicates(headers: dict[Path, PhotoHeader], advance: Advance) -> list[tuple[str, ...]]:
-    """Files of equal content; only those of equal size are read, and whole only those that begin alike."""
+    """Files of equal content. Only files of equal size are read, and only those with equal beginnings completely."""
     sizes = Counter(header.bytes for header in headers.values())
     asked = [(file, header) for file, header in headers.items() if sizes[header.bytes] > 1]
     begins: dict[tuple[int, bytes], list[Path]] = {}
@@ -103,9 +103,9 @@ def duplicates(headers: dict[Path, PhotoHeader], advance: Advance) -> list[tuple
 
 
 def panoramas(headers: dict[Path, PhotoHeader], advance: Advance) -> list[Path]:
-    """Photos of 2:1 that their metadata call panoramas, or that are closed around; these alone are decoded, small.
+    """Photos of 2:1 that metadata call panoramas, or whose sides join; only these are decoded, at a small size.
 
-    Where most photos of 2:1 in a folder are, all of them are: a bright sky hides the seam of some.
+    If most photos of 2:1 in a folder are panoramas, all of them count as such: a bright sky hides the seam of some.
     """
     wide = {
         file: each

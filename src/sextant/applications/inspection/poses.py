@@ -1,4 +1,4 @@
-"""Files of poses, whatever their format, and the images that they are of."""
+"""Files of poses in any format, and the images that they belong to."""
 
 import csv
 import os
@@ -21,11 +21,11 @@ from sextant.errors import UserError
 from sextant.worlds.trajectories import load_cold
 
 PosesFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "cold"]
-#: bytes that a file is recognised by
+#: number of bytes by which a file is recognised
 HEAD = 65536
 #: larger JSON is read only if its name is that of a reconstruction
 LARGEST_JSON = 64 * 2**20
-#: a pose this much later or earlier is not of an image
+#: a pose that is further than this from an image in time does not belong to it
 NEAR_S = 5.0
 UNIT = 0.05  # a quaternion or a row of a rotation has length 1 to within this
 
@@ -35,19 +35,19 @@ class FoundPoses:
     """A file of poses.
 
     Attributes:
-        file: relative to the folder that is inspected; of GPS the folder of the photos.
-        format: see :class:`~sextant.data.localization.PoseFolder`, and ``cold``, sequences of that database.
-        count: of poses.
-        images: folder of the images that they may be of, relative; None if there is none.
-        posed: images there that have a pose.
-        unposed: images there that have none.
-        without_image: poses without an image.
-        headings: they include where images look.
-        times_s: first and last, of TUM's format.
-        problem: why it cannot be used; "" if it can.
+        file: relative to the folder that is inspected; for GPS the folder of the photos.
+        format: see :class:`~sextant.data.localization.PoseFolder`; also ``cold``, sequences of that database.
+        count: number of poses.
+        images: folder of the images that they may belong to, relative; None if there is none.
+        posed: number of images there with a pose.
+        unposed: number of images there without a pose.
+        without_image: number of poses without an image.
+        headings: the poses include viewing directions.
+        times_s: first and last time, in TUM's format.
+        problem: why the file cannot be used; "" if it can.
         remarks: what a reader should know.
-        poses: ``world_from_body`` of those in space.
-        names: of images, where poses have names.
+        poses: ``world_from_body`` of 3D poses.
+        names: names of the images, where poses have names.
     """
 
     file: Path
@@ -66,12 +66,12 @@ class FoundPoses:
 
 
 def found_poses(folder: Path, file: Path, images: Sequence[Path]) -> FoundPoses | None:
-    """The poses of a file; None if it has none.
+    """Read the poses of a file; None if it has none.
 
     Args:
-        folder: that is inspected.
-        file: relative to it.
-        images: that can be read, relative to it.
+        folder: the folder that is inspected.
+        file: the file, relative to it.
+        images: images that can be read, relative to it.
     """
     with np.errstate(all="ignore"):  # numbers of damaged files may be of any size
         kind = _format(folder / file)
@@ -86,7 +86,7 @@ def found_poses(folder: Path, file: Path, images: Sequence[Path]) -> FoundPoses 
 
 
 def _format(path: Path) -> PosesFormat | None:
-    """By the name and the beginning of a file."""
+    """Detect the format by the name and the beginning of a file."""
     suffix = path.suffix.lower()
     if suffix == ".json":
         return _format_of_json(path)
@@ -99,15 +99,15 @@ def _format(path: Path) -> PosesFormat | None:
         return named_format(path)
     values = np.array(numbers, np.float64)
     rows = values[4:][None] if len(values) == 8 else values.reshape(3, 4)[:, :3]
-    lengths = np.linalg.norm(rows, axis=1)  # of a quaternion, or of the rows of a rotation
-    lost = np.isnan(lengths) | (lengths == 0)  # written where tracking was lost: named, not passed over
+    lengths = np.linalg.norm(rows, axis=1)  # of a quaternion, or of the rows of a rotation matrix
+    lost = np.isnan(lengths) | (lengths == 0)  # written where tracking was lost: to be reported, not passed over
     if not bool((lost | (np.abs(lengths - 1) < UNIT)).all()):
         return None
     return "tum" if len(values) == 8 else "kitti"
 
 
 def _first_lines(path: Path) -> list[str]:
-    """Lines that are no comment; of a file that cannot be read, none."""
+    """Lines that are not comments; none if the file cannot be read."""
     try:
         with path.open("rb") as opened:
             text = opened.read(HEAD).decode("utf-8-sig", "replace")
@@ -136,9 +136,10 @@ def _format_of_json(path: Path) -> PosesFormat | None:
 
 
 def _images_around(file: Path, images: Sequence[Path]) -> Path | None:
-    """The nearest folder around a file that has images: ``sparse/0/images.bin`` lies two below it.
+    """The nearest folder around a file that contains images: ``sparse/0/images.bin`` lies two levels below it.
 
-    Where it has a folder ``images``, as with COLMAP and nerfstudio, it is that one: smaller copies lie beside it.
+    If that folder has a subfolder ``images``, as with COLMAP and nerfstudio, it is that one: smaller copies lie beside
+    it.
     """
     parents = (inner for folder in file.parents for inner in (folder / "images", folder))
     return next((folder for folder in parents if any(path.is_relative_to(folder) for path in images)), None)
@@ -159,7 +160,7 @@ def _read(folder: Path, file: Path, kind: PosesFormat, around: Path | None, imag
         found = read_reconstruction(path, kind)
         rows = found.rows_of([image.as_posix() for image in images])
         own = [image for image, row in zip(images, rows, strict=True) if row is not None]
-        if own and len(own) < len(images):  # those of another split, for example
+        if own and len(own) < len(images):  # the others may be of another split
             around = Path(os.path.commonpath([image.parent for image in own]))
             images = [image for image in images if image.is_relative_to(around)]
         return FoundPoses(
@@ -182,7 +183,7 @@ def _read(folder: Path, file: Path, kind: PosesFormat, around: Path | None, imag
 def _by_time_or_number(
     count: int, times_s: Float64[ndarray, "n"] | None, images: list[Path]
 ) -> tuple[int, int, tuple[str, ...]]:
-    """How many images have a pose, how many poses no image, and what to say of that."""
+    """How many images have a pose, how many poses have no image, and a remark on that."""
     taken = None if times_s is None or not images else times_of_names(images)
     if taken is None or times_s is None:
         if len(images) in (0, count):

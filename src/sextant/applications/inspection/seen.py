@@ -1,4 +1,4 @@
-"""All that is seen in a folder, before anything is suggested."""
+"""Everything that is seen in a folder, before anything is suggested."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,18 +13,18 @@ from sextant.data.photos.header import PhotoHeader
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a folder holds. All paths are relative to it.
+    """The contents of a folder. All paths are relative to it.
 
     Attributes:
-        given: the folder, or the one file, as the user named it.
-        folder: the folder; of one file, the folder around it.
-        files: below it, by what they may be.
-        headers: of the images that can be read.
-        cameras: of all of them, the most frequent first.
-        folders: that images lie in, and their order in time.
-        panoramas: images of 360 degrees.
-        duplicates: images of equal content.
-        videos: that decode.
+        given: the folder, or the single file, as the user named it.
+        folder: the folder; for a single file, the folder around it.
+        files: files below it, by what they may be.
+        headers: headers of the images that can be read.
+        cameras: cameras of these images, the most frequent first.
+        folders: folders that contain images, with the order of these in time.
+        panoramas: 360-degree images.
+        duplicates: images with equal content.
+        videos: videos that can be decoded.
         poses: files of poses.
         unreadable: reasons by name.
     """

@@ -1,4 +1,4 @@
-"""A task that fits, and its commands."""
+"""A suggested task and its commands."""
 
 import re
 import shlex
@@ -9,12 +9,12 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A task that fits what was found.
+    """A task that fits the contents of a folder.
 
     Attributes:
         task: what it does.
-        why: what of the folder speaks for it, and what the user has to see to.
-        commands: to be copied; ``<run>`` stands for a run of the user's.
+        why: what in the folder suggests it, and what the user has to take care of.
+        commands: commands to copy; ``<run>`` stands for one of the user's runs.
     """
 
     task: str
@@ -29,7 +29,7 @@ def command(verb: str, *words: str, **values: object) -> str:
 
 
 def override(path: Path | str) -> str:
-    """A path as a value of Hydra's grammar: in quotation marks where it has more than plain characters."""
+    """A path as a value in Hydra's grammar: quoted unless it consists of plain characters."""
     text = str(path)
     if re.fullmatch(r"[\w./+-]+", text, re.ASCII):
         return text
@@ -37,11 +37,11 @@ def override(path: Path | str) -> str:
 
 
 def overrides_of(folders: Mapping[str, Path]) -> str:
-    """Folders by name as a mapping of Hydra's grammar: ``{run: run}``."""
+    """Named folders as a mapping in Hydra's grammar: ``{run: run}``."""
     return "{" + ", ".join(f"{name}: {override(folder)}" for name, folder in folders.items()) + "}"
 
 
 def plain_name(text: str) -> str:
-    """A name that is a key of a config."""
+    """A name that can be a key of a config."""
     name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
     return name if name and not name[0].isdigit() else f"run_{name}"

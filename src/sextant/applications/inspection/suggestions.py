@@ -1,4 +1,4 @@
-"""Which tasks fit what was found, with commands to copy."""
+"""Tasks that fit what was found, with commands to copy."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,16 +12,16 @@ from sextant.applications.inspection.trajectory_pairs import trajectory_pairs
 from sextant.applications.inspection.traverses import ImageFolders, image_folders
 from sextant.data.photos.header import PhotoHeader
 
-#: shorter side of photos that say something of their camera, pixels
+#: least shorter side of photos that reveal something of their camera, pixels
 SMALLEST_PHOTO = 200
-#: commands for folders of one camera each, at most
+#: largest number of commands for folders of one camera each
 CAMERAS = 4
-#: images of a class, panoramas and focal lengths that are worth a command
+#: least number of images of a class, panoramas and focal lengths that are worth a command
 LEAST_OF_A_CLASS, LEAST_PANORAMAS, LEAST_FOCALS = 5, 3, 5
 
 
 def suggestions(seen: Seen) -> Iterator[Suggestion]:
-    """Tasks that fit, those first that need the least."""
+    """Tasks that fit, those with the fewest requirements first."""
     photos = {file: header for file, header in seen.headers.items() if file not in set(seen.panoramas)}
     folders = image_folders(seen)
     yield from _calibration(seen, photos)

@@ -1,4 +1,4 @@
-"""What was found, in a line for each kind."""
+"""A summary of what was found, a line for each kind."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -12,12 +12,12 @@ from sextant.applications.inspection.times import FolderOfPhotos
 from sextant.applications.inspection.videos import FoundVideo
 from sextant.data.photos.gps import GpsPosition
 
-#: that a line names; the rest is counted
+#: number of items that a line names; the rest is counted
 NAMED = 5
 
 
 def summary(seen: Seen) -> dict[str, str]:
-    """Lines by what they are of; those of which there is nothing are left out."""
+    """Lines by what they describe; empty kinds are left out."""
     headers = list(seen.headers.values())
     sizes = Counter((each.width, each.height) for each in headers).most_common()
     gravity = Counter(each.gravity for each in headers if each.gravity)

@@ -1,4 +1,4 @@
-"""When photos were taken, and whether that is their order."""
+"""When photos were taken, and whether their names are in that order."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from sextant.data.image_files import natural_key
 from sextant.data.localization.pose_times import times_of_names
 from sextant.data.photos.header import PhotoHeader
 
-#: a step in time is a jump if it is so many times the usual one, and longer than so many seconds
+#: a step in time is a jump if it is this many times the usual one, and longer than this many seconds
 JUMP, JUMP_S = 10.0, 5.0
 
 
@@ -21,13 +21,13 @@ class FolderOfPhotos:
     """The photos of one folder, in the natural order of their names.
 
     Attributes:
-        folder: relative to the one that is inspected.
-        files: relative too.
-        times_from: what tells when each was taken; None if nothing does for all of them.
-        times_s: seconds of each, or None.
-        jumps: names of photos before which much more time passes than usual, with these seconds.
+        folder: the folder, relative to the one that is inspected.
+        files: its photos, also relative to the inspected folder.
+        times_from: source of the times at which photos were taken; None if there is none for all of them.
+        times_s: time of each in seconds, or None.
+        jumps: names of photos after an unusually long gap in time, with that gap in seconds.
         backwards: names of photos that were taken before the one ahead of them.
-        same_stem: names that differ in their suffix, or in upper and lower case, alone.
+        same_stem: names that differ from another only in their suffix or in case.
     """
 
     folder: Path
@@ -40,7 +40,7 @@ class FolderOfPhotos:
 
 
 def folders_of_photos(headers: Mapping[Path, PhotoHeader]) -> list[FolderOfPhotos]:
-    """The folders that photos lie in, each with what is known of its order."""
+    """The folders that contain photos, each with what is known of its order."""
     by_folder: dict[Path, list[Path]] = {}
     for file in headers:
         by_folder.setdefault(file.parent, []).append(file)

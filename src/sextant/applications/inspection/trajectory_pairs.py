@@ -8,9 +8,9 @@ from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.suggestion import Suggestion, command
 from sextant.data.reconstructions import NAMED_FORMATS
 
-#: commands, at most
+#: largest number of commands
 MOST = 3
-#: what the name of a reference has
+#: words that the name of a reference contains
 REFERENCE = ("ground", "gt", "truth", "ref", "poses")
 
 

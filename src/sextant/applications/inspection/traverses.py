@@ -1,4 +1,4 @@
-"""Folders of images beside each other: rides through the same places, or classes."""
+"""Sibling folders of images: traverses of the same places, or classes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,24 +8,24 @@ from sextant.applications.inspection.seen import Seen
 from sextant.applications.places.photo_folder import KnownBy
 from sextant.data.places.pose_files import parse_utm_name
 
-#: what a folder of a ride is often called; the first are those of maps
+#: common names of folders of a traverse; the first are those of maps
 MAPS = ("map", "reference", "ref", "database", "db", "gallery")
 RIDES = (*MAPS, "query", "queries", "run", "day", "night", "summer", "winter", "spring", "autumn", "fall")
-#: share of names that two rides have in common if equal names are equal places
+#: share of names that two traverses have in common if equal names mean equal places
 SHARED = 0.9
-#: more folders than this are no rides
+#: more folders than this are not traverses
 MOST = 12
 
 
 @dataclass(frozen=True)
 class ImageFolders:
-    """Folders beside each other, relative to the one that is inspected.
+    """Sibling folders, relative to the one that is inspected.
 
     Attributes:
         base: the folder around them.
-        traverses: rides, the map first; empty if they are none.
-        places: how it is known which of their images show one place.
-        classes: images by class; empty if they are rides.
+        traverses: traverses, the map first; empty if the folders are not traverses.
+        places: source of the ground truth, i.e. which of their images show the same place.
+        classes: number of images by class; empty if the folders are traverses.
     """
 
     base: Path
@@ -35,7 +35,7 @@ class ImageFolders:
 
 
 def image_folders(seen: Seen) -> ImageFolders:
-    """What the folders beside each other are, by their names and those of their images."""
+    """Whether sibling folders are traverses or classes, by their names and those of their images."""
     files = list(seen.headers)
     base = _common(files)
     by_child: dict[Path, list[Path]] = {}
@@ -46,13 +46,13 @@ def image_folders(seen: Seen) -> ImageFolders:
     if len(by_child) < 2 or loose or len(seen.panoramas) == len(files):
         return ImageFolders(base, (), "none", {})
     splits = {folder.name for folder in by_child}
-    if splits == {"train", "test"}:  # of classes
+    if splits == {"train", "test"}:  # folders of classes
         inner = {name: _children(by_child[base / name], base / name) for name in splits}
         if len(inner["train"]) > 1 and inner["train"].keys() == inner["test"].keys():
             return ImageFolders(base, (), "none", inner["train"])
     places = _places(seen, by_child)
     rides = [folder for folder in by_child if folder.name.lower().split("_")[0].split("-")[0] in RIDES]
-    known = places not in ("none", "gps")  # photos of classes may have positions too
+    known = places not in ("none", "gps")  # photos of classes may have GPS positions too
     if len(by_child) <= MOST and (known or len(rides) == len(by_child)):
         ordered = sorted(by_child, key=lambda folder: not folder.name.lower().startswith(MAPS))
         return ImageFolders(base, tuple(ordered), places, {})
@@ -80,7 +80,7 @@ def _children(files: Sequence[Path], base: Path) -> dict[str, int]:
 
 
 def _places(seen: Seen, by_child: dict[Path, list[Path]]) -> KnownBy:
-    """What tells which images of two folders show one place; ``none`` if nothing does for all of them."""
+    """What tells which images of two folders show the same place; ``none`` if nothing does for all of them."""
     tables = {poses.file.parent for poses in seen.poses if poses.format == "csv" and poses.posed and not poses.unposed}
     if tables.issuperset(by_child):
         return "csv"

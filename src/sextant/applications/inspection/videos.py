@@ -1,4 +1,4 @@
-"""What a video is, and whether it decodes."""
+"""The properties of a video, and whether it can be decoded."""
 
 import os
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ class FoundVideo:
     """A video.
 
     Attributes:
-        name: of the file.
-        frames: as its header says.
-        per_second: frames, 0 where the header does not say.
+        name: name of the file.
+        frames: number of frames, as its header states.
+        per_second: frames per second; 0 if the header does not state them.
         width, height: pixels.
     """
 
@@ -24,12 +24,12 @@ class FoundVideo:
 
 
 def found_video(path: Path, name: str) -> FoundVideo | str:
-    """The video, or why there is none; its first frame is decoded."""
+    """The video, or why it cannot be used; its first frame is decoded."""
     if not path.is_file():
         return "is a link to nothing"
     if path.stat().st_size == 0:
         return "is empty (0 bytes)"
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg writes to the terminal what is said here anyway
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # otherwise FFmpeg prints itself what is reported here
     import cv2
 
     video = cv2.VideoCapture(str(path))

@@ -1,1 +1,1 @@
-"""Localization in a map of images, live; maps open from their folder alone."""
+"""Live localization in a map of images; a map can be opened from its folder alone."""

@@ -1,4 +1,4 @@
-"""The map that a run, or a folder, is named for; imports nothing heavy."""
+"""The map that a run or a folder refers to; imports nothing heavy."""
 
 from pathlib import Path
 
@@ -7,13 +7,13 @@ from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run
 from sextant.zoo import PREFIX
 
-#: of a run's folder
+#: in a run's folder
 MAP = "map"
 HEADER, FORMAT = "map.json", "sextant.localization_map"
 
 
 def find_map(reference: Path | str, outputs: Path) -> Path | None:
-    """The folder of the map of a run of localization or of the zoo, or None if it names no such run.
+    """The folder of the map of a localization run or a model of the zoo; None if there is no such run.
 
     Args:
         reference: a folder that a map was saved to, or a run, as for :func:`~sextant.runs.resolve.resolve_run`.
@@ -31,7 +31,7 @@ def find_map(reference: Path | str, outputs: Path) -> Path | None:
         found = resolve_run(str(reference), outputs)
     except UserError:
         return None  # reported where a run is needed
-    if str(reference).startswith(PREFIX):  # a model of the zoo keeps it beside its weights, in a folder of its name
+    if str(reference).startswith(PREFIX):  # a model of the zoo keeps the map beside its weights, in a folder of its own
         folder = found.checkpoint.with_suffix("")
         return folder if (folder / HEADER).is_file() else None
     if found.directory is None or found.directory.state().get("task") != "localization":

@@ -1,4 +1,4 @@
-"""The settings of a filter as plain values, and back; only classes of Sextant are made of what a file names."""
+"""The settings of a filter as plain values, and back; only classes of Sextant are built from what a file names."""
 
 import math
 from collections.abc import Mapping
@@ -21,17 +21,17 @@ from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, Recovery
 from sextant.localization.resampling import SystematicResampling
 
-#: past images that a restart is weighed by as well (what it is worth: docs/localization_change.md)
+#: past images that a restart is also weighed by (what it is worth: docs/localization_change.md)
 WINDOW = 10
 PACKAGES: dict[str, ModuleType] = {"motion": motion, "recovery": recovery, "resampling": resampling}
 
 
 def filter_values(filter: ParticleFilter) -> dict[str, Any]:
-    """What a filter is made of, but for the poses of its prior. A part of the user's own becomes None."""
+    """The settings of a filter except the poses of its prior. A user-defined part becomes None."""
     values: dict[str, Any] = {name: _part(getattr(filter, name), package) for name, package in PACKAGES.items()}
     kld = None if filter.kld is None else asdict(filter.kld)
     held = filter.support
-    reach = None if held is None or held.reach == math.inf else held.reach  # JSON knows no infinity
+    reach = None if held is None or held.reach == math.inf else held.reach  # JSON has no infinity
     support = None if held is None else [reach, held.heading_reach, held.leave, held.outliers]
     apart = None if filter.apart is None else list(filter.apart)
     values |= {"ess_threshold": filter.ess_threshold, "kld": kld, "support": support, "apart": apart}
@@ -41,19 +41,19 @@ def filter_values(filter: ParticleFilter) -> dict[str, Any]:
 def filter_of(
     values: Mapping[str, Any], poses: Any, *, motion: MotionModel | None = None, recovery: Recovery | None = None
 ) -> ParticleFilter:
-    """A filter from its values.
+    """Build a filter from its values.
 
     Args:
-        values: what :func:`filter_values` gave.
-        poses: of the map.
-        motion, recovery: in place of what the values tell.
+        values: values from :func:`filter_values`.
+        poses: poses of the map.
+        motion, recovery: replace those of the values.
 
     Raises:
-        UserError: a part was one of the user's own, and none is given for it.
+        UserError: a part was user-defined, and none is given in its place.
         KeyError, TypeError, ValueError: the values are damaged.
     """
     along, across, heading = (float(sigma) for sigma in values["spread"])
-    support, apart = values.get("support"), values.get("apart")  # maps of before have none
+    support, apart = values.get("support"), values.get("apart")  # older maps have none
     if support is not None:
         support = [math.inf if value is None else float(value) for value in support]
     return ParticleFilter(
@@ -75,7 +75,7 @@ def usual_filter(
     motion: MotionModel | None = None,
     recovery: Recovery | None = None,
 ) -> ParticleFilter:
-    """The filter of a map and its kernel, of which nothing else is known: scales follow from the map's spacing."""
+    """The filter for a map and its kernel where nothing else is known; its scales follow from the map's spacing."""
     spacing, support = map_spacing(poses), MapSupport.of(poses, kernel)
     return ParticleFilter(
         motion or motion_of_spacing(spacing),
@@ -87,7 +87,7 @@ def usual_filter(
 
 
 def usual_radius(poses: Float64[Tensor, "n 3"]) -> float:
-    """Of a mode, in the unit of positions: 2.5 times the spacing of the map."""
+    """The usual radius of a mode, in the unit of positions: 2.5 times the spacing of the map."""
     return 2.5 * map_spacing(poses)
 
 

@@ -1,4 +1,4 @@
-"""From a drive to where each of its images was taken, and the files that say so."""
+"""Localizing the images of a drive, and writing files that state where each was taken."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -19,20 +19,20 @@ from sextant.errors import UserError
 from sextant.localization.foresight import LEAST
 from sextant.reporter import SILENT, Progress
 
-#: an animation of the particles, if there is to be one
+#: animation of the particles, if there is to be one
 ReplayKind = Literal["mp4", "gif", "none"]
-#: odometry that errs so many times alike is remarked on
+#: an odometry scale that deviates from 1 by more than this factor is remarked on
 MISTAKEN = 1.1
 
 
 @dataclass(frozen=True, eq=False)
 class LocalizedDrive:
-    """What was found.
+    """The result of localizing a drive.
 
     Attributes:
         rows: where each image was taken.
-        files: that were written.
-        interrupted: Ctrl-C came before the last image; of those before it everything was written.
+        files: files that were written.
+        interrupted: Ctrl-C came before the last image; everything was written for the images before it.
     """
 
     rows: list[Row]
@@ -53,21 +53,21 @@ def localize_drive(
 ) -> LocalizedDrive:
     """Localize the images of a drive one after the other, and write where each was taken.
 
-    Ctrl-C ends the drive there: what was localized until then is written.
+    Ctrl-C ends the drive there: what was localized so far is written.
 
     Args:
-        localizer: in the map; what it believed is taken as the start.
-        drive: whose odometry and times count; remarks are added to it.
+        localizer: localizer in the map; its current belief is the start.
+        drive: the drive with its odometry and times; remarks are added to it.
         frames: its images, of the size of the map's.
-        output: a folder that is there, for ``poses.csv``, ``trajectory.tum``, ``trajectory.png`` and what else is
+        output: an existing folder, for ``poses.csv``, ``trajectory.tum``, ``trajectory.png`` and whatever else is
             asked for.
         replay: write an animation of the particles.
         smooth: write ``smoothed.tum`` too; the localizer's ``lag`` must be the length of the drive.
-        progress: shows how far the work is.
-        watch: called with each step, as it is.
+        progress: shows the progress of the work.
+        watch: called with each step as it happens.
 
     Raises:
-        UserError: not one image can be used, or the disk is full.
+        UserError: none of the images can be used, or the disk is full.
         KeyboardInterrupt: before the first image was localized.
     """
     rows, moments, interrupted = list[Row](), Replay(), False
@@ -107,7 +107,7 @@ def localize_drive(
 
 
 def _doubts(localizer: Localizer, rows: list[Row]) -> Iterator[str]:
-    """What the images say against odometry and the map."""
+    """Remarks where images contradict odometry or the map."""
     if abs(math.log(scale := localizer.odometry_scale)) > math.log(MISTAKEN):
         told = "short" if scale > 1 else "long"
         yield f"odometry tells of too {told} a way: in the end it was taken {scale:.2f} times"

@@ -1,11 +1,11 @@
-"""Where a robot is, live: images and odometry go in one after the other, poses with their uncertainty come out.
+"""Live localization of a robot: images and odometry go in step by step, poses with their uncertainty come out.
 
 >>> localizer = Localizer.load("outputs/runs/localization/1a2b3c4d-s0")  # doctest: +SKIP
 >>> for motion, image in robot:  # doctest: +SKIP
 ...     told = localizer.step(motion, image)
 ...     print(told.pose, told.sigmas, told.lost)
 
-The map may also be made of arrays, with :meth:`Localizer.from_images`, and saved with :meth:`Localizer.save`.
+The map may also be built from arrays, with :meth:`Localizer.from_images`, and saved with :meth:`Localizer.save`.
 """
 
 import math
@@ -62,18 +62,18 @@ from sextant.localization.standstill import Standstill
 from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
 
-#: how independent one image's evidence is taken to be at most, where no traverse tells
+#: how independent one image's evidence is assumed to be at most, where no traverse can tell
 TEMPERING = 0.125
-#: a kernel that one traverse taught explains as noise what tells its places apart in another, and smooths over it: its
-#: lengths are taken so many times, and so much of the signal's variance is noise
+#: a kernel fitted to one traverse treats as noise what tells its places apart in another, and smooths over it; so its
+#: lengths are multiplied by the first number, and its noise is at most the second as a share of the signal's variance
 #: (which walks call for it: docs/localization_change.md)
 SHARPER, LEFT_NOISE = 0.5, 1e-3
-#: an image less new than that is the last one again: it tells nothing
+#: an image less new than this repeats the previous one: it is no evidence
 SAME = 0.25
-#: the kernel is fitted to at most so many images of a map, evenly spaced
+#: the kernel is fitted to at most this many images of a map, evenly spaced
 FITTED_TO = 600
 LEARNING_RATE = 0.05
-#: as in a config: more take gigabytes and seconds a step
+#: as in a config; more would take gigabytes, and seconds per step
 MOST_PARTICLES = 1_000_000
 STARTS: dict[str, type[Initialisation]] = {"uniform": UniformStart, "appearance": AppearanceStart}
 #: the classes of a localizer's parts, each with an example
@@ -89,23 +89,22 @@ Start = Literal["uniform", "appearance"] | Initialisation
 
 @dataclass(frozen=True, eq=False)
 class LocalizedPose:
-    """What is believed after a step.
+    """The estimate after a step.
 
     Attributes:
         pose: x, y in the unit of the map and heading in rad, of the heaviest mode.
-        covariance: of where the robot may be, about the pose: 99 % of the belief, other places that may be right
-            with it.
-        mass: the share of the weight that the heaviest mode holds.
-        modes: how many there are.
-        lost: the heaviest mode holds less than half of the weight, or the images of late were not foreseen.
-        off_map: chance of being where the map shows nothing; 0 for a filter without
+        covariance: covariance of 99 % of the belief about the pose, including other places that may be right.
+        mass: share of the weight in the heaviest mode.
+        modes: number of modes.
+        lost: the heaviest mode holds less than half of the weight, or recent images were not foreseen.
+        off_map: probability of being where the map shows nothing; 0 for a filter without
             :class:`~sextant.localization.map_support.MapSupport`.
         degenerate: no particle explained the image, which was dropped.
-        foreseen: the share of the map that the images of late, some twenty, looked less like, on average, than where
-            the robot was believed to be before each: 1/2 is chance, less than 0.65 is lost; nan before the fifth. See
-            :mod:`~sextant.localization.foresight`.
-        disbelieved: the motion was taken to be unknown, since odometry says that the robot stands and its images say
-            that it moves. See :mod:`~sextant.localization.standstill`.
+        foreseen: mean share of the map that recent images, some twenty, resembled less than the place where the robot
+            was believed to be before each of them. 1/2 is chance, less than 0.65 is lost; nan before the fifth image.
+            See :mod:`~sextant.localization.foresight`.
+        disbelieved: the motion was treated as unknown, since odometry reports that the robot stands still while its
+            images show that it moves. See :mod:`~sextant.localization.standstill`.
     """
 
     pose: Float64[ndarray, "3"]
@@ -128,33 +127,33 @@ class Localizer:
     """A map, its sensor and a particle filter, for one robot.
 
     Args:
-        model: fitted to the map's descriptors.
-        likelihood: with its calibration.
-        filter: its prior is the map's.
-        radius: of the mode that is reported, in the unit of the map.
-        descriptor: of images; without it, steps take vectors.
-        image_size: height, width and channels of the map's images; None if it is not known.
-        unit: of positions.
-        particles: unless their number adapts.
-        adapts: learn while driving how the look of the world has changed since the map was made,
-            :class:`~sextant.localization.appearance_change.AppearanceChange`, by how much odometry errs alike,
-            :class:`~sextant.localization.odometry_scale.OdometryScale`, and how fast the robot is where there is none,
-            :class:`~sextant.localization.pace.Pace`, or where it says that a moving robot stands,
-            :class:`~sextant.localization.standstill.Standstill`, and count images by how new they are; for a
+        model: observation model, fitted to the map's descriptors.
+        likelihood: likelihood with its calibration.
+        filter: particle filter whose prior is the map's.
+        radius: radius of the mode that is reported, in the unit of the map.
+        descriptor: descriptor of images; without it, steps take vectors.
+        image_size: height, width and channels of the map's images; None if unknown.
+        unit: unit of positions.
+        particles: number of particles, unless it adapts.
+        adapts: learn while driving how appearance has changed since the map was made
+            (:class:`~sextant.localization.appearance_change.AppearanceChange`), the systematic error of odometry
+            (:class:`~sextant.localization.odometry_scale.OdometryScale`), and the robot's speed where there is no
+            odometry (:class:`~sextant.localization.pace.Pace`) or where it reports that a moving robot stands still
+            (:class:`~sextant.localization.standstill.Standstill`); and weight images by how new they are. For a
             likelihood that was not fitted to another drive.
         odds: with ``adapts``, the scale of one image's evidence, as for
-            :class:`~sextant.localization.evidence_scale.EvidenceScale`; None takes the likelihood's as it is.
-        start: where they are before the first image.
-        seed: of all random numbers.
-        facts: what else is kept with the map, as plain values.
-        pictures: of the map's images, small, to be looked at; None for none.
-        lag: steps that :meth:`past` smooths.
-        region_scale: what standard deviations are multiplied by before they are told, as
+            :class:`~sextant.localization.evidence_scale.EvidenceScale`; None keeps that of the likelihood.
+        start: where the particles are before the first image.
+        seed: seed of all random numbers.
+        facts: other plain values to save with the map.
+        pictures: small pictures of the map's images, for display; None for none.
+        lag: number of steps that :meth:`past` smooths.
+        region_scale: factor by which reported standard deviations are multiplied, as
             :mod:`sextant.tasks.localization.regions` learns it for a filter with these settings.
 
     Raises:
-        UserError: particles are none or above a million, there is no such start, the lag is negative, or a radius or
-            scale is no number above 0.
+        UserError: the number of particles is zero or above a million, there is no such start, the lag is negative, or
+            the radius or scale is not a number above 0.
     """
 
     def __init__(
@@ -189,10 +188,10 @@ class Localizer:
     # -- live use ------------------------------------------------------------------------------------------------------
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget where the robot is: the next step is the first. With the same seed, all goes as it went before.
+        """Forget where the robot is; the next step is the first. The same seed gives the same results again.
 
         Raises:
-            UserError: the seed is no whole number of at least 0.
+            UserError: the seed is not a whole number of at least 0.
         """
         self.seed = self.seed if seed is None else seed
         check_whole("seed", self.seed, 0, "For example seed=1")
@@ -200,14 +199,14 @@ class Localizer:
         self._state: FilterState | None = None
         self._past: list[tuple[Belief, Tensor, MotionModel, Foresight]] = []
         self._change = AppearanceChange.none(self.model.map.dimension)
-        self._counted, self._way = torch.empty(0), math.inf  # the last image that told something, and the way since
+        self._counted, self._way = torch.empty(0), math.inf  # the last image that counted, and the way since
         self._scale = None if self.odds is None else EvidenceScale(self.odds)
         self._foresight = Foresight()
         self._odometry = OdometryScale()
         self._standstill = Standstill()
         self._pace = Pace()
         self._before: LocalizedPose | None = None
-        self._sighted: LocalizedPose | None = None  # with the last image, and the steps since
+        self._sighted: LocalizedPose | None = None  # after the last image, and the steps since
         self._steps = 0
 
     @torch.no_grad()
@@ -217,23 +216,23 @@ class Localizer:
         image: AnyImage | None = None,
         descriptor: Float[ndarray, " d"] | None = None,
     ) -> LocalizedPose:
-        """Move, look, and tell where the robot is.
+        """Move, observe, and return the estimate of the robot's pose.
 
         Args:
-            motion: dx, dy in the unit of the map and dtheta in rad since the step before, in the robot's frame then.
-                None if it is unknown: particles then go on as the drive did if the localizer adapts, or spread as the
-                motion model says. Of the first step it is ignored.
+            motion: dx, dy in the unit of the map and dtheta in rad since the previous step, in the robot's frame then.
+                None if unknown: particles then continue at the pace of the drive if the localizer adapts, or spread
+                as the motion model says. Ignored in the first step.
             image: a file, bytes or a picture, stretched to the size of the map's images; None if nothing is seen.
-            descriptor: of the image, in its place: as the map's were, before whitening.
+            descriptor: descriptor of the image, in place of the image: as the map's were, before whitening.
 
         Raises:
             UserError: the motion is not three finite numbers, the image or descriptor is not like the map's, or the map
-                has no descriptor that images could be described with.
+                has no descriptor with which to describe images.
         """
         seen = self._seen(image, descriptor)
         moved, disbelieved = self._believed(self._odometry.applied(_motion(motion)), seen)
         if self._state is not None and not bool(self.filter.counts(self._state, moved[None])):
-            seen = None  # too near to the last one
+            seen = None  # too close to the last one
         self._way += self._steps_of_map(moved)
         follows = self._state is None or bool(moved.isfinite().all())
         new = 0.0 if seen is None else self._newness(seen)
@@ -244,7 +243,7 @@ class Localizer:
         moves = self._paced()
         if self._state is None:
             state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
-            weighed = self._start.uses_evidence and evidence is not None  # then the first image is in the belief
+            weighed = self._start.uses_evidence and evidence is not None  # then the belief includes the first image
             state, told = self.filter.step(state, None, None if weighed else evidence, looked, self._generator)
         else:
             paced = replace(self.filter, motion=moves)
@@ -263,7 +262,7 @@ class Localizer:
         return found
 
     def _believed(self, moved: Tensor, seen: Tensor | None) -> tuple[Tensor, bool]:
-        """A motion, unknown where odometry says that a robot stands whose images say that it moves; and whether so."""
+        """The motion, unknown if images contradict odometry that reports a standstill; and whether they do."""
         if not self.adapts:
             return moved, False
         self._standstill = self._standstill.moved(moved, self._spacing)
@@ -274,7 +273,7 @@ class Localizer:
         return torch.full_like(moved, torch.nan), True
 
     def _pace_with(self, found: LocalizedPose) -> Pace:
-        """The pace, with the way since the last image: between images a belief moves as it is expected to."""
+        """The pace, updated with the way since the last image: between images a belief moves as it is expected to."""
         if self._sighted is None:
             return self._pace
         before, after = torch.from_numpy(self._sighted.pose), torch.from_numpy(found.pose)
@@ -283,34 +282,34 @@ class Localizer:
 
     @property
     def odometry_scale(self) -> float:
-        """What odometry is multiplied by, learned since the last reset; 1 for a localizer that does not adapt."""
+        """The learned factor of odometry since the last reset; 1 for a localizer that does not adapt."""
         return self._odometry.factor
 
     def _paced(self) -> MotionModel:
-        """The motion of the filter; where nothing measures it, most particles keep the pace of the drive."""
+        """The filter's motion model; where nothing measures the motion, most particles keep the pace of the drive."""
         if not self.adapts:
             return self.filter.motion
-        strayed = self._before is not None and self._before.off_map > 0.5  # it would only go further
+        strayed = self._before is not None and self._before.off_map > 0.5  # it would only go further away
         return PacedMotion(self.filter.motion, None if strayed else self._pace.along(self._spacing))
 
     def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
-        """Where the robot was in the last ``lag`` steps and is now, by all that it has seen since; the oldest first.
+        """The poses of the last ``lag`` steps and of now, given everything seen since; the oldest first.
 
-        It compares all particles of a step with all of the next, so ask for it when it is needed.
+        It compares all particles of each step with all of the next, so call it only when it is needed.
 
         Args:
-            progress: called with the number of steps that are smoothed, and of all.
+            progress: called with the number of steps smoothed and the total.
         """
         if not self._past:
             return []
         beliefs, motions, models, foresights = zip(*self._past, strict=True)
-        draws = torch.Generator().manual_seed(self.seed)  # of its own: asking changes nothing of the steps to come
+        draws = torch.Generator().manual_seed(self.seed)  # separate: calling this does not affect later steps
         ways = [motion[None] for motion in motions[1:]]
         better = smoothed(beliefs, ways, models[1:], draws, progress=progress)
         return [self._told(belief, foresight) for belief, foresight in zip(better, foresights, strict=True)]
 
     def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> Foresight:
-        """With how well the belief before an image had foreseen it."""
+        """The foresight, updated with how well the belief before an image had foreseen it."""
         rows = drawn_evenly(belief.weights[0])
         poses, support = se2_compose(belief.poses[:, rows], moved[None, None]), self.filter.support
         on_map = 1.0 if support is None else float(support.share(poses).mean())
@@ -363,7 +362,7 @@ class Localizer:
         """The descriptor of an image, before whitening.
 
         Raises:
-            UserError: it is no image, or the map has no descriptor.
+            UserError: it is not an image, or the map has no descriptor.
         """
         if self.descriptor.describer is None:
             raise UserError(
@@ -374,10 +373,10 @@ class Localizer:
         return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
 
     def _evidence(self, seen: Tensor, new: float, *, follows: bool) -> Evidence | None:
-        """What an image tells, which is so new; None for the last one again.
+        """The evidence of an image, weighted by how new it is; None if it repeats the previous one.
 
         ``follows``: particles follow odometry, so that errors of consecutive images add up. Where motion is unknown
-        they spread far between images, and evidence that counts less would not bring them together again.
+        they spread far between images, and weaker evidence would not bring them together again.
         """
         if new >= SAME:
             self._counted, self._way = seen, 0.0
@@ -389,7 +388,7 @@ class Localizer:
         where, dimension = self.model.map, self.model.map.dimension
         change = self._change.seen(seen, new)
         residuals = self.model.residuals_over_map(change.centred(seen, where.mean)[None])
-        if bool(residuals.squared.isfinite().all()):  # numbers near the end of their range teach nothing
+        if bool(residuals.squared.isfinite().all()):  # nothing can be learned from values that overflow
             self._change = change.exceeded(residuals, dimension, new)
         centred = self._change.centred(seen, where.mean)[None]
         evidence = self.model.observe(centred, self._change.likelihood(self.likelihood))
@@ -400,10 +399,10 @@ class Localizer:
         return ScaledEvidence(evidence, over_map, scale * new)
 
     def _newness(self, seen: Tensor) -> float:
-        """How new an image is beside the last that counted: by the way since, or by how much it changed, in [0, 1].
+        """How new an image is relative to the last that counted, in [0, 1], by the way since or the change it shows.
 
-        Both are in steps from one image of the map to the next. A robot that stands sees its mistake again and again,
-        and must not grow sure of it; one that is carried sees another place.
+        Both are in steps from one image of the map to the next. A robot that stands still sees the same error again and
+        again, and must not become sure of it; a kidnapped robot sees another place.
         """
         if not math.isfinite(self._way):
             return 1.0
@@ -412,7 +411,7 @@ class Localizer:
 
     @cached_property
     def _apart(self) -> float:
-        """The squared distance between the descriptors of images of the map that lie side by side, the median."""
+        """The median squared distance between descriptors of neighbouring images of the map."""
         features, descriptors = self._near.features, self.model.map.descriptors
         rows = np.unique(np.linspace(0, len(features) - 1, min(FITTED_TO, len(features))).astype(np.int64))
         beside = cKDTree(features).query(features[rows], k=min(2, len(features)))[1].reshape(len(rows), -1)[:, -1]
@@ -421,14 +420,14 @@ class Localizer:
 
     @cached_property
     def _anywhere(self) -> float:
-        """The squared distance between the descriptors of any two images of the map, the median."""
+        """The median squared distance between descriptors of any two images of the map."""
         descriptors = self.model.map.descriptors
         rows = np.unique(np.linspace(0, len(descriptors) - 1, min(FITTED_TO, len(descriptors))).astype(np.int64))
         apart = descriptors[torch.from_numpy(rows)] - descriptors[torch.from_numpy(np.roll(rows, len(rows) // 2))]
         return float(apart.double().square().sum(1).median())
 
     def _steps_of_map(self, moved: Tensor) -> float:
-        """How much of the way from one image of the map to the next; infinite if it is unknown."""
+        """The motion as a fraction of the way from one image of the map to the next; infinite if it is unknown."""
         support = self.filter.support
         return math.inf if support is None else float(way_moved(moved, self._spacing, 2 * support.heading_reach))
 
@@ -449,7 +448,7 @@ class Localizer:
     # -- maps ----------------------------------------------------------------------------------------------------------
 
     def save(self, folder: Path | str) -> None:
-        """Write the map with its descriptor and the filter's settings into a folder, without pickles.
+        """Write the map, with its descriptor and the filter's settings, into a folder; without pickles.
 
         Raises:
             OSError: the folder cannot be written to.
@@ -474,21 +473,21 @@ class Localizer:
         verify: bool = True,
         trust: bool = False,
     ) -> Self:
-        """Open the map of a run, one that was saved, or one that was made of a stream.
+        """Open the map of a run, a saved map, or one that was built from a stream.
 
-        A map that :class:`~sextant.localization.tiled_map.TiledMapBuilder` made knows of no filter: it gets the one of
-        :meth:`from_images`, and takes vectors unless a descriptor is given.
+        A map built by :class:`~sextant.localization.tiled_map.TiledMapBuilder` has no filter settings: it gets the
+        filter of :meth:`from_images`, and takes vectors unless a descriptor is given.
 
         Args:
             folder: an MLflow run id, a run directory or its name, or the folder of a map.
-            run: of place recognition, whose network is to describe images: to be sure that it is the map's.
-            outputs: folder of runs; where runs are written unless given.
-            descriptor: of images, for a map whose own could not be kept.
-            motion, recovery, radius: in place of the map's own.
-            particles: None for as many as the map was tested with.
+            run: place-recognition run whose network describes images; an error if it is not the map's.
+            outputs: folder of runs; the folder that runs are written to by default.
+            descriptor: descriptor of images, for a map whose own could not be saved.
+            motion, recovery, radius: replace those of the map.
+            particles: number of particles; None for the number that the map was tested with.
             start, seed, lag: as for the class.
-            verify: compare the hashes of all files, which reads them once; their sizes are compared anyway.
-            trust: build parts of the user's own that the map or a network's config names.
+            verify: check the hashes of all files, which reads them once; their sizes are checked in any case.
+            trust: build user-defined parts that the map or a network's config names.
 
         Raises:
             UserError: there is no map, it is damaged, or its descriptors are of another run.
@@ -522,22 +521,22 @@ class Localizer:
         seed: int = 0,
         lag: int = 0,
     ) -> Self:
-        """Make a map of images at known poses.
+        """Build a map from images at known poses.
 
         Args:
             images: bytes; or files, arrays or pictures, stretched to the size of the first.
             poses: x, y in metres and heading in rad, counter-clockwise.
-            descriptor: one of :mod:`sextant.baselines` or its name, a run of place recognition, or anything with
-                ``describe``. Unless given, ``zoo:places`` of colour images of at least 48 pixels a side;
-                whitened principal components of 32x48 pixels of others.
-            kernel: fitted unless given, by the joint likelihood of at most 600 of the images, and sharpened.
-            observation: to be fitted; the cached local Gaussian process unless given.
-            likelihood: unless given, how the world has changed and how much an image counts are learned on the way.
-            motion, recovery: of the filter; unless given, odometry that errs by three tenths of the map's spacing over
-                as long a way, and restarts.
-            radius: of the mode that is reported, in metres; 2.5 times the spacing of the map unless given.
-            steps: of the fit of the kernel.
-            merge_duplicates: images at one pose become one.
+            descriptor: a descriptor of :mod:`sextant.baselines` or its name, a place-recognition run, or any object
+                with ``describe``. By default ``zoo:places`` for colour images of at least 48 pixels a side, otherwise
+                whitened principal components of 32x48 pixels.
+            kernel: by default fitted, by the joint likelihood of at most 600 of the images, and sharpened.
+            observation: observation model to fit; by default the cached local Gaussian process.
+            likelihood: by default the change of appearance and the weight of an image are learned while driving.
+            motion, recovery: parts of the filter; by default odometry with an error of three tenths of the map's
+                spacing over a way of that length, and restarts.
+            radius: radius of the mode that is reported, in metres; by default 2.5 times the spacing of the map.
+            steps: gradient steps of the fit of the kernel.
+            merge_duplicates: merge images at one pose into one.
             particles, start, seed, lag: as for the class.
 
         Raises:
@@ -566,7 +565,7 @@ class Localizer:
             odds=USUAL_ODDS if likelihood is None else None,
             descriptor=kept,
             image_size=images.shape[1:],
-            pictures=map_pictures(images) if len(found) == len(images) else None,  # else some images were merged
+            pictures=map_pictures(images) if len(found) == len(images) else None,  # otherwise some images were merged
             particles=particles,
             start=start,
             seed=seed,
@@ -594,7 +593,7 @@ def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
 
 
 def _numbers(given: Any) -> Float64[ndarray, "*n"]:
-    """As an array; of what holds no numbers, one of no shape that anything has."""
+    """The values as an array; an array of a shape that matches nothing if they are not numbers."""
     try:
         return np.array(given, np.float64)
     except (TypeError, ValueError):
@@ -621,11 +620,11 @@ def _check_parts(**given: Any) -> None:
 
 
 def fitted_kernel(found: DescriptorMap, steps: int = 60) -> PoseKernel:
-    """The kernel under which the descriptors of a map are likeliest, by at most 600 of its images.
+    """Fit the kernel to the descriptors of a map by maximum likelihood, on at most 600 of its images.
 
     Args:
         found: the map.
-        steps: of gradient descent.
+        steps: gradient steps.
 
     Raises:
         UserError: the descriptors are all alike.

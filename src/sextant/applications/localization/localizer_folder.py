@@ -1,4 +1,4 @@
-"""A localizer as a folder, and back; and the descriptors of images that a map is made of."""
+"""Saving a localizer to a folder and opening it; and describing the images that a map is made of."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -40,12 +40,12 @@ from sextant.runs.resolve import resolve_run
 DESCRIPTOR, PICTURES = "descriptor", "pictures"
 #: images described at a time, by a baseline and by a network
 BATCH, NETWORK_BATCH = 512, 64
-#: what describes images where nothing is named, and the shorter side in pixels from which they show it enough
+#: the default descriptor, and the shorter side in pixels from which it sees enough
 USUAL, ENOUGH = "zoo:places", 48
 
 
 class Saveable(Protocol):
-    """What is kept of a :class:`sextant.Localizer`."""
+    """The parts of a :class:`sextant.Localizer` that are saved."""
 
     model: ObservationModel
     likelihood: Likelihood
@@ -63,7 +63,7 @@ class Saveable(Protocol):
 
 
 def save_localizer(localizer: Saveable, folder: Path) -> None:
-    """Write the descriptor, the pictures and then the map, whose header is last of all."""
+    """Write the descriptor, the pictures and then the map, whose header comes last of all."""
     (folder / HEADER).unlink(missing_ok=True)
     localizer.descriptor.save(folder / DESCRIPTOR)
     save_pictures(localizer.pictures, folder / PICTURES)
@@ -82,7 +82,7 @@ def save_localizer(localizer: Saveable, folder: Path) -> None:
 
 
 def map_folder(folder: Path) -> Path:
-    """The folder itself, or the map in it."""
+    """The folder itself, or the folder of the map within it."""
     return folder / MAP if not (folder / HEADER).is_file() and (folder / MAP / HEADER).is_file() else folder
 
 
@@ -97,7 +97,7 @@ def open_localizer(
     verify: bool = True,
     trust: bool = False,
 ) -> dict[str, Any]:
-    """The arguments of the ``Localizer`` that was saved; see :meth:`sextant.Localizer.load`."""
+    """The arguments of the saved ``Localizer``; see :meth:`sextant.Localizer.load`."""
     folder = find_map(str(folder), outputs) or map_folder(Path(str(folder)).expanduser())
     saved = load_map(folder, verify=verify, trust=trust)
     settings = saved.facts.get("localizer")
@@ -131,7 +131,7 @@ def open_localizer(
             "image_size": None if size is None else tuple(int(side) for side in size),
             "unit": settings["unit"],
             "particles": int(settings["particles"]),
-            "adapts": settings.get("adapts", False) is True,  # maps of before do not
+            "adapts": settings.get("adapts", False) is True,  # older maps do not
             "odds": None if settings.get("odds") is None else float(settings["odds"]),
             "region_scale": float(settings.get("region_scale", 1.0)),
             "facts": saved.facts.get("about", {}),
@@ -160,7 +160,7 @@ def _without_settings(
         "likelihood": saved.likelihood,
         "filter": filter,
         "radius": usual_radius(filter.prior.poses),
-        "adapts": (adapts := saved.likelihood.appearance_variance == 0),  # nobody fitted one
+        "adapts": (adapts := saved.likelihood.appearance_variance == 0),  # it was not fitted
         "odds": USUAL_ODDS if adapts else None,
         "descriptor": KeptDescriptor(descriptor),
         "facts": saved.facts,
@@ -168,11 +168,11 @@ def _without_settings(
 
 
 def checked_poses(poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]], images: int) -> Float64[Tensor, "n 3"]:
-    """The poses of the images of a map.
+    """Check the poses of the images of a map.
 
     Raises:
-        UserError: there is not one for each image, there is one image, headings look like degrees, or positions are too
-            far or too near to each other to be metres.
+        UserError: there is not one pose per image, there is only one image, headings look like degrees, or positions
+            are too far from or too close to each other to be metres.
     """
     try:
         where = np.array(poses, np.float64)
@@ -197,10 +197,10 @@ def checked_poses(poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]], imag
 
 
 def check_descriptor(descriptor: Describes | str | Path | None) -> None:
-    """Whether a descriptor that is given by name is there, before anything is done that takes long.
+    """Check that a descriptor given by name exists, before any long work.
 
     Raises:
-        UserError: it is none of :mod:`sextant.baselines`, nor a run of place recognition.
+        UserError: it is neither one of :mod:`sextant.baselines` nor a place-recognition run.
     """
     if not isinstance(descriptor, str | Path) or find_baseline(str(descriptor)) is not None:
         return
@@ -216,15 +216,15 @@ def check_descriptor(descriptor: Describes | str | Path | None) -> None:
 def described_map(
     images: UInt8[ndarray, "n h w c"], descriptor: Describes | str | Path | None
 ) -> tuple[KeptDescriptor, Float32[ndarray, "n d"]]:
-    """Descriptors of the images of a map, and the descriptor, which has learnt from them if it learns.
+    """Describe the images of a map; returns the descriptor too, fitted to them if it learns.
 
     Args:
-        images: of one size.
-        descriptor: unless given, the network of places that comes with the package, of colour images that show it
-            enough; of others whitened principal components.
+        images: images of one size.
+        descriptor: by default the place-recognition network of the package for colour images that are large enough,
+            otherwise whitened principal components.
 
     Raises:
-        UserError: they are no images, all the same picture, or too few for the descriptor.
+        UserError: they are not images, are all the same picture, or are too few for the descriptor.
     """
     if images.shape[3] not in (1, 3):
         raise UserError(

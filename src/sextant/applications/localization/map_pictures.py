@@ -1,4 +1,4 @@
-"""Small pictures of a map's images, kept beside it so that people see where a localizer believes to be."""
+"""Small pictures of a map's images, saved beside it to show where a localizer believes the robot to be."""
 
 from functools import partial
 from pathlib import Path
@@ -14,12 +14,12 @@ from sextant.data.places.image_rows import ImageRows
 
 KIND = FolderFormat("a set of pictures", "sextant.map_pictures", 1, "pictures.json")
 ARRAY = "pictures.npy"
-#: of a picture, and of all pictures of a map: one of more images keeps none
+#: rows of a picture, and bytes of all pictures of a map; a map that would exceed these gets none
 ROWS, MOST_BYTES = 96, 64_000_000
 
 
 def thumbnail(image: UInt8[ndarray, "h w c"], rows: int = ROWS) -> UInt8[ndarray, "k l c"]:
-    """An image of at most so many rows, with the same sides' ratio.
+    """An image scaled down to at most ``rows`` rows, with its aspect preserved.
 
     >>> thumbnail(np.zeros((480, 640, 3), np.uint8)).shape
     (96, 128, 3)
@@ -36,7 +36,7 @@ def map_pictures(images: UInt8[ndarray, "n h w c"] | ImageRows) -> UInt8[ndarray
     """Thumbnails of a map's images; None if they would take more than 64 MB.
 
     Args:
-        images: of the map, in its order; read one by one.
+        images: images of the map, in its order; read one by one.
     """
     if len(images) == 0 or len(images) * thumbnail(images[0]).nbytes > MOST_BYTES:
         return None
@@ -44,7 +44,7 @@ def map_pictures(images: UInt8[ndarray, "n h w c"] | ImageRows) -> UInt8[ndarray
 
 
 def save_pictures(pictures: UInt8[ndarray, "n h w c"] | None, folder: Path) -> None:
-    """Write them, the header last; without pictures, those of before are gone.
+    """Write the pictures, the header last; None deletes existing ones.
 
     Raises:
         OSError: the folder cannot be written to.
@@ -58,15 +58,15 @@ def save_pictures(pictures: UInt8[ndarray, "n h w c"] | None, folder: Path) -> N
 
 
 def load_pictures(folder: Path, images: int, *, verify: bool = True) -> UInt8[ndarray, "n h w c"] | None:
-    """What :func:`save_pictures` wrote, mapped into memory; None if there is none, as in maps of before.
+    """Open the pictures that :func:`save_pictures` wrote, memory-mapped; None if there are none, as in older maps.
 
     Args:
-        folder: that they were written into.
-        images: of the map.
-        verify: compare the hash of the file.
+        folder: folder that they were written into.
+        images: number of images of the map.
+        verify: check the hash of the file.
 
     Raises:
-        UserError: they are damaged.
+        UserError: the pictures are damaged.
     """
     if not (folder / KIND.header).is_file():
         return None

@@ -1,4 +1,4 @@
-"""An estimated trajectory against its reference, from files."""
+"""Comparison of an estimated trajectory with its reference, from files."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -28,7 +28,7 @@ from sextant.evaluation.localization.trajectory_error import (
 
 #: numbers in a line -> format
 COLUMNS: dict[int, Literal["TUM", "KITTI"]] = {8: "TUM", 12: "KITTI"}
-#: how poses of two files are joined, by format
+#: how poses of two files are matched, by format
 JOINED_BY: dict[str, str] = {"TUM": "times", "KITTI": "lines", **dict.fromkeys(NAMED_FORMATS, "names of images")}
 
 
@@ -37,9 +37,9 @@ class SegmentErrors:
     """KITTI's relative errors over segments of 100 to 800 m.
 
     Attributes:
-        translation_percent: t_rel, mean share of the segments' lengths.
+        translation_percent: t_rel, the mean error as a share of the segments' lengths.
         rotation_deg_per_100m: r_rel.
-        segments: how many there are.
+        segments: number of segments.
     """
 
     translation_percent: float
@@ -52,13 +52,13 @@ class TrajectoryComparison:
     """Errors of an estimate, absolute (APE) and relative (RPE), by the definitions of evo and KITTI.
 
     Attributes:
-        reference, estimate: poses of the frames that both have, ``world_from_body``; the estimate as it is in its file.
-        reference_frames, estimate_frames: how many poses the files have.
-        length_m: of the reference's path through the frames of both.
-        absolute_m: APE in metres by alignment; without those that the positions leave open.
+        reference, estimate: poses of the frames that both have, ``world_from_body``; the estimate as in its file.
+        reference_frames, estimate_frames: number of poses in each file.
+        length_m: length of the reference's path through the common frames.
+        absolute_m: APE in metres by alignment, without alignments that the positions leave undetermined.
         absolute_deg: APE of rotation in degrees, likewise.
-        relative_m, relative_deg: RPE from each frame to the next; None of a single frame.
-        segments: None where the path is shorter than 100 m.
+        relative_m, relative_deg: RPE from each frame to the next; None for a single frame.
+        segments: None if the path is shorter than 100 m.
     """
 
     reference: Float64[ndarray, "n 4 4"]
@@ -73,10 +73,10 @@ class TrajectoryComparison:
     segments: SegmentErrors | None
 
     def aligned(self, alignment: Alignment) -> Float64[ndarray, "n 4 4"]:
-        """The estimate, moved as ``alignment`` allows.
+        """The estimate, aligned as ``alignment`` allows.
 
         Raises:
-            ArgumentError: the positions leave it open.
+            ArgumentError: the positions do not determine the alignment.
         """
         if alignment not in self.absolute_m:
             raise ArgumentError(
@@ -95,7 +95,7 @@ class TrajectoryComparison:
         return rows + [("RPE, frame to frame", unit, each) for unit, each in relative if each]
 
     def facts(self) -> dict[str, Any]:
-        """All but the poses, as plain values."""
+        """Everything but the poses, as plain values."""
         return {
             "frames": len(self.reference),
             "reference_frames": self.reference_frames,
@@ -112,17 +112,17 @@ class TrajectoryComparison:
 def compare_trajectories(
     reference: Path | str, estimate: Path | str, *, max_gap_s: float = 0.01
 ) -> TrajectoryComparison:
-    """Compare two files of poses, both in TUM's format (joined by nearest time) or both in KITTI's (by line).
+    """Compare two files of poses, both in TUM's format (matched by nearest time) or both in KITTI's (by line).
 
-    Files of COLMAP, OpenSfM and nerfstudio go with each other, joined by the names of their images.
+    Files of COLMAP, OpenSfM and nerfstudio can be compared with each other; they are matched by image names.
 
     Args:
         reference, estimate: lines of ``timestamp tx ty tz qx qy qz qw``, or of the 12 numbers of a 3x4 matrix; or
             ``images.txt``, ``images.bin``, ``reconstruction.json``, ``transforms.json``.
-        max_gap_s: poses whose times differ by more are not of one frame.
+        max_gap_s: largest time difference between poses of one frame, in seconds.
 
     Raises:
-        ArgumentError: the gap is negative, or no frame is in both.
+        ArgumentError: the gap is negative, or the files have no frame in common.
         UserError: a file cannot be read, the formats differ, or files without times differ in length.
 
     Example:
@@ -162,7 +162,7 @@ def pose_format(path: Path | str) -> Literal["TUM", "KITTI"] | NamedFormat:
     """The format of a file of poses, by its name and first line.
 
     Raises:
-        UserError: it cannot be read, or is none.
+        UserError: the file cannot be read, or has no known format.
     """
     if (named := named_format(Path(path))) is not None:
         return named
@@ -195,7 +195,7 @@ def _compare_named(reference: Reconstruction, estimate: Reconstruction) -> Traje
 def _joined(
     times: Float64[ndarray, "n"], own: Float64[ndarray, "m"], max_gap_s: float
 ) -> tuple[Int64[ndarray, "k"], Int64[ndarray, "k"]]:
-    """Rows of each that are nearest to each other in time, both ways."""
+    """Rows of both that are each other's nearest in time."""
     after = np.clip(np.searchsorted(times, own), 1, max(1, len(times) - 1))
     before = after - 1
     after = np.minimum(after, len(times) - 1)

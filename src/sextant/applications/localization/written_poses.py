@@ -1,4 +1,4 @@
-"""What localizing writes: a trajectory, a table, a picture and an animation."""
+"""The output of localization: a trajectory, a table, a picture and an animation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,14 +22,14 @@ COLUMNS = (
     "file", "x", "y", "heading_deg", "sigma_x", "sigma_y", "sigma_heading_deg", "mass", "modes", "lost", "error",
     "off_map", "foreseen",
 )  # fmt: skip
-#: of an animation; of a longer run every second frame is shown, or every fourth, ...
+#: most frames of an animation; for a longer run every second frame is shown, or every fourth, ...
 MOST_FRAMES = 600
 LOST = "#a02020"
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One image and what was told of it."""
+    """One image and the estimate after it."""
 
     name: str
     told: LocalizedPose
@@ -42,8 +42,8 @@ class Moment:
 
     Attributes:
         step: its number.
-        row: what was told.
-        poses, log_weights: of the particles.
+        row: the image and the estimate.
+        poses, log_weights: the particles.
         seen: the image, small; None if there was none.
         there: the map's image nearest to the estimate, small; None while lost, or if the map has no pictures.
     """
@@ -57,7 +57,7 @@ class Moment:
 
     @classmethod
     def of(cls, step: int, row: Row, localizer: Localizer, seen: UInt8[ndarray, "h w c"] | None) -> Self:
-        """What a localizer believes after a step."""
+        """The state of a localizer after a step."""
         belief, told = localizer.belief, row.told
         return cls(
             step,
@@ -69,7 +69,7 @@ class Moment:
         )
 
     def drawn(self) -> "ParticleFrame":
-        """For :mod:`sextant.figures.localization`."""
+        """The frame that :mod:`sextant.figures.localization` draws."""
         from sextant.figures.localization.particle_map import ParticleFrame
 
         told, problem = self.row.told, self.row.problem
@@ -86,13 +86,13 @@ class Moment:
 
 @dataclass
 class Replay:
-    """At most so many steps, evenly taken, however long the run is."""
+    """The steps to animate: at most :data:`MOST_FRAMES`, evenly spaced, however long the run is."""
 
     kept: list[Moment] = field(default_factory=list)
     stride: int = 1
 
     def add(self, moment: Moment) -> None:
-        """Note a step."""
+        """Add a step."""
         if moment.step % self.stride:
             return
         self.kept.append(moment)
@@ -101,7 +101,7 @@ class Replay:
             self.kept = [each for each in self.kept if each.step % self.stride == 0]
 
     def write(self, positions: Float64[ndarray, "n 2"], path: Path, unit: str = "m") -> None:
-        """Write the animation; ``unit`` is that of positions.
+        """Write the animation; ``unit`` is the unit of positions.
 
         Raises:
             UserError: OpenCV cannot write MP4 here.
@@ -115,7 +115,7 @@ class Replay:
 def refuse_to_replace_poses(output: Path) -> None:
     """Raise an ``ArgumentError`` if there is a ``poses.csv`` that :func:`write_poses` did not write.
 
-    A table of true poses has the same name.
+    A table of ground-truth poses has the same name.
     """
     table = output / "poses.csv"
     try:
@@ -130,7 +130,7 @@ def refuse_to_replace_poses(output: Path) -> None:
 
 
 def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Path) -> None:
-    """``poses.csv`` and ``trajectory.tum``, a row an image."""
+    """Write ``poses.csv`` and ``trajectory.tum``, a row per image."""
     lines = []
     for row in rows:
         told, (sx, sy, sh) = row.told, row.told.sigmas.tolist()
@@ -145,7 +145,7 @@ def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Pat
 
 
 def draw_trajectory(rows: Sequence[Row], positions: Float64[ndarray, "n 2"], output: Path, unit: str = "m") -> None:
-    """``trajectory.png``: the way over the map; where the localizer says that it is lost, dots without a line."""
+    """Draw ``trajectory.png``: the path over the map; where the localizer reports that it is lost, unconnected dots."""
     from sextant.figures.localization.particle_map import ESTIMATE, draw_map, map_height
     from sextant.figures.style import new_figure, save_figure
 

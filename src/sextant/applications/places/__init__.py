@@ -1,1 +1,1 @@
-"""Photos looked up in a map of photos."""
+"""Looking photos up in a map of photos."""

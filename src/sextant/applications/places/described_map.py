@@ -1,4 +1,4 @@
-"""Photos of a map as descriptors, which others are matched with as arrays."""
+"""A map of photos as descriptors, with which other descriptors are matched as arrays."""
 
 import math
 from collections import Counter
@@ -34,14 +34,14 @@ NO_RUN = "the descriptor is no run's, whose test fits the temperature"
 
 
 def silent(done: int, total: int) -> None:
-    """Tell nobody how far the work is."""
+    """Report no progress."""
 
 
 class DescribedMap:
-    """Photos that are added, described and saved; the part of :class:`~sextant.PlaceMap` that does not read queries.
+    """Photos that are added, described and saved; the part of :class:`~sextant.PlaceMap` that reads no queries.
 
     Args:
-        descriptor, size, temperature, tolerances: as there.
+        descriptor, size, temperature, tolerances: as for :class:`~sextant.PlaceMap`.
     """
 
     def __init__(
@@ -78,18 +78,18 @@ class DescribedMap:
         self._same: tuple[DescribedPhotos, float, Positives] | None = None
 
     def __len__(self) -> int:
-        """How many photos there are to be found."""
+        """The number of photos that can be found."""
         return sum(len(part.index) for part in self._parts)
 
     @property
     def tolerance(self) -> float | None:
-        """Largest distance of one place, whose photos share its confidence.
+        """Largest distance within one place, whose photos share their confidence.
 
-        In metres where photos were added with positions, else in photos along a ride. None, unless it was set, is the
-        run's in metres, and 0 photos.
+        In metres where photos were added with positions, otherwise in photos along a ride. None, the default, stands
+        for the run's tolerance in metres, and for 0 photos.
 
         Raises:
-            ArgumentError: it is set to what is no number of at least 0.
+            ArgumentError: it is set to something other than a number of at least 0.
         """
         return self._tolerance
 
@@ -127,17 +127,17 @@ class DescribedMap:
 
         Args:
             photos: a folder, whose photos are added in the natural order of their names, a file, or files.
-            positions: x and y of each in metres, in the same order; nan where one is not known.
+            positions: x and y of each photo in metres, in the same order; nan where unknown.
             errors: ``raise`` adds what can be described, then raises if some photos could not; ``return`` returns
                 these.
-            progress: called with the photos done and all.
+            progress: called with the number of photos done and the total.
 
         Returns:
-            The photos that could not be described, of which the map has the names alone.
+            The photos that could not be described, of which the map keeps only the names.
 
         Raises:
             FailedPhotosError: photos could not be described; it names all of them, and the others are in the map.
-            ArgumentError: there are no photos or they are no files, some are in the map already, or positions are not x
+            ArgumentError: there are no photos, they are not files, some are in the map already, or positions are not x
                 and y of each.
         """
         check_errors(errors)
@@ -158,8 +158,8 @@ class DescribedMap:
         """Write the map into a folder, without pickles; a map that was there is replaced.
 
         Args:
-            folder: that is made if need be.
-            descriptor: what describes photos is kept too, so that the folder opens by itself.
+            folder: folder to write into; created if needed.
+            descriptor: save the descriptor too, so that the folder can be opened by itself.
 
         Raises:
             UserError: the map is empty.
@@ -174,10 +174,10 @@ class DescribedMap:
         save_map(described, facts, folder)
 
     def take(self, folder: Path) -> Self:
-        """Put the photos of a map that was saved into this one, in place of those that it has.
+        """Load the photos of a saved map into this one, replacing those that it has.
 
         Raises:
-            UserError: there is none, it is damaged, or its photos were described by another network.
+            UserError: there is no map, it is damaged, or its photos were described by another network.
         """
         described, facts = load_map(folder)
         if facts.model != self.model:
@@ -190,7 +190,7 @@ class DescribedMap:
         return self
 
     def hold(self, described: DescribedPhotos) -> None:
-        """Take photos that this map's descriptor has described, in place of those that it has."""
+        """Take photos that this map's descriptor has described, replacing those that it has."""
         self._parts, self._files = [described], {path.absolute() for path in described.paths}
 
     def match(
@@ -206,16 +206,16 @@ class DescribedMap:
         """Look descriptors up, as arrays.
 
         Args:
-            queries: their descriptors, in the order of their ride if sequences are asked for.
-            k: matches, at least 1; of a smaller map all.
-            centring: whose mean descriptor the queries lose; see :mod:`~sextant.retrieval.without_mean`. Matches then
-                have no confidence, whose temperature is that of descriptors as they are.
-            sequence: photos of a sequence; None for single photos alone.
-            same: of each photo of the map those of its place; by :attr:`tolerance` unless given.
-            progress: called with the queries done and all.
+            queries: descriptors of the queries, in the order of their ride if sequences are asked for.
+            k: number of matches, at least 1; a smaller map gives all its photos.
+            centring: which mean descriptor is subtracted; see :mod:`~sextant.retrieval.without_mean`. Matches then have
+                no confidence, since its temperature is for descriptors as they are.
+            sequence: number of photos in a sequence; None for single photos only.
+            same: for each photo of the map, the photos of its place; by :attr:`tolerance` unless given.
+            progress: called with the number of queries done and the total.
 
         Raises:
-            UserError: the map is empty, or both rides are too long for sequences.
+            UserError: the map is empty, or the two rides are too long for sequences.
         """
         check_whole("k", k, 1, "For example k=5")
         described = self.described
@@ -230,12 +230,12 @@ class DescribedMap:
         )  # fmt: skip
 
     def pairs(self, k: int = 20) -> list[tuple[Path, Path]]:
-        """Each photo of the map with the k others that are most like it: what may show one place.
+        """Pair each photo of the map with the k others most similar to it, which may show the same place.
 
-        See :func:`~sextant.applications.places.image_pairs.write_pairs`, which writes them for COLMAP.
+        :func:`~sextant.applications.places.image_pairs.write_pairs` writes the pairs for COLMAP.
 
         Raises:
-            ArgumentError: k is no whole number of at least 1.
+            ArgumentError: k is not a whole number of at least 1.
             UserError: the map is empty.
         """
         check_whole("k", k, 1, "For example k=20")
@@ -245,7 +245,7 @@ class DescribedMap:
         return [(paths[i], paths[other]) for i, row in enumerate(others) for other in row]
 
     def _same_place(self, described: DescribedPhotos) -> Positives:
-        """Which photos of the map show one place, worked out once for as long as neither map nor tolerance changes."""
+        """Which photos of the map show the same place; cached until the map or the tolerance changes."""
         usual = 0.0 if described.positions is None else self.tolerances["m"].positive
         tolerance = usual if self.tolerance is None else self.tolerance
         if self._same is None or self._same[0] is not described or self._same[1] != tolerance:

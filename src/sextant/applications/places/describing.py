@@ -1,4 +1,4 @@
-"""Photos as descriptors; one that cannot be read is named, and the rest go on."""
+"""Computing descriptors of photos; a photo that cannot be read is named, and the others are still described."""
 
 import os
 import warnings
@@ -22,17 +22,17 @@ from sextant.reporter import Advance
 from sextant.retrieval.flat_index import FlatIndex
 
 BATCH = 64
-#: width over height, of the photo and as the network sees it: beyond this ratio a photo is named as stretched
+#: ratio of a photo's aspect to that of the network's images, or its inverse, above which it is named as stretched
 LARGEST_STRETCH = 1.4
 
 
 class Described(NamedTuple):
-    """What became of some photos, which are counted from 0.
+    """The outcome of describing photos, which are numbered from 0.
 
     Attributes:
-        rows: descriptors of those that could be described, in their order.
-        failed: why the others could not.
-        stretched: whose shape is far from that of the network's images.
+        rows: descriptors of the photos that could be described, in their order.
+        failed: why the others could not be described, by number.
+        stretched: numbers of photos whose aspect is far from that of the network's images.
     """
 
     rows: Float32[ndarray, "n d"]
@@ -45,11 +45,11 @@ class DescribedPhotos:
     """Photos of a folder with their descriptors.
 
     Attributes:
-        photos: all of them.
-        index: descriptors of those that could be described, in the same order, with their names.
-        failed: why the others could not, by name.
-        stretched: names of photos whose shape is far from that of the network's images.
-        positions: of those that could be described, x and y in metres; nan where one is not known.
+        photos: all photos.
+        index: descriptors of the photos that could be described, in the same order, with their names.
+        failed: why the others could not be described, by name.
+        stretched: names of photos whose aspect is far from that of the network's images.
+        positions: x and y in metres of the photos that could be described; nan where unknown.
     """
 
     photos: PhotoFolder
@@ -85,7 +85,7 @@ class DescribedPhotos:
 
 
 def joined(parts: Sequence[DescribedPhotos]) -> DescribedPhotos:
-    """Photos of several folders as those of the folder around all."""
+    """Join the photos of several folders, with names relative to the folder around them all."""
     if len(parts) == 1:
         return parts[0]
     folders = [os.path.abspath(part.photos.folder) for part in parts]
@@ -112,7 +112,7 @@ def joined(parts: Sequence[DescribedPhotos]) -> DescribedPhotos:
 
 
 def without_failed(described: DescribedPhotos, files: Set[Path]) -> DescribedPhotos:
-    """The same without those of some files that could not be described."""
+    """The same photos without those in ``files`` that could not be described."""
     again = {name for name in described.failed if (described.photos.folder / name).absolute() in files}
     if not again:
         return described
@@ -127,13 +127,13 @@ def describe(
     photos: Sequence[Path | UInt8[ndarray, "h w c"]],
     progress: Advance = lambda done, total: None,
 ) -> Described:
-    """Describe photos; files are decoded as images of training are, and stretched to the same size.
+    """Describe photos; files are decoded like training images and stretched to one size.
 
     Args:
-        describer: gives the descriptors.
-        size: of the images that it takes.
+        describer: computes the descriptors.
+        size: size of the images that it takes.
         photos: files, or bytes of that size.
-        progress: called with the photos done and all.
+        progress: called with the number of photos done and the total.
     """
     failed: dict[int, str] = {}
     stretched: list[int] = []
@@ -157,7 +157,7 @@ def describe(
 def _decoded(
     photos: Sequence[Path | ndarray], size: ImageSize, failed: dict[int, str], stretched: list[int]
 ) -> Iterator[tuple[list[int], UInt8[ndarray, "b h w c"]]]:
-    """Numbers and images batch by batch; what cannot be decoded is put into ``failed``."""
+    """Numbers and images batch by batch; why a photo cannot be decoded is put into ``failed``."""
     aspect = size.width / size.height
 
     def decode(photo: Path | ndarray) -> tuple[ndarray | str, bool]:
@@ -174,7 +174,7 @@ def _decoded(
         return image, max(ratio, 1 / ratio) > LARGEST_STRETCH
 
     with warnings.catch_warnings(), ThreadPoolExecutor(os.cpu_count()) as pool:  # Pillow decodes outside the GIL
-        warnings.simplefilter("ignore")  # Pillow warns of large images and odd metadata; its limit holds
+        warnings.simplefilter("ignore")  # Pillow warns of large images and odd metadata; its hard limit still applies
         for start in range(0, len(photos), BATCH):
             numbers, images = [], []
             for number, (found, far) in enumerate(pool.map(decode, photos[start : start + BATCH]), start):
@@ -189,6 +189,6 @@ def _decoded(
 
 
 def upright_size(path: Path) -> tuple[int, int]:
-    """Width and height of an image file that can be decoded, upright; from its header alone."""
+    """Width and height of a decodable image file, upright; only the header is read."""
     with Image.open(path) as image:
         return upright.upright_size(image)

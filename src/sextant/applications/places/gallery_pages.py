@@ -22,7 +22,7 @@ QUERIES, ON_A_PAGE = 40, 8
 MATCHES = 5
 LONGEST_SIDE = 200  # pixels
 TITLE = 26  # characters of a name
-#: names of the pages; others that begin alike are not ours
+#: names of the pages; other files that begin alike are not ours
 PAGE = re.compile(r"matches_page\d+\.png")
 
 
@@ -34,9 +34,9 @@ def write_gallery(
     output: Path,
     progress: Advance,
 ) -> list[Path]:
-    """Write ``matches_page1.png``, ...: up to 40 queries at even steps through all, each with five matches.
+    """Write ``matches_page1.png``, ...: up to 40 evenly spaced queries, each with five matches.
 
-    Matches are those by sequences, if there are any. Pages of an earlier time beyond the last are deleted.
+    Matches are those by sequences, if there are any. Higher-numbered pages of an earlier run are deleted.
 
     Raises:
         UserError: the disk is full, or the folder cannot be written to.
@@ -89,14 +89,14 @@ def _numbers(each: Mapping[str, Any]) -> str:
 
 def _short(name: str) -> str:
     short = name if len(name) <= TITLE else f"…{name[1 - TITLE :]}"
-    return short.replace("$", r"\$")  # Matplotlib takes what stands between two for mathematics
+    return short.replace("$", r"\$")  # Matplotlib takes what stands between two of them for mathematics
 
 
 def picture(path: Path) -> UInt8[ndarray, "h w 3"]:
-    """A small copy of a photo; grey where it is not there any more, as of a map that is used again."""
+    """A small copy of a photo; grey if the file no longer exists, as for a map that is used again."""
     try:
         width, height = upright_size(path)
         scale = LONGEST_SIDE / max(width, height)
         return decode_image(path, max(1, round(scale * height)), max(1, round(scale * width)), 3)
-    except Exception:  # a picture for people: whatever became of the file, the matches stand
+    except Exception:  # only an illustration: whatever became of the file, the matches stand
         return np.full((LONGEST_SIDE * 2 // 3, LONGEST_SIDE, 3), 200, np.uint8)

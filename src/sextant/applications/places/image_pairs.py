@@ -1,4 +1,4 @@
-"""Pairs of images that may show one place, for what matches their features: COLMAP's ``matches_importer``."""
+"""Pairs of images that may show the same place, for matching their features with COLMAP's ``matches_importer``."""
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,15 +13,15 @@ PAIRS = "pairs.txt"
 
 
 def write_row_pairs(rows: Sequence[Mapping[str, Any]], reference: Path, queries: Path, output: Path) -> Path:
-    """Write ``pairs.txt`` of each query with its matches, those by sequences too; names are below the folder around.
+    """Write ``pairs.txt``: each query with its matches, also those by sequences, named relative to a common folder.
 
     Args:
         rows: see :func:`~sextant.applications.places.rows.query_rows`.
         reference, queries: folders of the map's photos and of the queries.
-        output: folder of the file.
+        output: folder to write into.
 
     Raises:
-        UserError: as :func:`write_pairs`.
+        UserError: as for :func:`write_pairs`.
     """
     pairs = [
         (queries / row["query"], reference / found["match"])
@@ -35,18 +35,18 @@ def write_row_pairs(rows: Sequence[Mapping[str, Any]], reference: Path, queries:
 def write_pairs(
     pairs: Iterable[tuple[Path | str, Path | str]], path: Path | str, image_path: Path | str | None = None
 ) -> Path:
-    """Write a pair a line, two names with a space between them, each pair once and no image with itself.
+    """Write one pair per line, two names separated by a space; each pair once, and no image with itself.
 
     Args:
-        pairs: two files each.
-        path: of the file that is written, ``pairs.txt``.
+        pairs: pairs of files.
+        path: the file to write, ``pairs.txt``.
         image_path: folder that names are relative to, as in COLMAP's database; the one around all files unless given.
 
     Returns:
         The folder that names are relative to.
 
     Raises:
-        ArgumentError: there is no pair, or a name has a space, which COLMAP takes for the end of the name.
+        ArgumentError: there is no pair, or a name contains a space, which COLMAP takes for the end of the name.
         UserError: the disk is full, or the folder cannot be written to.
 
     Example:

@@ -1,4 +1,4 @@
-"""Which map images show one place, and, where the truth is known, which of them show the place of a query."""
+"""Which map images show the same place and, where the ground truth is known, which show the place of a query."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,19 +22,19 @@ from sextant.errors import ArgumentError
 from sextant.evaluation.places.positives import Positives
 
 TABLE = "poses.csv"
-#: frames between two folders of one map: no tolerance spans them
+#: frames between two folders of one map, more than any tolerance
 BETWEEN_FOLDERS = 10**9
 
 
 @dataclass(frozen=True)
 class KnownPlaces:
-    """Who shows the same place.
+    """Which images show the same place.
 
     Attributes:
         tolerance: what counts as one place.
-        same_place: of each map image the map images of its place, itself left out or not.
-        positives: of each query the map images of its place; None where the truth is not known.
-        remark: what the user should know of it, or "".
+        same_place: for each map image, the map images of its place, with or without itself.
+        positives: for each query, the map images of its place; None where the ground truth is unknown.
+        remark: what the user should know about it, or "".
     """
 
     tolerance: PlaceTolerance
@@ -44,12 +44,12 @@ class KnownPlaces:
 
 
 def same_place(described: DescribedPhotos, tolerance: float) -> Positives:
-    """Of each photo of a map the photos of its place, itself among them.
+    """For each photo of a map, the photos of its place, including itself.
 
     Args:
         described: the map.
-        tolerance: largest distance of one place: in metres between positions; of a map without any, in photos of one
-            folder in the order of the map.
+        tolerance: largest distance within one place: in metres between positions, or, for a map without positions, in
+            photos of one folder in the order of the map.
     """
     if described.positions is None:
         frames = _ride_frames(described.photos.names)[described.rows]
@@ -70,18 +70,18 @@ def known_places(
     tolerances: Mapping[Unit, PlaceTolerance],
     distance: float | None = None,
 ) -> KnownPlaces:
-    """Which photos that have descriptors show one place.
+    """Which of the described photos show the same place.
 
     Args:
         reference: the map.
-        queries: to be looked up.
-        places: how the truth is known.
+        queries: photos to be looked up.
+        places: source of the ground truth.
         tolerances: what counts as one place, by unit.
-        distance: largest distance of one place, instead of that tolerance's: in metres if places are known by poses,
-            otherwise in files.
+        distance: largest distance within one place, in place of the tolerance's own: in metres if places are known by
+            poses, otherwise in files.
 
     Raises:
-        UserError: the photos do not have what ``places`` names: a table, poses in their names, equal numbers.
+        UserError: the photos do not have what ``places`` asks for: a table, poses in their names, equal numbers.
     """
     unit: Unit = "m" if places in ("csv", "utm", "gps") else "frames"
     tolerance = tolerances[unit]
@@ -103,13 +103,13 @@ def known_places(
 
 
 def check_truth(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy) -> None:
-    """Raise a ``UserError`` if the photos lack what ``places`` names, before any of them is described."""
+    """Raise a ``UserError`` if the photos lack what ``places`` asks for, before any of them is described."""
     if places != "none":
         _placed(reference, queries, places)
 
 
 def _placed(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy) -> PlaceImages:
-    """The places of all photos, the map's first; no pixels."""
+    """The places of all photos, the map's first; without pixels."""
     both = (reference, queries)
     frames = np.concatenate([np.arange(len(photos)) for photos in both])
     positions, headings = None, None
@@ -163,7 +163,7 @@ def _name_frames(reference: Sequence[str], queries: Sequence[str]) -> Int64[ndar
 
 
 def _ride_frames(names: Sequence[str]) -> Int64[ndarray, "n"]:
-    """Numbers along the order of the names; those of two folders are far apart."""
+    """Numbers in the order of the names; those of two folders are far apart."""
     folders = [Path(name).parent for name in names]
     number = {folder: i for i, folder in enumerate(dict.fromkeys(folders))}
     return np.array([i + BETWEEN_FOLDERS * number[folder] for i, folder in enumerate(folders)], np.int64)

@@ -1,4 +1,4 @@
-"""What is found when a photo is looked up in a map."""
+"""The result of looking a photo up in a map."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from sextant.evaluation.places.match_confidence import MatchConfidence
 
 @dataclass(frozen=True)
 class PlaceMatch:
-    """A photo of a map, as a match of another photo.
+    """A photo of the map, as a match of another photo.
 
     Attributes:
-        photo: its file, which may be gone since it was added.
+        photo: its file, which may have been deleted since it was added.
         similarity: cosine of the two descriptors, in [-1, 1]; by sequences, the mean along the best line.
-        confidence: probability in [0, 1] that it shows the same place, supposing that the place is in the map; None
+        confidence: probability in [0, 1] that it shows the same place, assuming that the place is in the map; None
             without a temperature, and by sequences.
-        position: x and y in metres; None if it is not known.
+        position: x and y in metres; None if unknown.
     """
 
     photo: Path
@@ -31,16 +31,17 @@ class PlaceMatch:
 
 @dataclass(frozen=True)
 class LookedUp:
-    """What is found of a photo.
+    """What was found for one photo.
 
     Attributes:
-        name: its file, or the place of its array among those given.
-        matches: the photos of the map that fit best, the best first.
-        margin: similarity of the best match over the best photo of another place, from 0 on; None if the map has no
-            other place, and by sequences.
-        found: probability in [0, 1] that the best match shows its place, which need not be in the map; of networks, by
-            the margin (:mod:`~sextant.evaluation.places.match_confidence`). None without a margin.
-        stretched: the photo has another shape than the network's images, and was stretched by a factor above 1.4.
+        name: its file, or the position of its array among those given.
+        matches: the best-matching photos of the map, the best first.
+        margin: similarity of the best match minus that of the best photo of another place, at least 0; None if the map
+            has no other place, and by sequences.
+        found: probability in [0, 1] that the best match shows the photo's place, which need not be in the map; for
+            networks, from the margin (:mod:`~sextant.evaluation.places.match_confidence`). None without a margin.
+        stretched: the photo's aspect differs from that of the network's images by a factor above 1.4, so it was
+            stretched that much.
     """
 
     name: str
@@ -51,7 +52,7 @@ class LookedUp:
 
     @property
     def best(self) -> PlaceMatch:
-        """The match that fits best."""
+        """The best match."""
         return self.matches[0]
 
 
@@ -62,7 +63,7 @@ def looked_up(
     found: Matches,
     confidence: MatchConfidence | None = None,
 ) -> list[LookedUp]:
-    """What was found of each photo: by sequences, if they were matched so, or else by itself."""
+    """What was found for each photo: by sequences if they were matched that way, otherwise by itself."""
     folder, files = reference.photos.folder, reference.index.names or ()
     results = []
     for i, name in enumerate(names):

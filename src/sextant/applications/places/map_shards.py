@@ -1,7 +1,7 @@
-"""Describing the photos of a map in parts, each by a process of its own on any host, and putting them together.
+"""Describing the photos of a map in parts, each by a separate process on any host, and merging the parts.
 
-A part is a map of its own, of consecutive whole batches: each photo is described beside the same photos as by one
-process, so the map of all parts is to the byte the one that a single process makes.
+A part is a map by itself, of consecutive whole batches. Each photo is therefore described beside the same photos as by
+a single process, so the merged map equals that of a single process to the byte.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from sextant.reporter import Advance
 
 
 def shard_folder(folder: Path, shard: int, shards: int) -> Path:
-    """Where a part lies below the folder of the map."""
+    """The folder of a part, below the folder of the map."""
     return folder / "shards" / f"{shard}_of_{shards}"
 
 
@@ -24,7 +24,7 @@ def photos_of(photos: PhotoFolder, shard: int, shards: int) -> PhotoFolder:
     """The photos of one part.
 
     Raises:
-        ArgumentError: there is no such part, or it would have no photo.
+        ArgumentError: there is no such part, or it would have no photos.
     """
     if not 0 <= shard < shards:
         raise ArgumentError(f"shard={shard}: there are shards 0 to {shards - 1}", "shards=3 has shard=0, 1 and 2")
@@ -40,15 +40,15 @@ def photos_of(photos: PhotoFolder, shard: int, shards: int) -> PhotoFolder:
 def describe_shard(
     places: DescribedMap, photos: PhotoFolder, folder: Path, shard: int | None, shards: int, progress: Advance = silent
 ) -> None:
-    """Describe and save one part, or all photos as one map; what was there is replaced.
+    """Describe and save one part, or all photos as one map; existing files are replaced.
 
     Args:
         places: an empty map.
-        photos: of all parts together.
-        folder: of the map.
+        photos: photos of all parts together.
+        folder: folder of the map.
         shard: number of the part, from 0; None for all.
-        shards: how many there are.
-        progress: called with the photos done and all.
+        shards: number of parts.
+        progress: called with the number of photos done and the total.
 
     Raises:
         ArgumentError: there is no such part.
@@ -62,17 +62,17 @@ def describe_shard(
 
 
 def merge_shards(places: DescribedMap, photos: PhotoFolder, folder: Path, shards: int) -> None:
-    """Put all parts into a map and save it; each is compared with its hash on the way.
+    """Merge all parts into one map and save it; each part is checked against its hash on the way.
 
     Args:
         places: an empty map, whose network described the parts.
-        photos: of all parts together.
-        folder: of the map.
-        shards: how many parts there are.
+        photos: photos of all parts together.
+        folder: folder of the map.
+        shards: number of parts.
 
     Raises:
-        UserError: a part is missing, damaged, of another network or of other photos; names it, and nothing is written.
-            Only that part has to be described again.
+        UserError: a part is missing, damaged, of another network or of other photos. The message names it, and nothing
+            is written; only that part has to be described again.
     """
     numbers = range(shards)
     again = f"Describe what is missing: shards={shards} shard="

@@ -5,8 +5,9 @@ map image j is
 
 .. math:: \sum_{l \in \mathcal S_j} p(l \mid i), \qquad p(l \mid i) = \frac{e^{s_{il} / T}}{\sum_{l'} e^{s_{il'} / T}},
 
-over the map images :math:`\mathcal S_j` that show the same place as j, j among them. It supposes that the place of the
-query is in the map. The *margin* is the similarity of the best match less that of the best map image of another place.
+where :math:`\mathcal S_j` are the map images that show the same place as j, including j. It assumes that the place of
+the query is in the map. The *margin* is the similarity of the best match minus that of the best map image of another
+place.
 """
 
 import math
@@ -25,14 +26,14 @@ from sextant.evaluation.places.positives import Positives
 from sextant.reporter import Advance
 from sextant.retrieval import FlatIndex, Neighbours, SequenceMatches, match_sequences
 
-#: similarities that are held at a time: 16 MiB
+#: similarities that are held in memory at a time: 16 MiB
 BLOCK = 2**22
-#: similarities of all pairs that sequences are matched in; about 4 GiB with what is worked out of them
+#: most similarities of all pairs for which sequences are matched; about 4 GiB with what is computed from them
 LARGEST_RIDES = 2**28
 
 
 class Match(NamedTuple):
-    """A map image that a query was matched with: its number, how similar it is, and how probable its place."""
+    """A map image that a query was matched with: its number, its similarity, and the probability of its place."""
 
     image: int
     similarity: float
@@ -41,13 +42,13 @@ class Match(NamedTuple):
 
 @dataclass(frozen=True)
 class Matches:
-    """What was found for each query.
+    """The matches of all queries.
 
     Attributes:
         neighbours: the most similar map images.
-        confidence: probability of the place of each of them; None without a temperature.
-        margin: of the best one over the next place; nan where the map has no other place.
-        sequences: best map images by sequences of queries; None if none were asked for.
+        confidence: probability of the place of each neighbour; None without a temperature.
+        margin: margin of the best match over the next place; nan where the map has no other place.
+        sequences: best map images by sequences of queries; None if not asked for.
     """
 
     neighbours: Neighbours
@@ -62,14 +63,14 @@ class Matches:
         return [Match(*each) for each in found]
 
     def by_sequence(self, query: int) -> list[Match] | None:
-        """Its matches with the queries before it, the best first; None if none were asked for."""
+        """The query's matches together with the queries before it, the best first; None if not asked for."""
         if self.sequences is None:
             return None
         found = zip(self.sequences.indices[query].tolist(), self.sequences.scores[query].tolist(), strict=True)
         return [Match(image, score, None) for image, score in found]
 
     def margin_of(self, query: int) -> float | None:
-        """The margin of its best match; None where the map has no other place."""
+        """The margin of the query's best match; None where the map has no other place."""
         margin = float(self.margin[query])
         return None if math.isnan(margin) else margin
 
@@ -88,12 +89,12 @@ def match(
 
     Args:
         reference: the map.
-        queries: in the order of their ride, if sequences are asked for.
-        same_place: of each map image the map images of its place, itself left out or not.
-        k: matches, in [1, n].
-        temperature: of the posterior over the map; None for none.
-        sequence: queries in a sequence.
-        progress: called with the queries done and all.
+        queries: descriptors of the queries, in the order of their ride if sequences are asked for.
+        same_place: for each map image, the map images of its place, with or without itself.
+        k: number of matches, in [1, n].
+        temperature: temperature of the posterior over the map; None for no confidence.
+        sequence: number of queries in a sequence; None for single queries only.
+        progress: called with the number of queries done and the total.
 
     Raises:
         UserError: the two rides are too long for sequences.
@@ -138,7 +139,7 @@ def _by_sequences(reference: FlatIndex, queries: FlatIndex, k: int, length: int 
 
 
 def check_rides(reference: int, queries: int, length: int | None) -> None:
-    """Raise a ``UserError`` if so many images are too many to be matched by sequences."""
+    """Raise a ``UserError`` if there are too many images to be matched by sequences."""
     if length is not None and queries * reference > LARGEST_RIDES:
         raise UserError(
             f"sequences of {length} need the similarities of all pairs, and {queries:,} queries x {reference:,} map "

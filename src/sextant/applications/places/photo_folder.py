@@ -1,4 +1,4 @@
-"""The photos of a map or of queries; imports no torch."""
+"""The photos of a map or of queries; does not import torch."""
 
 import os
 from collections.abc import Iterable
@@ -9,11 +9,11 @@ from typing import Literal
 from sextant.data.photo_files import find_photos
 from sextant.errors import ArgumentError
 
-#: what a folder of descriptors has; see :mod:`~sextant.applications.places.saved_map`
+#: file that a folder of descriptors contains; see :mod:`~sextant.applications.places.saved_map`
 HEADER = "map.json"
 
-#: how it is known which photos of two folders show one place: not, by a table of poses, by poses in their names or in
-#: EXIF, by equal names, or by their order
+#: source of the ground truth, i.e. which photos of two folders show the same place: none, a table of poses, poses in
+#: their names or in EXIF, equal names, or their order
 KnownBy = Literal["none", "csv", "utm", "gps", "name", "order"]
 
 
@@ -22,8 +22,8 @@ class PhotoFolder:
     """Photos of a folder.
 
     Attributes:
-        folder: that the names are relative to.
-        names: of the files in natural order: ``image2`` before ``image10``.
+        folder: folder that the names are relative to.
+        names: names of the files in natural order: ``image2`` before ``image10``.
     """
 
     folder: Path
@@ -39,10 +39,10 @@ class PhotoFolder:
 
 
 def photo_folder(photos: PhotoFolder | Path | str | Iterable[Path | str]) -> PhotoFolder:
-    """Photos as those of one folder: the photo or folder that a path names, or files in the order given.
+    """The photos as those of one folder: the photo or folder that a path names, or files in the given order.
 
     Raises:
-        ArgumentError: there are none, or they are no files.
+        ArgumentError: there are none, or they are not files.
     """
     if isinstance(photos, PhotoFolder):
         return photos
@@ -64,13 +64,13 @@ def photo_folder(photos: PhotoFolder | Path | str | Iterable[Path | str]) -> Pho
 def photos_below(
     given: Path | str, key: str = "photos", output: Path | None = None, *, one: bool = True
 ) -> PhotoFolder:
-    """The photos below a folder, or one photo where that is allowed.
+    """The photos below a folder, or a single photo where that is allowed.
 
     Args:
         given: folder or photo.
-        key: of the argument, for messages.
-        output: folder whose predictions are no photos.
-        one: allow one photo.
+        key: name of the argument, for error messages.
+        output: folder whose predictions are not photos.
+        one: allow a single photo.
 
     Raises:
         ArgumentError: there is no such folder, or no photo in it.

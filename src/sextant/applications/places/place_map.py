@@ -1,4 +1,4 @@
-"""A map of photos, in which others are looked up."""
+"""A map of photos, in which other photos are looked up."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -26,14 +26,14 @@ from sextant.trained.content import own_config, read_trained
 
 
 class PlaceMap(DescribedMap):
-    """Photos whose places are known, and which of them show the place of another photo.
+    """Photos of known places, in which the place of another photo is looked up.
 
-    Photos of the map are files of any kind; those that are looked up may also be bytes, as arrays, lists or pictures of
-    Pillow. They are of any size, turned upright by EXIF and stretched to the size of the network's images. Of the map
-    only descriptors and the names of its files are kept.
+    Photos of the map are image files of any kind; photos that are looked up may also be bytes, as arrays, lists or
+    Pillow images. They may have any size; they are turned upright by EXIF and stretched to the size of the network's
+    images. The map keeps only the descriptors and names of its files.
 
-    The confidence of a match is the posterior of its place over the map at the temperature that the run's test fitted
-    (see :mod:`~sextant.applications.places.matching`). It supposes that the place is in the map.
+    The confidence of a match is the posterior of its place over the map, at the temperature that the run's test fitted
+    (see :mod:`~sextant.applications.places.matching`). It assumes that the place is in the map.
 
     >>> places = PlaceMap.load("outputs/runs/place_recognition/1a2b3c4d-s0")  # doctest: +SKIP
     >>> places.add("photos/day")  # doctest: +SKIP
@@ -41,38 +41,38 @@ class PlaceMap(DescribedMap):
     >>> print(best.photo, best.similarity, best.confidence)  # doctest: +SKIP
 
     Args:
-        descriptor: what describes images: one of :mod:`sextant.baselines` that need not be fitted or was, the name of
-            one (``"Hog"``), or anything with ``describe``.
-        size: of the images that it takes; by default its own ``size``, or ``height`` and ``width``.
-        temperature: of the posterior over the map, above 0; without it matches have no confidence.
+        descriptor: what describes images: a descriptor of :mod:`sextant.baselines` that is fitted or needs no fitting,
+            the name of one (``"Hog"``), or any object with ``describe``.
+        size: size of the images that it takes; by default its own ``size``, or ``height`` and ``width``.
+        temperature: temperature of the posterior over the map, above 0; without it matches have no confidence.
         tolerances: what counts as one place, in metres and in photos along a ride.
 
     Raises:
-        ArgumentError: the size is not known or no ``ImageSize``, the descriptor takes vectors alone, or the temperature
-            is not above 0.
+        ArgumentError: the size is unknown or not an ``ImageSize``, the descriptor takes only vectors, or the
+            temperature is not above 0.
     """
 
     @classmethod
     def load(cls, run: Path | str, outputs: Path | str | None = None, *, trust: bool = False) -> Self:
-        """An empty map, whose photos the network of a run describes.
+        """Create an empty map whose photos are described by the network of a run.
 
         Args:
             run: an MLflow run id, a run directory or its name, or a checkpoint.
-            outputs: folder of runs; where runs are written unless given.
-            trust: build parts of the user's own that the checkpoint names.
+            outputs: folder of runs; the folder that runs are written to by default.
+            trust: build user-defined parts that the checkpoint names.
 
         Raises:
-            UserError: there is no such run, its file is damaged, or it is one of another task.
+            UserError: there is no such run, its file is damaged, or it is of another task.
         """
         found = resolve_run(str(run), default_outputs() if outputs is None else Path(outputs).expanduser())
         return cls.of(read_trained(found.checkpoint), found, trust=trust)
 
     @classmethod
     def of(cls, content: Mapping[str, Any], found: FoundRun, *, trust: bool = False) -> Self:
-        """An empty map for the checkpoint of a run, which was read.
+        """Create an empty map for a run's checkpoint that has been read already.
 
         Raises:
-            UserError: as :meth:`load`.
+            UserError: as for :meth:`load`.
         """
         trained = content[KEY]
         if trained["task"] != "place_recognition":
@@ -96,17 +96,17 @@ class PlaceMap(DescribedMap):
         descriptor: Describes | None = None,
         trust: bool = False,
     ) -> Self:
-        """A map that was saved.
+        """Open a saved map.
 
         Args:
-            folder: that it was saved to, or that ``predict.py`` wrote with ``descriptors=true``.
-            run: whose network describes photos, for a map that was saved without it.
-            outputs: folder of runs; where runs are written unless given.
-            descriptor: that describes photos, for a map of one that could not be kept.
-            trust: build parts of the user's own that a network's config names.
+            folder: folder that the map was saved to, or that ``predict.py`` wrote with ``descriptors=true``.
+            run: run whose network describes photos, for a map that was saved without it.
+            outputs: folder of runs; the folder that runs are written to by default.
+            descriptor: descriptor of photos, for a map whose descriptor could not be saved.
+            trust: build user-defined parts that a network's config names.
 
         Raises:
-            UserError: there is no map, it is damaged, or it is of another network than that of the run.
+            UserError: there is no map, it is damaged, or its network is not that of the run.
         """
         folder = Path(str(folder)).expanduser()
         facts = read_facts(folder)
@@ -124,11 +124,11 @@ class PlaceMap(DescribedMap):
         return places.take(folder)
 
     def look_up(self, photo: AnyImage, k: int = 5) -> LookedUp:
-        """The photos of the map that show the place of a photo.
+        """Find the photos of the map that show the place of a photo.
 
         Args:
-            photo: a file, bytes or a picture.
-            k: matches, at least 1; of a smaller map all.
+            photo: a file, bytes or a Pillow image.
+            k: number of matches, at least 1; a smaller map gives all its photos.
 
         Raises:
             UserError: the photo cannot be read, or the map is empty.
@@ -149,18 +149,18 @@ class PlaceMap(DescribedMap):
     def look_up_many(
         self, photos: Iterable[AnyImage], k: int = 5, *, centring: Centring = "none", errors: Errors = "raise"
     ) -> list[LookedUp] | list[LookedUp | FailedPhoto]:
-        """Each photo by itself, in their order.
+        """Look up several photos, each by itself; the results are in the same order.
 
         Args:
-            photos: files, bytes or pictures.
+            photos: files, bytes or Pillow images.
             k: as for :meth:`look_up`.
-            centring: for photos of one ride: whose mean descriptor they lose; as for :meth:`match`.
-            errors: ``raise`` tries all photos, then raises if some failed; ``return`` has a :class:`FailedPhoto` in the
-                place of each that did.
+            centring: for photos of one ride: which mean descriptor is subtracted, as for :meth:`match`.
+            errors: ``raise`` tries all photos, then raises if some failed; ``return`` puts a :class:`FailedPhoto` in
+                the place of each that did.
 
         Raises:
             FailedPhotosError: photos failed; it names all of them.
-            ArgumentError: k is no whole number of at least 1, or no several photos are given.
+            ArgumentError: k is not a whole number of at least 1, or ``photos`` is not a collection of photos.
             UserError: the map is empty.
         """
         return self._look_up(photos, k, None, errors, centring)
@@ -176,19 +176,20 @@ class PlaceMap(DescribedMap):
     def look_up_sequence(
         self, photos: Iterable[AnyImage], k: int = 5, *, length: int = 10, errors: Errors = "raise"
     ) -> list[LookedUp] | list[LookedUp | FailedPhoto]:
-        """The photos of a ride, each with those before it: the map is a ride too, in the order of adding.
+        """Look up the photos of a ride, each together with those before it.
 
-        See :mod:`sextant.retrieval.sequence_matching`. A photo that fails is left out of the ride.
+        The map must be a ride too, in the order in which photos were added; see
+        :mod:`sextant.retrieval.sequence_matching`. A photo that fails is left out of the ride.
 
         Args:
             photos: as for :meth:`look_up_many`, in the order of the ride.
             k: as for :meth:`look_up`.
-            length: photos of a sequence, at least 2.
+            length: number of photos in a sequence, at least 2.
             errors: as for :meth:`look_up_many`.
 
         Raises:
             FailedPhotosError: photos failed; it names all of them.
-            UserError: the map is empty, or both rides are too long to be compared.
+            UserError: the map is empty, or the two rides are too long to be compared.
         """
         check_whole("length", length, 2, "For example length=10")
         return self._look_up(photos, k, length, errors)

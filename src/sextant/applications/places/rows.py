@@ -1,4 +1,4 @@
-"""All that is told of each query, as plain values."""
+"""Everything that is reported of each query, as plain values."""
 
 from collections.abc import Mapping, Sequence, Set
 from typing import Any
@@ -16,10 +16,10 @@ ALIKE = 0.9999
 def query_rows(
     reference: DescribedPhotos, queries: DescribedPhotos, places: KnownPlaces, matches: Matches
 ) -> list[dict[str, Any]]:
-    """One row a query in the order of the names, those included that failed.
+    """One row per query, in the order of the names, including queries that failed.
 
-    ``matches`` are the best first. ``right`` and ``in_map`` are there where the truth is known; a query whose place is
-    not in the map has no right match.
+    Matches are listed best first. ``right`` and ``in_map`` are present where the ground truth is known; a query whose
+    place is not in the map has no right match.
     """
     found = iter(range(len(queries.index)))
     rows: list[dict[str, Any]] = []
@@ -61,7 +61,7 @@ def _same_file(reference: DescribedPhotos, queries: DescribedPhotos, query: str,
 
 
 def counts(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """How many queries were looked up, failed, are copies of their match, and, where it is known, are right."""
+    """How many queries were looked up, failed, are copies of their match and, where that is known, are right."""
     good = [row for row in rows if "error" not in row]
     told: dict[str, Any] = {
         "queries": len(rows),

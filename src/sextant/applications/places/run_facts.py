@@ -1,4 +1,4 @@
-"""What is told of the run whose network describes the photos, and the temperature that its test fitted."""
+"""What is reported of the run whose network describes the photos, and the temperature that its test fitted."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 from sextant.evaluation.places.match_confidence import UNSEEN, MatchConfidence
 from sextant.runs.resolve import FoundRun, resolve_run
 
-#: the test fits one temperature and tells it under the protocol of every condition
+#: the test fits one temperature and reports it under the protocol of every condition
 TEMPERATURE = "test/place_temperature_"
-#: of a network's spec: ``temperature``, ``slope`` and ``offset`` of its confidences, where they were fitted to scenes
-#: that it had not seen
+#: key of a network's spec: ``temperature``, ``slope`` and ``offset`` of its confidences, where they were fitted to
+#: scenes unseen in training
 FITTED = "fitted_unseen"
 
 
 class Temperature(NamedTuple):
-    """Of the posterior over a map; or None, and why there is none."""
+    """The temperature of the posterior over a map, or None and the reason why there is none."""
 
     value: float | None
     lacking: str = ""
@@ -37,10 +37,12 @@ def run_temperature(found: FoundRun) -> Temperature:
 
 
 def fitted_confidence(facts: Mapping[str, Any]) -> MatchConfidence | None:
-    """Of matches by the margin: the network's own, or that of networks in general; None for other descriptors.
+    """The confidence of matches by their margin: the network's own, or the usual one of networks.
+
+    None for descriptors other than networks.
 
     Args:
-        facts: of the descriptor, as :class:`~sextant.applications.kept_descriptor.KeptDescriptor` has them.
+        facts: facts of the descriptor, as in :class:`~sextant.applications.kept_descriptor.KeptDescriptor`.
     """
     if facts["kind"] != "network":
         return None
@@ -49,6 +51,6 @@ def fitted_confidence(facts: Mapping[str, Any]) -> MatchConfidence | None:
 
 
 def run_facts(given: str, found: FoundRun, model: str, trained: Mapping[str, Any]) -> dict[str, Any]:
-    """Which run, which weights, trained on which data."""
+    """Which run, which weights, and which training data."""
     facts = {"run": given, "checkpoint": str(found.checkpoint), "checkpoint_sha256": model}
     return facts | {key: trained.get(key) for key in ("digest", "seed", "code")} | {"data": trained.get("data")}

@@ -1,7 +1,7 @@
-"""Descriptors of photos, kept so that they can be searched again without the photos.
+"""Saved descriptors of photos, which can be searched again without the photos.
 
-A folder holds a :class:`~sextant.retrieval.FlatIndex` (``descriptors.npy``, ``index.json``), and ``map.json``, which
-tells of which network and photos it is. The latter is written last, and has the hash of ``index.json`` and of itself.
+A folder holds a :class:`~sextant.retrieval.FlatIndex` (``descriptors.npy``, ``index.json``) and ``map.json``, which
+states the network and the photos. The latter is written last, and holds the hash of ``index.json`` and of itself.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ from sextant.errors import UserError
 from sextant.retrieval import flat_index
 from sextant.retrieval.flat_index import FlatIndex
 
-#: what counts as one place where no run tells
+#: what counts as one place where no run says so
 TOLERANCES: dict[Unit, PlaceTolerance] = {"m": PlaceTolerance("m", 5, 25), "frames": PlaceTolerance("frames", 0, 1)}
 NO_TEMPERATURE = Temperature(None, "the map was saved without one")
 KIND = FolderFormat("a map of photos", "sextant.place_map", 1, HEADER)
@@ -31,15 +31,15 @@ KIND = FolderFormat("a map of photos", "sextant.place_map", 1, HEADER)
 
 @dataclass(frozen=True)
 class MapFacts:
-    """What the header of a map tells beside its photos.
+    """What the header of a map states besides its photos.
 
     Attributes:
-        model: what tells the network from others.
-        descriptor: what describes photos is kept beside the map.
-        temperature: of the posterior over the map.
-        tolerance: largest distance of one place, if it was chosen.
+        model: identifies the network among others.
+        descriptor: whether the descriptor is saved beside the map.
+        temperature: temperature of the posterior over the map.
+        tolerance: largest distance within one place, if it was set.
         tolerances: what counts as one place, by unit.
-        size: of the images that the network takes; None if it is the network's own.
+        size: size of the images that the network takes; None for the network's own.
     """
 
     model: str
@@ -51,7 +51,7 @@ class MapFacts:
 
 
 def save_map(described: DescribedPhotos, facts: MapFacts, folder: Path) -> None:
-    """Write descriptors with the names of their photos; what was there is replaced.
+    """Write descriptors with the names of their photos; existing files are replaced.
 
     Raises:
         OSError: the disk is full, or the folder cannot be written to.
@@ -70,7 +70,7 @@ def save_map(described: DescribedPhotos, facts: MapFacts, folder: Path) -> None:
 
 
 def read_facts(folder: Path) -> MapFacts:
-    """What the header of a map tells beside its photos.
+    """Read what the header of a map states besides its photos.
 
     Raises:
         UserError: there is no map, or its header is damaged.
@@ -79,10 +79,10 @@ def read_facts(folder: Path) -> MapFacts:
 
 
 def load_map(folder: Path) -> tuple[DescribedPhotos, MapFacts]:
-    """Open saved descriptors, which are mapped into memory.
+    """Open saved descriptors, memory-mapped.
 
     Raises:
-        UserError: they are of a version of Sextant that decodes images otherwise, or damaged.
+        UserError: they are damaged, or of a version of Sextant that decodes images differently.
     """
     header = _header(folder)
     if header["decoder"] != DECODER:
@@ -109,7 +109,7 @@ def _header(folder: Path) -> dict[str, Any]:
 
 
 def _facts(header: Mapping[str, Any], folder: Path) -> MapFacts:
-    if "size" not in header:  # from before these were kept
+    if "size" not in header:  # written before these were stored
         return MapFacts(header["model"])
     try:
         value, lacking, tolerance = *(header["temperature"][key] for key in ("value", "lacking")), header["tolerance"]
@@ -126,7 +126,7 @@ def _facts(header: Mapping[str, Any], folder: Path) -> MapFacts:
 
 
 def _positions(rows: Any, count: int) -> Float64[ndarray, "n 2"] | None:
-    """Positions by the header; None from before there were any."""
+    """Positions by the header; None in headers from before there were any."""
     if rows is None:
         return None
     positions = np.array(rows, np.float64)  # null is nan

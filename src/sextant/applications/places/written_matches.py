@@ -1,4 +1,4 @@
-"""The files of all queries together: a table, and everything."""
+"""The files for all queries together: a table, and a JSON file with everything."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ SEQUENCE_COLUMNS = ("sequence_match", "sequence_similarity", "sequence_right")
 
 
 def write_matches(rows: Sequence[Mapping[str, Any]], facts: Mapping[str, Any], output: Path) -> None:
-    """Write ``matches.csv``, a row a query and rank, and ``matches.json`` with ``facts``.
+    """Write ``matches.csv``, a row per query and rank, and ``matches.json`` with ``facts``.
 
     Raises:
         UserError: the disk is full, or the folder cannot be written to.
@@ -25,7 +25,7 @@ def write_matches(rows: Sequence[Mapping[str, Any]], facts: Mapping[str, Any], o
 
 
 def _flat(row: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """A row for each rank; the margin is of the first."""
+    """A row for each rank; the margin is that of the first."""
     if "error" in row:
         yield {"query": row["query"], "error": row["error"]}
         return

@@ -1,1 +1,1 @@
-"""A walk with a camera that nobody knows: calibrated, straightened and localized in a map of another season."""
+"""A walk with an unknown camera: calibrated, straightened and localized in a map of another season."""

@@ -1,4 +1,4 @@
-"""The images of a map and where they were taken, whatever wrote the poses down."""
+"""The images of a map and where they were taken, from any of several formats of poses."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +18,10 @@ class PosedImages:
     """Images of a map.
 
     Attributes:
-        paths: of their files.
+        paths: files of the images.
         poses: x, y in metres and heading in rad, counter-clockwise.
         source: the file that the poses are from, or the images themselves.
-        remarks: what a user should know.
+        remarks: what the user should know.
     """
 
     paths: list[Path]
@@ -31,17 +31,17 @@ class PosedImages:
 
 
 def posed_images(folder: Path | str, *, skip_bad: bool = False) -> PosedImages:
-    """Images below a folder with poses of TUM, KITTI, COLMAP, OpenSfM, nerfstudio, a table, or GPS in EXIF.
+    """Images below a folder with poses from TUM, KITTI, COLMAP, OpenSfM, nerfstudio, a table, or GPS in EXIF.
 
-    Of the files of poses below the folder, the one with poses of the most images is used. Poses in space are brought to
-    the plane that the camera moved in, as ``sextant inspect`` finds it.
+    If there are several files of poses, the one with poses of the most images is used. 3D poses are projected to the
+    plane that the camera moved in, as ``sextant inspect`` finds it.
 
     Args:
-        folder: with images and one such file.
-        skip_bad: leave out images at the very pose of another, which are a mistake otherwise.
+        folder: folder with images and one such file.
+        skip_bad: leave out images at exactly the pose of another, which are otherwise an error.
 
     Raises:
-        UserError: there are no images, no poses of them, or the ground of the poses is no plane of two axes.
+        UserError: there are no images, no poses for them, or the ground of the poses is not a plane of two axes.
 
     Example:
         >>> found = posed_images("summer")  # doctest: +SKIP

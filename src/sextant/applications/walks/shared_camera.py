@@ -1,4 +1,4 @@
-"""The one camera of many images: what it is, how it was held, and the straight camera that two of them share."""
+"""The one camera of many images: its parameters, how it was held, and the straight camera that two of them share."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.data.photos import Pinhole, straight_focal, through_pinhole
 from sextant.errors import ArgumentError
 
-#: how a camera was held: the same in all images, as one that is mounted; in each image anew; or level, whatever is seen
+#: how a camera was held: alike in all images, as a mounted one; anew in each image; or taken as level
 Held = Literal["mounted", "by_hand", "level"]
 
 
@@ -23,11 +23,11 @@ class SharedCamera:
     """One camera and lens setting.
 
     Attributes:
-        width, height: of the image that was calibrated first, pixels.
+        width, height: size of the image that was calibrated first, pixels.
         focal: focal length in longer sides of an image.
         k1, k2: radial distortion.
-        tilts, rolls: of each image, radians; one for all where the camera was mounted.
-        row: what the fusion of the photos says, with intervals, as plain values; empty of a camera that was given.
+        tilts, rolls: of each image, radians; one for all if the camera was mounted.
+        row: the fusion over the photos with its intervals, as plain values; empty for a camera that was given.
 
     Example:
         >>> known = SharedCamera(320, 240, 0.8, -0.2, 0.03, np.zeros(1), np.zeros(1), {})
@@ -48,7 +48,7 @@ class SharedCamera:
     def of(cls, one: OneCamera, held: Held = "mounted") -> "SharedCamera":
         """The camera of photos that were calibrated together.
 
-        Of one that was mounted tilt and roll are the medians over the photos.
+        For a mounted camera, tilt and roll are the medians over the photos.
 
         Raises:
             UserError: ``held`` is none of the three.
@@ -80,14 +80,14 @@ class SharedCamera:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Half the width and height, in focal lengths, of the largest straight picture of its shape without borders."""
+        """Half the width and height, in focal lengths, of the largest straight image of its shape without borders."""
         straight = straight_focal(self.width, self.height, self.focal_px, self.k1, self.k2, "crop")
         return self.width / 2 / straight, self.height / 2 / straight
 
     def straighten(
         self, image: UInt8[ndarray, "h w 3"], view: Pinhole, number: int
     ) -> tuple[UInt8[ndarray, "vh vw 3"], float]:
-        """The ``number``-th image as ``view`` would have taken it, and the share of that which it does not show."""
+        """The ``number``-th image as ``view`` would have taken it, and the share of the view that it does not show."""
         held = min(number, len(self.tilts) - 1)
         return through_pinhole(
             image, view, focal=self.focal * max(image.shape[:2]), k1=self.k1, k2=self.k2,
@@ -96,7 +96,7 @@ class SharedCamera:
 
 
 def check_held(held: str) -> None:
-    """Whether a camera can be held so.
+    """Check that ``held`` is a known way to hold a camera.
 
     Raises:
         UserError: ``held`` is none of the three.
@@ -106,10 +106,10 @@ def check_held(held: str) -> None:
 
 
 def check_view(rows: int, vfov_deg: float | None) -> None:
-    """Whether there are such pictures, whatever the cameras.
+    """Check the arguments of a view that do not depend on the cameras.
 
     Raises:
-        UserError: there are no such rows, or no such field of view.
+        UserError: the number of rows or the field of view is out of range.
     """
     if not 8 <= rows <= 1080:
         raise ArgumentError(f"rows={rows} must be from 8 to 1080", "rows=120")
@@ -121,13 +121,13 @@ def shared_view(cameras: Sequence[SharedCamera], rows: int = 120, vfov_deg: floa
     """The largest straight view that all cameras cover: without roll, its tilt midway between theirs.
 
     Args:
-        cameras: with how they were held, of which the median counts.
-        rows: of its pictures; columns follow from the shape of the view.
-        vfov_deg: its vertical field of view in place of the largest.
+        cameras: cameras and how they were held; the median tilt of each counts.
+        rows: rows of the view's images; columns follow from its shape.
+        vfov_deg: vertical field of view in degrees, in place of the largest.
 
     Raises:
-        UserError: there are no such rows, no such field of view, or the cameras look up and down so differently that
-            they have nothing in common.
+        UserError: the number of rows or the field of view is out of range, or the cameras are tilted so differently
+            that they have no view in common.
     """
     check_view(rows, vfov_deg)
     tilts = [float(np.median(camera.tilts)) for camera in cameras]

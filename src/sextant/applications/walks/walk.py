@@ -1,4 +1,4 @@
-"""What was found of a walk."""
+"""The result of localizing a walk."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,16 +11,16 @@ from sextant.data.photos import Pinhole
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """What was found.
+    """The result of localizing a walk.
 
     Attributes:
-        camera: of the walk.
-        map_camera: of the map's images; None of a map that was straightened before.
-        view: the virtual camera that both look through.
+        camera: camera of the walk.
+        map_camera: camera of the map's images; None for a map that was straightened before.
+        view: the virtual camera that both are rendered through.
         rows: where each image was taken.
-        unseen: of the straightened images, the mean share that the camera does not show.
-        remarks: what a user should know.
-        files: that were written.
+        unseen: mean share of the straightened images that the camera does not show.
+        remarks: what the user should know.
+        files: files that were written.
         interrupted: Ctrl-C came before the last image.
     """
 
@@ -34,7 +34,7 @@ class Walk:
     interrupted: bool = False
 
     def facts(self) -> dict[str, Any]:
-        """The cameras and what they share as plain values."""
+        """The cameras and their shared view, as plain values."""
         cameras = {"walk": self.camera.row, "map": self.map_camera and self.map_camera.row}
         return {
             "images": len(self.rows),

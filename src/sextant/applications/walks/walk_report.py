@@ -1,4 +1,4 @@
-"""What a walk leaves behind beside its poses: one page, the cameras as numbers, and images before and after."""
+"""The report of a walk besides its poses: one page, the cameras as numbers, and images before and after."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from sextant.applications.walks.walk import Walk
 from sextant.atomic_files import write_atomically, write_json
 from sextant.reports.tables import NOTHING, TextTable
 
-#: images that are shown before and after
+#: number of images shown before and after
 MOST_SHOWN = 6
 
 
@@ -28,11 +28,11 @@ def write_walk_report(
     """Write ``report.md``, ``walk.json`` and ``straightened.png``.
 
     Args:
-        walk: that was localized.
-        shown: number, image and straightened image of some.
-        localizer: whose map it was.
+        walk: the localized walk.
+        shown: number, image and straightened image of some frames.
+        localizer: localizer in the map.
         mapped: the map's straightened images, if they are known.
-        output: a folder that is there.
+        output: an existing folder.
 
     Raises:
         OSError: a file cannot be written.

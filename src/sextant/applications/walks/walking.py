@@ -1,6 +1,6 @@
-"""From a folder or a video of one unknown camera to where each image was taken, in a map by another camera.
+"""From a folder or video of an unknown camera to where each image was taken, in a map made with another camera.
 
-Calibrated together, straightened through one virtual camera, described, and localized: the parts are
+The images are calibrated together, straightened through one virtual camera, described, and localized. The parts are
 :class:`~sextant.PhotoCalibrator`, :class:`~sextant.data.photos.Pinhole` and :class:`~sextant.Localizer`.
 """
 
@@ -32,7 +32,7 @@ from sextant.errors import ArgumentError, UserError
 from sextant.reporter import SILENT, Progress
 from sextant.runs.outputs_folder import default_outputs
 
-#: of a localizer's facts: the virtual camera that its images were taken with
+#: key in a localizer's facts: the virtual camera of its images
 VIEW = "view"
 
 
@@ -60,38 +60,38 @@ def localize_walk(
     replay: ReplayKind = "mp4",
     progress: Progress = SILENT.progress,
 ) -> Walk:
-    """Localize a walk with an unknown camera in a map of another season, and write everything down.
+    """Localize a walk with an unknown camera in a map of another season, and write all results.
 
-    The walk's images are calibrated together, as those of one camera, and so are the map's; both are straightened to
-    what one camera without distortion would have seen, and the map is made of what remains.
+    The walk's images are calibrated together, as those of one camera, and so are the map's. Both are straightened to
+    what one camera without distortion would have seen, and the map is built from the straightened images.
 
     Args:
         input: folder of photos in the order of their names, or a video, or a ROS bag.
         map: folder of images with poses (:func:`~sextant.applications.walks.posed_images.posed_images`), or what
-            an earlier walk wrote as ``map``, or another saved map, of which ``vfov_deg`` must be given.
+            an earlier walk wrote as ``map``, or another saved map, for which ``vfov_deg`` must be given.
         output: folder for ``report.md``, ``walk.json``, ``poses.csv``, ``trajectory.tum``, ``map`` and pictures.
-        calibrator: of both cameras; the one of the package unless given.
-        descriptor: as for :meth:`~sextant.Localizer.from_images`; not of a saved map, which has its own.
+        calibrator: calibrates both cameras; the package's own by default.
+        descriptor: as for :meth:`~sextant.Localizer.from_images`; not for a saved map, which has its own.
         held: how the cameras were held: ``mounted``, ``by_hand`` (each image has its own tilt and roll, and all are
             calibrated), or ``level``.
-        photos: of each camera that are calibrated, evenly taken.
-        rows: of the straightened images, 120 unless given; not of a saved map, which has its own.
-        vfov_deg: vertical field of view of these; the largest that both cameras cover unless given. Not of a saved map
-            that has its own.
-        skip_bad: leave out images of the map at the very pose of another, which are a mistake otherwise; not of a saved
-            map.
-        focal_prior: of the walk's camera, as for :meth:`~sextant.PhotoCalibrator.one_camera`.
+        photos: number of images of each camera that are calibrated, evenly spaced.
+        rows: rows of the straightened images, 120 by default; not for a saved map, which has its own.
+        vfov_deg: vertical field of view of the straightened images in degrees; by default the largest that both cameras
+            cover. Not for a saved map that has its own.
+        skip_bad: leave out images of the map at exactly the pose of another, which are otherwise an error; not for a
+            saved map.
+        focal_prior: for the walk's camera, as for :meth:`~sextant.PhotoCalibrator.one_camera`.
         odometry: as for ``sextant predict``; without it, motion is unknown.
-        every: of a video or bag, one of so many images.
-        image_topic, odometry_topic: of a bag that has several.
-        particles, start, seed: of the filter; as many particles as the map was made for unless given.
+        every: of a video or bag, use every n-th image.
+        image_topic, odometry_topic: topics of a bag that has several.
+        particles, start, seed: settings of the filter; by default as many particles as the map was made for.
         smooth: write ``smoothed.tum`` too.
         replay: animation of the particles.
-        progress: shows how far the work is.
+        progress: shows the progress of the work.
 
     Raises:
-        UserError: there are no images, no map, no camera can be found for either, an argument is out of range or not
-            for a saved map, or the disk is full.
+        UserError: there are no images or no map, no camera can be found for one of them, an argument is out of range or
+            does not apply to a saved map, or the disk is full.
 
     Example:
         >>> walk = localize_walk("winter.mp4", "summer", "found", every=10)  # doctest: +SKIP
@@ -168,7 +168,7 @@ def _camera_of_drive(
     count = len(drive)
     chosen = set(range(count) if held == "by_hand" else _spread(count, photos))
     seen = (frame for number, frame in enumerate(drive.frames.read(None)) if number in chosen)
-    blank = np.zeros((1, 1, 3), np.uint8)  # which fails, and so keeps the numbers of the others
+    blank = np.zeros((1, 1, 3), np.uint8)  # it fails, and so keeps the numbers of the others
     images = (blank if frame.image is None else frame.image for frame in seen)
     return SharedCamera.of(calibrator.one_camera(images, focal_prior=focal_prior, errors="return"), held)
 
@@ -180,7 +180,7 @@ def _spread(count: int, wanted: int) -> list[int]:
 def _straightened_map(
     mapped: PosedImages, camera: SharedCamera, view: Pinhole
 ) -> tuple[UInt8[ndarray, "n h w 3"], PosedImages]:
-    """The images that can be read, and a map of these alone."""
+    """The images that can be read, straightened, and a map of these only."""
     images, read, problems = [], [], []
     for number, path in enumerate(mapped.paths):
         try:
@@ -198,7 +198,7 @@ def _straightened_map(
 
 
 def _check_saved(map: Path | str, **given: object) -> None:
-    """Whether nothing is asked of a saved map that was settled when it was made."""
+    """Check that nothing is asked of a saved map that was fixed when it was made."""
     for name, value in given.items():
         if value is not None:
             raise ArgumentError(
@@ -208,7 +208,7 @@ def _check_saved(map: Path | str, **given: object) -> None:
 
 
 def _view_of(localizer: Localizer, map: Path | str, vfov_deg: float | None) -> Pinhole:
-    """The view of a saved map: its own, or a level one of a field of view that the user knows."""
+    """The view of a saved map: its own, or a level one with a field of view that the user knows."""
     if localizer.descriptor.describer is None or localizer.image_size is None:
         raise UserError(
             f"map={map}: the map was described by vectors from elsewhere, so images cannot be described",
@@ -228,7 +228,7 @@ def _view_of(localizer: Localizer, map: Path | str, vfov_deg: float | None) -> P
 
 
 class _Straightened:
-    """The frames of a drive through the view; what is needed to show some of them is kept."""
+    """The frames of a drive through the view; some of them are kept for display."""
 
     def __init__(self, drive: OwnDrive, camera: SharedCamera, view: Pinhole, size: tuple[int, int, int] | None):
         self.drive, self.camera, self.view = drive, camera, view

@@ -1,8 +1,8 @@
-"""The full classical competitor: distortion from bent lines, then vanishing points, then everything at once.
+"""The full classical baseline: distortion from bent lines, then vanishing points, then everything at once.
 
 The plumb-line estimate of ``k1_hat`` straightens the image, so that the detector finds whole lines where the lens shows
-arcs; their ends are bent back, and tilt, roll, heading, focal length and distortion are fitted together with the exact
-lens model, with the plumb-line estimate and its uncertainty as what is believed of the distortion.
+arcs. Their ends are bent back, and tilt, roll, heading, focal length and distortion are fitted together with the exact
+lens model, with the plumb-line estimate and its uncertainty as the prior of the distortion.
 """
 
 from dataclasses import replace
@@ -29,11 +29,11 @@ from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.plumb_line import straightening_k1_hat
 from sextant.baselines.calibration.vanishing_points import find_frame
 
-#: The straightened image is at most so many times as wide and high as the image.
+#: The straightened image is at most this many times as wide and high as the image.
 LARGEST_CANVAS = 1.7
-#: Lenses that bend less than this show arcs as straight to the detector, and the image is left as it is.
+#: Arcs of lenses that bend less than this are straight to the detector, and the image is left as it is.
 NEGLIGIBLE = 0.02
-#: Ends of segments that cross the border of the picture come out so far beyond it at most, in image heights.
+#: Ends of segments that cross the border of the picture come out at most this far beyond it, in image heights.
 OVERSHOOT = 0.01
 
 
@@ -42,7 +42,7 @@ class CombinedGeometry(CalibrationBaseline):
 
     Args:
         prior: belief about the camera; ``fit`` replaces it.
-        seed: of the vanishing points' hypotheses; the same image and seed give the same camera.
+        seed: seed of the vanishing points' hypotheses; the same image and seed give the same camera.
 
     Example:
         >>> v, u = (np.mgrid[:256, :256] + 0.5) / 256 - 0.5
@@ -56,7 +56,7 @@ class CombinedGeometry(CalibrationBaseline):
     """
 
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:
-        """The camera that took ``image``; what the image does not determine is the prior's."""
+        """The camera that took ``image``; what the image does not determine comes from the prior."""
         k1_hat, sigma = straightening_k1_hat(detect_chains(image), self.prior_)
         sharper = replace(self.prior_, k1_hat=k1_hat, sigma=(*self.prior_.sigma[:3], sigma))
         segments = detect_bent_segments(image, k1_hat, self.prior_.focal)
@@ -68,15 +68,15 @@ class CombinedGeometry(CalibrationBaseline):
 
 
 def detect_bent_segments(image: UInt8[ndarray, "h w 3"], k1_hat: float, focal: float) -> Float64[ndarray, "n 2 2"]:
-    """Segments that are straight once the lens is undone, by their ends in the image as it is, longest first.
+    """Segments that are straight once the lens is undone, given by their ends in the original image, longest first.
 
     Args:
         image: RGB.
         k1_hat: apparent distortion of the lens.
-        focal: image heights; need be known only roughly.
+        focal: in image heights; it need only be known roughly.
 
     Raises:
-        ValueError: it is no uint8 RGB image.
+        ValueError: it is not a uint8 RGB image.
 
     Example:
         >>> v, u = (np.mgrid[:256, :256] + 0.5) / 256 - 0.5
@@ -106,9 +106,9 @@ def detect_bent_segments(image: UInt8[ndarray, "h w 3"], k1_hat: float, focal: f
 def _straighten(
     grey: UInt8[ndarray, "h w"], edge: Float64[ndarray, "2"], room: float, k1_hat: float, k2_hat: float
 ) -> UInt8[ndarray, "h2 w2"]:
-    """The image without its lens, ``room`` times as wide and high; ``edge``: half of its sides in image heights.
+    """The image with its lens undone, ``room`` times as wide and high; ``edge``: half of its sides in image heights.
 
-    Beyond the border it is of one grey, so that lines end there: repeated, it would lead them on, and elsewhere.
+    Beyond the border it is a single grey, so that lines end there: a repeated border would lead them on, elsewhere.
     """
     height, width = (max(round(side * room), 1) for side in grey.shape)
     columns, rows = (2 * (np.arange(count) + 0.5) / count - 1 for count in (width, height))

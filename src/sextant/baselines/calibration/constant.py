@@ -1,4 +1,4 @@
-"""Calibration without looking: the answers that every method must beat."""
+"""Calibration without looking at the image: the answers that every method must beat."""
 
 from typing import Self
 
@@ -16,7 +16,7 @@ from sextant.geometry import CameraParameters
 class ConstantCamera(CalibrationBaseline):
     """The median of the training labels, parameter by parameter: tilt, roll, vertical field of view and k1.
 
-    (The median field of view and the median focal length are the same camera; for k1 itself, not k1_hat.)
+    (The median field of view and the median focal length give the same camera; the median is of k1, not of k1_hat.)
 
     Attributes:
         camera_: the fitted camera.
@@ -47,7 +47,7 @@ class PriorCamera(CalibrationBaseline):
     """A level camera without distortion, and the median field of view of the training labels.
 
     Args:
-        prior: what is believed where ``fit`` is not called.
+        prior: belief about the camera where ``fit`` is not called.
 
     Example:
         >>> labels = torch.tensor([[0.0, 0.1, 0.5], [0.0, 0.0, 0.0], [0.8, 1.0, 3.0], [0.0, -0.1, -0.2]])

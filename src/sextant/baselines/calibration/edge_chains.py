@@ -10,11 +10,11 @@ from sextant.baselines.calibration.line_segments import FRAME, heights_from_work
 
 #: Canny's thresholds on Sobel gradients of a slightly blurred image of 8 bits.
 WEAK, STRONG = 60, 120
-#: A chain ends where it turns by more than this within so many pixels on both sides.
+#: A chain ends where it turns by more than this within this many pixels on both sides.
 TURN, REACH = np.radians(32), 5
 #: Shorter chains, in image heights, do not show how a line bends.
 SHORTEST = 0.1
-#: Points a chain is averaged to.
+#: Number of points that a chain is averaged to.
 POINTS = 16
 
 
@@ -25,7 +25,7 @@ def detect_chains(image: UInt8[ndarray, "h w 3"]) -> Float64[ndarray, "n points 
     gradient (a parabola through three values).
 
     Raises:
-        ValueError: it is no uint8 RGB image.
+        ValueError: it is not a uint8 RGB image.
 
     Example:
         >>> image = np.zeros((256, 256, 3), np.uint8)
@@ -74,7 +74,7 @@ def _to_peak(
 
 
 def _smooth_runs(pixels: Int[ndarray, "n 2"], contours: list[Int[ndarray, "k 2"]]) -> list[slice]:
-    """Stretches of the contours, laid end to end in ``pixels``, without a corner."""
+    """Stretches without a corner of the contours, which lie end to end in ``pixels``."""
     ahead = np.zeros_like(pixels, dtype=np.float64)
     ahead[:-REACH] = pixels[REACH:] - pixels[:-REACH]
     before = np.zeros_like(ahead)
@@ -82,7 +82,7 @@ def _smooth_runs(pixels: Int[ndarray, "n 2"], contours: list[Int[ndarray, "k 2"]
     cross, dot = before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0], (before * ahead).sum(-1)
     corner: Bool[ndarray, "n"] = np.abs(np.arctan2(cross, dot)) > TURN
     ends = np.cumsum([len(contour) for contour in contours])
-    for end in (0, *ends):  # where one contour meets the next, the pixels around say nothing
+    for end in (0, *ends):  # where one contour meets the next, the pixels around tell nothing
         corner[max(end - REACH, 0) : end + REACH] = True
     starts = np.flatnonzero(np.diff(np.concatenate([[True], corner, [True]]).astype(np.int8)))
     return [slice(first, last) for first, last in zip(starts[::2], starts[1::2], strict=True) if last - first > POINTS]

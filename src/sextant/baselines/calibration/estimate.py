@@ -1,4 +1,4 @@
-"""What a geometric method believes of a camera before and after it has seen the image."""
+"""What a geometric method believes about a camera before and after it has seen the image."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -78,8 +78,8 @@ class CalibrationEstimate:
 
     Attributes:
         camera: tensors without dimensions; always finite, since the prior stands in for what is not determined.
-        determined: what the image settled: where the standard deviation came down below half of the prior's.
-        covariance: of tilt, roll, log focal and k1_hat given image and prior; the prior's where nothing was seen.
+        determined: which parameters the image settled: those whose standard deviation fell below half the prior's.
+        covariance: that of tilt, roll, log focal and k1_hat given image and prior; the prior's where nothing was seen.
         long_segments: number of line segments longer than 0.1 image heights; chains of edge pixels for plumb lines.
 
     Example:

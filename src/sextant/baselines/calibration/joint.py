@@ -1,8 +1,8 @@
-r"""One camera from all evidence at once: lines, a network, what cameras people hold, and what else is known.
+r"""One camera from all evidence at once: lines, a network, a prior on people's cameras, and whatever else is known.
 
 The estimate is the camera of least cost (:mod:`~sextant.baselines.calibration.joint_problem`) over many starts: frames
 of vanishing points, and the believed cameras with the headings that suit the lines best. The curvature at the optimum
-gives a covariance, to which other modes add by how probable they are beside the best.
+gives a covariance, to which other modes contribute by their probability relative to the best.
 
 Sources: as :mod:`~sextant.baselines.calibration.vanishing_points`; K. L. Lange, R. J. A. Little, J. M. G. Taylor,
 "Robust statistical modeling using the t distribution", JASA 1989, for the losses.
@@ -21,20 +21,20 @@ from sextant.baselines.calibration.robust_fit import HIGH, LOW
 from sextant.baselines.calibration.starts import joint_starts
 from sextant.baselines.calibration.terms import Term
 
-#: of the rough fits, those that are refined; distance from the bound of a number at which it lies there
+#: number of rough fits that are refined; distance to its bound below which a number counts as lying there
 FINAL, AT_END = 2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class JointEstimate:
-    """One photo's camera by all evidence.
+    """A photo's camera from all evidence.
 
     Attributes:
         vector: tilt, roll, log focal and k1_hat of the best mode, in image heights.
-        covariance: of them, other modes included.
+        covariance: covariance of these, other modes included.
         support: how many long segments point to each axis, right, down and forward.
         rivals: probability of all modes but the best.
-        ends: which of tilt, roll, focal length and distortion lie at an end of what is searched.
+        ends: which of tilt, roll, focal length and distortion lie at an end of the range searched.
     """
 
     vector: Float64[ndarray, "4"]
@@ -45,15 +45,15 @@ class JointEstimate:
 
 
 def joint_estimate(lines: LineEvidence, beliefs: Sequence[Term], *, seed: int = 0) -> JointEstimate:
-    """The camera of a photo by its lines and all else that is known.
+    """The camera of a photo from its lines and everything else that is known.
 
     Args:
-        lines: of the photo.
-        beliefs: a network's, priors, and what else is known; in heights of the photo.
-        seed: of the vanishing points' hypotheses; the same evidence and seed give the same camera.
+        lines: lines of the photo.
+        beliefs: a network's, priors, and whatever else is known; in heights of the photo.
+        seed: seed of the vanishing points' hypotheses; the same evidence and seed give the same camera.
 
     Raises:
-        ValueError: nothing bounds the camera.
+        ValueError: there is no belief, so that nothing bounds the camera.
 
     Example:
         >>> from sextant.baselines.calibration import CameraBelief, FocalBelief
@@ -82,7 +82,7 @@ def joint_estimate(lines: LineEvidence, beliefs: Sequence[Term], *, seed: int = 
 
 
 def _apart(modes: Sequence[Mode]) -> list[Mode]:
-    """Without those that are the same camera as one before."""
+    """The modes without those that are the same camera as an earlier one."""
     kept: list[Mode] = []
     for mode in modes:
         off = [np.abs(mode.vector - other.vector)[[TILT, ROLL, LOG_FOCAL]].max() for other in kept]

@@ -1,12 +1,13 @@
 r"""The cost of a camera given all evidence of a photo, and its minima.
 
-Half the sum of all terms' robust losses (:mod:`~sextant.baselines.calibration.terms`). Each segment of a picture
-belongs to the nearest of three orthogonal axes with a Cauchy loss, or to none at the price of one at the threshold, so
-that modes which explain other segments are compared by the same sum.
+The cost is half the sum of all terms' robust losses (:mod:`~sextant.baselines.calibration.terms`). Each segment of a
+picture belongs to the nearest of three orthogonal axes, with a Cauchy loss, or to none, at the cost of a segment at the
+threshold. So modes that explain different segments are compared by the same sum.
 
-Segments count by the share of their length that some frame explains beyond chance: where that is small, the scene is no
-world of boxes. On crops of panoramas the errors of frames are four times those by the curvature where 0.2 is explained,
-twice at 0.4, the same from 0.65 on; so in the curvature segments count by the cube of what they count in the cost.
+Segments are weighted by the share of their length that some frame explains beyond chance: where that is small, the
+scene is not a world of boxes. On crops of panoramas, the errors of frames are four times those from the curvature where
+a share of 0.2 is explained, twice at 0.4, and the same from 0.65 on. So in the curvature, the weight of segments is the
+cube of that in the cost.
 """
 
 import math
@@ -35,7 +36,7 @@ from sextant.baselines.calibration.terms import StraightChains, Term
 
 #: what a segment that fits no axis costs: as much as one at the threshold
 OUTLIER = 0.5 * math.log1p((math.sin(THRESHOLD) / WORLD_NOISE) ** 2)
-#: share of explained length from which segments count in full, and the least that they do
+#: share of explained length from which segments count in full, and the least weight that they have
 FRAME, LEAST = 0.7, 0.05
 TILT, ROLL, HEADING, LOG_FOCAL, K1_HAT = range(5)
 
@@ -46,8 +47,8 @@ class Mode:
 
     Attributes:
         vector: tilt, roll, heading, log focal, k1_hat, in image heights.
-        covariance: of them, by the curvature.
-        cost: negative log posterior but for a constant.
+        covariance: covariance of these, from the curvature.
+        cost: negative log posterior up to a constant.
         support: how many long segments point to each of the axes.
     """
 
@@ -58,9 +59,9 @@ class Mode:
 
 
 def _trust(explained: float) -> float:
-    """How much the segments of a photo count, by the share of their length that some frame explains: its root.
+    """The weight of a photo's segments: the root of the share of their length that some frame explains.
 
-    Of six curves, this one has the least errors over the photos of ``benchmarks.joint_intervals``, whichever set of
+    Of six curves, this one has the smallest errors over the photos of ``benchmarks.joint_intervals``, whichever set of
     them is left out. It is steep where nothing is explained: a photo of a hedge leaves its camera to the network.
     """
     return min(max(math.sqrt(max(explained, 0.0) / FRAME), LEAST), 1.0)
@@ -71,10 +72,10 @@ class AlignedSegments(Term):
 
     Args:
         segments: ends in image heights, as the lens shows them.
-        axis: 0 right, 1 down, 2 forward, of each.
-        share: weight of each; all of a picture count as at most so many.
+        axis: axis of each segment: 0 right, 1 down, 2 forward.
+        share: weight of each segment, which limits what all segments of a picture count.
         certainty: see :class:`~sextant.baselines.calibration.terms.Term`.
-        shorter: side of the photo, image heights: of which the noise of ends is a part.
+        shorter: shorter side of the photo in image heights, of which the noise of ends is a fraction.
     """
 
     def __init__(
@@ -94,17 +95,17 @@ class AlignedSegments(Term):
         return sines_to(axes, np.exp(vectors[:, 3, None]), straightened(vectors, self.segments)) / self.noise
 
     def loss(self, squares: Float64[ndarray, "*b n"]) -> Float64[ndarray, "3 *b n"]:
-        """Cauchy's."""
+        """Cauchy's loss."""
         more = 1 + squares
         return self.share * np.stack([np.log(more), 1 / more, -1 / np.square(more)])
 
 
 class JointProblem:
-    """The cost of a photo's cameras.
+    """The cost of cameras for one photo.
 
     Args:
-        lines: of the photo.
-        beliefs: all else that is known of its camera.
+        lines: lines of the photo.
+        beliefs: everything else that is known about its camera.
     """
 
     def __init__(self, lines: LineEvidence, beliefs: Sequence[Term]):
@@ -114,11 +115,11 @@ class JointProblem:
         self.chains = [StraightChains(lines.chains, lines.shorter)] if len(lines.chains) else []
 
     def belief_cost(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b"]:
-        """Of all but the lines."""
+        """The cost of everything but the lines."""
         return np.asarray(sum(term.cost(vectors) for term in self.beliefs) + np.zeros(len(vectors)))
 
     def rough(self, start: Float64[ndarray, "5"]) -> Mode:
-        """The minimum near ``start`` at its distortion, with segments assigned once and generously."""
+        """The minimum near ``start`` with its distortion kept, and segments assigned once and generously."""
         return self._fit(start, FIRST_ROUND, np.arange(4), self.beliefs)
 
     def fine(self, start: Float64[ndarray, "5"]) -> Mode:
@@ -148,7 +149,7 @@ class JointProblem:
 
 
 class _Stack(RobustFit):
-    """Terms one after the other."""
+    """Terms stacked one after the other."""
 
     tolerance, evaluations = 1e-5, 15
 
@@ -174,5 +175,5 @@ class _Stack(RobustFit):
         jacobian = self.jacobian(free)
         information = 1e-9 * np.eye(5)
         information[np.ix_(self.free, self.free)] += (jacobian * weights[:, None]).T @ jacobian
-        information[HEADING, HEADING] += 1e-4  # nothing may tell the heading
+        information[HEADING, HEADING] += 1e-4  # the heading may be undetermined
         return np.asarray(np.linalg.inv(information))

@@ -5,8 +5,8 @@ With :math:`R = f r` the distortion :math:`r_d = r(1 + k_1 r^2 + k_2 r^4)` reads
 straightness of lines shows :math:`\hat k_1` but not f. In the lens family of Lopez-Antequera et al. (2019)
 :math:`\hat k_2 = 0.805\,\hat k_1^2 + 0.019\,\hat k_1/f^2`, and only the last, tiny term needs f.
 
-A twin of :func:`sextant.geometry.undistort_radius` without gradients, and equal to it; torch's cost for each call
-would be ten times that of the arithmetic.
+This is a twin of :func:`sextant.geometry.undistort_radius` without gradients, and equal to it; torch's overhead per
+call would be ten times the cost of the arithmetic.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ def undistort_factor(
     """Ratio ``R / R_d`` of undistorted to distorted radius, at the squared distorted radius ``square``.
 
     Solves ``t (1 + A t^2 + B t^4) = 1`` for the ratio t, with ``A = k1_hat R_d^2``, ``B = k2_hat R_d^4``. Where a short
-    lens folds before it reaches R_d, the ratio at the fold, as :func:`sextant.geometry.max_radius` has it.
+    lens folds before it reaches R_d, this is the ratio at the fold, as in :func:`sextant.geometry.max_radius`.
     """
     a, b = np.asarray(k1_hat * square), np.asarray(k2_hat * square * square)
     folds, fold = _fold(a, b)
@@ -47,7 +47,7 @@ def undistort_factor(
 
 
 def _fold(a: Float[ndarray, "*b"], b: Float[ndarray, "*b"]) -> tuple[Bool[ndarray, "*b"], Float[ndarray, "*b"]]:
-    """Whether ``t (1 + A t^2 + B t^4)`` stops to grow anywhere, and the first t at which it does; else 1."""
+    """Whether ``t (1 + A t^2 + B t^4)`` stops growing anywhere, and the first t at which it does; else 1."""
     root = np.sqrt(np.maximum(9 * a * a - 20 * b, 0))
     folds = (root > 3 * a) & (root > 0)
     return folds, np.sqrt(np.where(folds, 2, 1) / np.where(folds, root - 3 * a, 1))

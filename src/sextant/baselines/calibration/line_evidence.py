@@ -1,4 +1,4 @@
-"""What the lines of a photo say of its camera, before anything else is asked."""
+"""What the lines of a photo say about its camera, before any other evidence is used."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,7 @@ from sextant.baselines.calibration.estimate import CameraPrior
 from sextant.baselines.calibration.plumb_line import straightening_k1_hat
 from sextant.baselines.calibration.vanishing_points import explained_share
 
-#: by which chains are straightened before segments are looked for
+#: prior with which chains are straightened before segments are sought
 FIRST = CameraPrior(focal=0.9, k1_hat=-0.03, sigma=(0.3, 0.1, 0.4, 0.15))
 
 
@@ -20,11 +20,12 @@ class LineEvidence:
     """The lines of one photo.
 
     Attributes:
-        chains: smooth chains of edge pixels, image heights from the centre.
-        segments: ends of what is straight once the lens is undone, longest first.
-        k1_hat: that straightens the chains, a first guess.
-        longer: longer side of the photo, image heights.
-        shorter: shorter side, image heights: pixels, and so the noise of lines, are the same part of it upright or not.
+        chains: smooth chains of edge pixels, in image heights from the centre.
+        segments: ends of segments that are straight once the lens is undone, longest first.
+        k1_hat: the distortion that straightens the chains, a first guess.
+        longer: longer side of the photo, in image heights.
+        shorter: shorter side, in image heights; pixels, and so the noise of lines, are the same fraction of it in
+            portrait and landscape.
         explained: share of the segments' length that some frame of three orthogonal axes explains beyond chance.
 
     Example:
@@ -48,7 +49,7 @@ class LineEvidence:
         """The lines of an RGB image.
 
         Raises:
-            ValueError: it is no uint8 RGB image.
+            ValueError: it is not a uint8 RGB image.
         """
         chains = detect_chains(image)
         k1_hat, _ = straightening_k1_hat(chains, FIRST)

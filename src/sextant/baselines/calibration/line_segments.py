@@ -13,11 +13,11 @@ from sextant.baselines.calibration.method import check_image
 
 #: The detector shrinks by this before it looks for gradients; pixel centres come out ``0.5 / LSD_SCALE`` too small.
 LSD_SCALE = 0.8
-#: Shorter sides, in pixels, between which images are worked on: below, segments are lost; above, time is.
+#: Shorter sides, in pixels, between which images are processed: below, segments are lost; above, time is.
 SMALLEST, LARGEST = 256, 512
-#: A segment counts as long from here on, in image heights.
+#: Length, in image heights, from which a segment counts as long.
 LONG = 0.1
-#: Nearer to the border, in image heights, lie black columns, scanned margins and other frames that no lens has bent.
+#: Nearer to the border than this, in image heights, are black columns, scanned margins and other unbent frames.
 FRAME = 0.012
 #: Shorter segments, in image heights, say nothing about directions.
 SHORTEST = 0.03
@@ -31,7 +31,7 @@ def detect_segments(image: UInt8[ndarray, "h w 3"], shortest: float = SHORTEST) 
         shortest: segments below this length, in image heights, are dropped.
 
     Raises:
-        ValueError: it is no uint8 RGB image.
+        ValueError: it is not a uint8 RGB image.
 
     Example:
         >>> image = np.zeros((256, 256, 3), np.uint8)
@@ -53,7 +53,7 @@ def on_frame(segments: Float64[ndarray, "n 2 2"], edge: Float64[ndarray, "2"]) -
 
 
 def grey_segments(grey: UInt8[ndarray, "h w"]) -> Float64[ndarray, "n 2 2"]:
-    """Segments of a grey image by their two ends in pixels, whose centres are at + 0.5, in no order."""
+    """Segments of a grey image by their two ends in pixels, whose centres are at + 0.5, in no particular order."""
     found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE, scale=LSD_SCALE).detect(grey)[0]
     return np.zeros((0, 2, 2)) if found is None else found.reshape(-1, 2, 2).astype(np.float64) + 0.5 / LSD_SCALE
 
@@ -83,7 +83,7 @@ def count_long(segments: Float64[ndarray, "n 2 2"]) -> int:
 def heights_from_working(
     points: Float64[ndarray, "*n 2"], grey: UInt8[ndarray, "h2 w2"], image: UInt8[ndarray, "h w 3"]
 ) -> Float64[ndarray, "*n 2"]:
-    """Image heights from the centre of ``image``, of pixels of ``grey``, its resized version."""
+    """Convert pixels of ``grey``, the resized ``image``, to image heights from the centre of ``image``."""
     aspect = image.shape[1] / image.shape[0]
     return np.asarray((points / np.array([grey.shape[1], grey.shape[0]]) - 0.5) * np.array([aspect, 1.0]))
 
@@ -92,7 +92,7 @@ def working_grey(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h2 w2"]:
     """The image in grey, its shorter side between :data:`SMALLEST` and :data:`LARGEST` pixels.
 
     Raises:
-        ValueError: it is no uint8 RGB image.
+        ValueError: it is not a uint8 RGB image.
     """
     check_image(image)
     grey = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)

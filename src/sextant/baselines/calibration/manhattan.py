@@ -5,7 +5,7 @@ A world of boxes has edges along three orthogonal axes, one of them vertical. A 
 columns w of :math:`R = (R_x(\theta) R_z(\psi))^\top R_y(\alpha)`, with vanishing points :math:`f (w_x, w_y) / w_z`.
 A segment with direction d and midpoint m, both after the lens is undone, fits an axis if d is parallel to
 :math:`e = (f w_x - m_u w_z,\; f w_y - m_v w_z)`, which is finite for axes parallel to the image as well. The residual
-is the sine of their angle over its standard deviation, made of a part for the ends of the segment and a part for the
+is the sine of their angle over its standard deviation, which combines the noise of the segment's ends with that of the
 world. The estimate is the maximum of the posterior under Cauchy noise and a Gaussian prior.
 """
 
@@ -26,7 +26,7 @@ END_NOISE, WORLD_NOISE = 0.0012, np.radians(0.4)
 THRESHOLD = np.radians(2.5)
 #: Thresholds while the camera is only roughly known.
 FIRST_ROUND = (2 * THRESHOLD,)
-#: Segments of one picture repeat each other's errors: beyond this number they count no further.
+#: Segments of one picture repeat each other's errors: beyond this number, more of them add no weight.
 EFFECTIVE_SEGMENTS = 25.0
 #: Where tilt, roll, log focal and k1_hat stand among the five numbers.
 BELIEFS = np.array([0, 1, 3, 4])
@@ -38,7 +38,7 @@ class ManhattanFit:
 
     Attributes:
         vector: tilt, roll, heading, log focal, k1_hat.
-        covariance: of the five numbers, from the curvature at the optimum.
+        covariance: covariance of the five numbers, from the curvature at the optimum.
         cost: half the negative log posterior, up to a constant: comparable between fits to the same segments.
         inliers: number of segments within :data:`THRESHOLD` of an axis.
     """
@@ -79,7 +79,7 @@ def _sines(
 def sines_to(
     axes: Float[ndarray, "b 3 #n"], focal: Float[ndarray, "b 1"], ends: Float[ndarray, "#b n 2 2"]
 ) -> Float[ndarray, "b n"]:
-    """The sines for one axis a segment, or one for all."""
+    """The sines for one axis per segment, or one for all."""
     du, dv = ends[..., 1, 0] - ends[..., 0, 0], ends[..., 1, 1] - ends[..., 0, 1]
     mu, mv = (ends[..., 1, 0] + ends[..., 0, 0]) / 2, (ends[..., 1, 1] + ends[..., 0, 1]) / 2
     eu, ev = focal * axes[:, 0] - mu * axes[:, 2], focal * axes[:, 1] - mv * axes[:, 2]
@@ -129,7 +129,7 @@ def fit_manhattan(
 
 
 class _Problem(RobustFit):
-    """Residuals of segments with known axes and of the prior, over the ``free`` ones of the five numbers."""
+    """Residuals of segments with known axes and of the prior, over the ``free`` numbers among the five."""
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class _Problem(RobustFit):
         return np.concatenate([data, belief], axis=1)
 
     def loss(self, squares: Float64[ndarray, "m"]) -> Float64[ndarray, "3 m"]:
-        """Cauchy for the segments, which share the weight of at most so many; Gaussian for the prior."""
+        """Cauchy for the segments, whose total weight is at most :data:`EFFECTIVE_SEGMENTS`; Gaussian for the prior."""
         count = len(self.segments)
         rho = np.stack([squares, np.ones_like(squares), np.zeros_like(squares)])
         more = 1 + squares[:count]
@@ -168,7 +168,7 @@ class _Problem(RobustFit):
         information[np.ix_(self.free, self.free)] = (jacobian * rho[1][:, None]).T @ jacobian
         if 4 not in self.free:
             information[4, 4] = self.sigma[3] ** -2
-        information[2, 2] += 1e-6  # nothing may tell the heading
+        information[2, 2] += 1e-6  # the heading may be undetermined
         # an outlier costs as much as a segment at the threshold, so that throwing segments out is no way to win
         bound = np.log1p(np.square(np.sin(THRESHOLD) / WORLD_NOISE)) * self.share
         cost = 0.5 * float(rho[0].sum()) + 0.5 * bound * outliers

@@ -1,4 +1,4 @@
-"""What all baselines of calibration have in common."""
+"""The base of all calibration baselines."""
 
 from abc import ABC, abstractmethod
 from typing import Self
@@ -16,14 +16,14 @@ class CalibrationBaseline(ABC):
 
     Args:
         prior: belief about the camera; ``fit`` replaces it.
-        seed: of what is drawn; the same image and seed give the same camera.
+        seed: seed of all random draws; the same image and seed give the same camera.
     """
 
     def __init__(self, prior: CameraPrior | None = None, seed: int = 0):
         self.prior_, self.seed = prior or CameraPrior(), seed
 
     def fit(self, cameras: CameraParameters) -> Self:
-        """Learn how the cameras of the training images, a batch, are spread about a level one without distortion."""
+        """Learn how a batch of training cameras is spread around a level camera without distortion."""
         self.prior_ = prior_of_cameras(cameras, level=True)
         return self
 

@@ -3,11 +3,11 @@ r"""Distortion from bent lines: the lens that makes chains of edge pixels straig
 Along a chain of n evenly spaced points let :math:`c_k = \sum_i q_k(i) p_i` with orthonormal polynomials :math:`q_k` of
 degree k. Then :math:`c_1` has its direction and extent :math:`L = |c_1|`, and the parts of :math:`c_2, c_3` across that
 are its bow and its S: both are 0 for a straight line, and finer wiggles, which are noise, are left out. Undoing barrel
-distortion stretches the picture, so that lengths are compared only relative to L: the deviation is
+distortion stretches the picture, so lengths are only compared relative to L: the deviation is
 :math:`e = L_0 |(c_2, c_3)_\perp| / (L \sqrt n)` with the original extent :math:`L_0`; without this a lens that shrinks
 the picture would win. The posterior of :math:`\hat k_1`, in image heights, is computed on a grid (Cauchy noise: curves
-of the world count little) and its peak refined. The focal length cannot be seen from straightness; the prior's enters
-the tiny term of :func:`~sextant.baselines.calibration.lens.apparent_k2` alone.
+of the world count little) and its peak refined. Straightness does not show the focal length; the prior's enters only
+the tiny term of :func:`~sextant.baselines.calibration.lens.apparent_k2`.
 
 Source of the idea: D. C. Brown, "Close-range camera calibration", 1971; F. Devernay, O. Faugeras, "Straight lines have
 to be straight", MVA 2001.
@@ -26,11 +26,11 @@ from sextant.baselines.calibration.method import CalibrationBaseline
 GRID = np.linspace(-1.8, 0.4, 56)
 #: Deviation of a chain of straight lines, in image heights.
 NOISE = 0.00025
-#: As how many independent measurements a chain counts, and all chains together at most.
+#: Number of independent measurements that a chain counts as, and the most that all chains together count as.
 PER_CHAIN, AT_MOST = 1.0, 15.0
-#: Times that the grid is refined, each by seven, about its best value; the finest uncertainty that is claimed.
+#: Times that the grid is refined by seven about its best value; the smallest uncertainty that is claimed.
 ROUNDS, SMALLEST_SIGMA = 2, 1e-6
-#: Longest chains that take part.
+#: Number of longest chains that take part.
 MOST_CHAINS = 100
 
 
@@ -61,7 +61,7 @@ class PlumbLine(CalibrationBaseline):
 def straightening_k1_hat(chains: Float64[ndarray, "n points 2"], prior: CameraPrior) -> tuple[float, float]:
     """Most probable ``k1_hat`` and its standard deviation, given chains (image heights) and the prior.
 
-    The prior's own where there are no chains.
+    Without chains, these are the prior's own.
     """
     if len(chains) == 0:
         return prior.k1_hat, prior.sigma[3]

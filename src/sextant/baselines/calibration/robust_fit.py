@@ -17,7 +17,7 @@ DIFFERENCE = 1e-6
 
 
 class RobustFit(ABC):
-    """Residuals and their losses over the ``free`` ones of the five numbers.
+    """Residuals and their losses over the ``free`` numbers among the five.
 
     Args:
         free: which of tilt, roll, heading, log focal and k1_hat are sought.
@@ -25,7 +25,7 @@ class RobustFit(ABC):
 
     Attributes:
         tolerance: relative change of cost and numbers below which the search ends.
-        evaluations: of the residuals, at most.
+        evaluations: largest number of evaluations of the residuals.
     """
 
     tolerance: ClassVar[float] = 1e-6
@@ -36,20 +36,20 @@ class RobustFit(ABC):
 
     @abstractmethod
     def residuals_of(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b m"]:
-        """Of several cameras, in standard errors."""
+        """Residuals of several cameras, in standard errors."""
 
     @abstractmethod
     def loss(self, squares: Float64[ndarray, "m"]) -> Float64[ndarray, "3 m"]:
         """Each loss of squared residuals, with its first and second derivative."""
 
     def residuals(self, free: Float64[ndarray, "b k"]) -> Float64[ndarray, "b m"]:
-        """Of several values of the free numbers."""
+        """Residuals for several values of the free numbers."""
         vectors = np.repeat(self.fixed[None], len(free), axis=0)
         vectors[:, self.free] = free
         return self.residuals_of(vectors)
 
     def jacobian(self, free: Float64[ndarray, "k"]) -> Float64[ndarray, "m k"]:
-        """By central differences, all at once."""
+        """Jacobian of the residuals by central differences, all at once."""
         step = DIFFERENCE * np.eye(len(free))
         plus, minus = np.split(self.residuals(np.concatenate([free + step, free - step])), 2)
         return np.asarray((plus - minus).T / (2 * DIFFERENCE))

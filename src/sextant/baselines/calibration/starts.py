@@ -1,4 +1,4 @@
-"""Where the search for a photo's camera starts: frames of vanishing points, and cameras that are believed."""
+"""Where the search for a photo's camera starts: frames of vanishing points, and believed cameras."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -13,11 +13,11 @@ from sextant.baselines.calibration.vanishing_points import FEWEST, SCORED, hypot
 
 #: headings of a believed camera that are tried: a frame repeats after a right angle
 HEADINGS = np.radians(np.arange(-45, 45, 3.0))
-#: frames that are followed; how much a belief counts while vectors are as rough as four segments make them
+#: number of frames that are followed; weight of a belief while vectors are as rough as four segments make them
 FOLLOWED, ROUGHLY = 6, 0.3
-#: standard deviation of the log of focal lengths of frames, where that is unknown, and up to which it is known
+#: standard deviation of the log focal length of frames where it is unknown, and up to which it counts as known
 FOCALS, KNOWN_FOCAL = 0.35, 0.06
-#: distance in tilt, roll, heading or log focal from which two starts are two
+#: distance in tilt, roll, heading or log focal from which two starts are distinct
 APART = 0.1
 
 
@@ -31,7 +31,7 @@ def joint_starts(problem: JointProblem, seed: int) -> list[Float64[ndarray, "5"]
     lens = CameraPrior(focal=focal, sigma=(0.3, 0.15, spread, 0.3))
     straight = undistort_points(segments, k1_hat, apparent_k2(k1_hat, focal))
     scored = straight[:SCORED].astype(np.float32)
-    nats = OUTLIER * problem.share * len(segments)  # of a picture whose segments all fit no axis
+    nats = OUTLIER * problem.share * len(segments)  # cost of a picture none of whose segments fit an axis
 
     def lines_cost(axes: ndarray, focals: ndarray) -> ndarray:
         share = msac_cost(axes.astype(np.float32), focals.astype(np.float32), scored)
@@ -51,9 +51,9 @@ def joint_starts(problem: JointProblem, seed: int) -> list[Float64[ndarray, "5"]
 
 
 def _known_lens(problem: JointProblem, believed: list[Float64[ndarray, "5"]]) -> tuple[float, float]:
-    """How far focal lengths of frames spread, and k1_hat; a lens that is known is given to all that are believed.
+    """Spread of the log focal lengths of frames, and k1_hat; a known lens is given to all believed cameras.
 
-    Frames are then looked for behind it: any other lens costs more than all lines could save.
+    Frames are then sought behind that lens: any other costs more than all lines could save.
     """
     named = [term.lens for term in problem.beliefs if term.lens]
     log_focal, sigma, k1_hat = min(named, key=lambda lens: lens[1], default=(0.0, np.inf, None))
@@ -86,7 +86,7 @@ def _turned(vector: Float64[ndarray, "5"]) -> Float64[ndarray, "h 5"]:
 
 
 def _first_apart(vectors: Float64[ndarray, "n 5"], costs: Float64[ndarray, "n"]) -> list[Float64[ndarray, "5"]]:
-    """The cheapest vectors that are apart."""
+    """The cheapest vectors that are distinct."""
     kept: list[ndarray] = []
     for index in np.argsort(costs, kind="stable")[:80]:
         if not np.isfinite(costs[index]) or len(kept) == FOLLOWED:

@@ -1,14 +1,14 @@
-r"""What is known of a camera, as robust residuals that one least-squares problem takes together.
+r"""Evidence about a camera, as robust residuals that one least-squares problem combines.
 
 A camera is the vector :math:`x = (\theta, \psi, \alpha, \log f, \hat k_1)` of
 :mod:`~sextant.baselines.calibration.manhattan`, f and :math:`\hat k_1` in image heights. A term gives residuals
 :math:`r(x)` in standard deviations and a loss :math:`\rho(r^2)`; the cost of a camera is half the sum of all losses, a
-negative log posterior. No loss but that of what is certain grows as fast as a normal's: Student's
+negative log posterior. Only the loss of what is certain grows as fast as a normal distribution's. Student's
 
 .. math:: \rho(s) = (\nu + 1) \log(1 + s / \nu)
 
-lets a source of evidence that contradicts all others be outvoted, and a mixture of two normals has two opinions at
-once. So a term never spoils what the others agree on, as it would in a product of normals.
+lets a source of evidence that contradicts all others be outvoted, and a mixture of two normals holds two opinions at
+once. So no term spoils what the others agree on, as it would in a product of normals.
 """
 
 import math
@@ -24,7 +24,7 @@ from sextant.baselines.calibration.plumb_line import NOISE, bends
 from sextant.errors import ArgumentError
 
 Vectors = Float64[ndarray, "b 5"]
-#: standard deviation of k1_hat below which it is known better than by chains of edges
+#: standard deviation of k1_hat below which it is known better than from chains of edges
 KNOWN_BEND = 0.01
 
 
@@ -32,7 +32,7 @@ class Term(ABC):
     """One source of evidence.
 
     Attributes:
-        certainty: by which its part of the curvature counts towards the covariance, where its errors are known to be
+        certainty: factor on its part of the curvature for the covariance, below 1 where its errors are known to be
             larger than its residuals say.
     """
 
@@ -40,7 +40,7 @@ class Term(ABC):
 
     @property
     def lens(self) -> tuple[float, float, float | None] | None:
-        """Log focal and its standard deviation, and k1_hat if that is known as well; of a term that names a lens."""
+        """Log focal, its standard deviation, and k1_hat if known as well; None for a term that names no lens."""
         return None
 
     @abstractmethod
@@ -57,7 +57,7 @@ class Term(ABC):
 
 
 def student(squares: Float64[ndarray, "*b m"], nu: float) -> Float64[ndarray, "3 *b m"]:
-    """Student's loss with ``nu`` degrees of freedom; infinity is the normal's."""
+    """Student's loss with ``nu`` degrees of freedom; for infinity, that of a normal distribution."""
     if math.isinf(nu):
         return np.stack([squares, np.ones_like(squares), np.zeros_like(squares)])
     return np.stack([
@@ -67,17 +67,17 @@ def student(squares: Float64[ndarray, "*b m"], nu: float) -> Float64[ndarray, "3
 
 @dataclass(frozen=True)
 class CameraBelief(Term):
-    """A camera that somebody names, with standard errors: a network, EXIF, an accelerometer, other photos.
+    """A camera that a source names with standard errors: a network, EXIF, an accelerometer, other photos.
 
-    Each value is compared with its own: a focal length that turns out another leaves the tilt that was named.
+    Each value is compared on its own: a focal length that turns out different leaves the named tilt as it is.
 
     Attributes:
-        tilt, roll: radians.
-        focal: heights of the part that was seen.
+        tilt, roll: in radians.
+        focal: in heights of the part that was seen.
         k1_hat: apparent distortion ``k1 / focal²``.
-        sigma: of tilt, roll, vertical field of view (radians) and k1_hat; infinite for what is not known.
+        sigma: standard errors of tilt, roll, vertical field of view (radians) and k1_hat; infinite where not known.
         nu: degrees of freedom of the loss.
-        zoom: heights of the photo that the part is high.
+        zoom: height of that part, in heights of the photo.
 
     Raises:
         UserError: a value is not finite, or the focal length or a standard error is not above 0.
@@ -114,7 +114,7 @@ class CameraBelief(Term):
         return math.log(self.focal * self.zoom), self.sigma[2] * per_vfov, k1_hat if known else None
 
     def residuals(self, vectors: Vectors) -> Float64[ndarray, "b 4"]:
-        """Of tilt, roll, vertical field of view and k1_hat."""
+        """Residuals of tilt, roll, vertical field of view and k1_hat."""
         focal = np.exp(vectors[:, 3]) / self.zoom
         vfov, said = 2 * np.arctan(0.5 / focal), 2 * math.atan(0.5 / self.focal)
         off = np.stack([
@@ -124,16 +124,16 @@ class CameraBelief(Term):
         return np.asarray(off / np.array(self.sigma))
 
     def loss(self, squares: Float64[ndarray, "*b m"]) -> Float64[ndarray, "3 *b m"]:
-        """Student's."""
+        """Student's loss."""
         return student(squares, self.nu)
 
 
 @dataclass(frozen=True)
 class FocalBelief(Term):
-    """A focal length that somebody names: EXIF, or the user.
+    """A focal length that EXIF or the user names.
 
     Attributes:
-        focal: image heights.
+        focal: in image heights.
         sigma: standard deviation of its logarithm.
         nu: degrees of freedom of the loss.
 
@@ -154,21 +154,21 @@ class FocalBelief(Term):
         return math.log(self.focal), self.sigma, None
 
     def residuals(self, vectors: Vectors) -> Float64[ndarray, "b 1"]:
-        """Of the log of the focal length."""
+        """Residual of the log of the focal length."""
         return (vectors[:, 3:4] - math.log(self.focal)) / self.sigma
 
     def loss(self, squares: Float64[ndarray, "*b m"]) -> Float64[ndarray, "3 *b m"]:
-        """Student's."""
+        """Student's loss."""
         return student(squares, self.nu)
 
 
 @dataclass(frozen=True)
 class GravityBelief(Term):
-    """Which way is down, as somebody names it: an accelerometer.
+    """The direction of gravity as a source such as an accelerometer names it.
 
     Attributes:
-        down: right, down and forward of the camera, of unit length.
-        sigma: standard deviation of each direction in which it may err, radians.
+        down: unit vector of gravity in the camera frame: right, down and forward.
+        sigma: standard deviation in each direction in which it may err, in radians.
         nu: degrees of freedom of the loss.
 
     Example:
@@ -183,36 +183,36 @@ class GravityBelief(Term):
 
     @property
     def pose(self) -> tuple[float, float]:
-        """Tilt and roll, radians."""
+        """Tilt and roll in radians."""
         right, down, forward = self.down
         return -math.asin(max(-1.0, min(1.0, forward))), math.atan2(right, down)
 
     def residuals(self, vectors: Vectors) -> Float64[ndarray, "b 3"]:
-        """Of the three components of gravity."""
+        """Residuals of the three components of gravity."""
         tilt, roll = vectors[:, 0], vectors[:, 1]
         level = np.cos(tilt)
         found = np.stack([level * np.sin(roll), level * np.cos(roll), -np.sin(tilt)], axis=1)
         return np.asarray((found - np.array(self.down)) / self.sigma)
 
     def loss(self, squares: Float64[ndarray, "*b m"]) -> Float64[ndarray, "3 *b m"]:
-        """Student's."""
+        """Student's loss."""
         return student(squares, self.nu)
 
 
 @dataclass(frozen=True)
 class PhotoPrior(Term):
-    """What people's cameras are before the photo is seen: held about level, of common lenses, mostly undistorted.
+    """The prior on people's cameras before the photo is seen: about level, common lenses, mostly undistorted.
 
-    Chosen by hand to be wide: lenses of 16 to 65 mm (35-mm equivalent) are within two standard deviations, and beyond
-    the tails are Student's. The median, 32 mm, lies between those of phones (27 to 30) and of cameras (35 to 38): 31 mm
-    has smaller errors on the photos of ``benchmarks.joint_intervals`` together, but larger ones without its phones.
-    Distortion is a mixture of a maker's or program's undistorted picture and of a lens that was left as it is.
+    It was chosen by hand to be wide: lenses of 16 to 65 mm (35-mm equivalent) are within two standard deviations, and
+    the tails beyond are Student's. The median, 32 mm, lies between those of phones (27 to 30) and of cameras (35 to
+    38). 31 mm has smaller errors on all photos of ``benchmarks.joint_intervals`` together, but larger ones without its
+    phones. Distortion is a mixture of pictures that the maker or a program undistorted and of lenses left as they are.
 
     Attributes:
-        longer: longer side of the photo, image heights: focal lengths and distortion are compared in longer sides.
+        longer: longer side of the photo in image heights; focal lengths and distortion are compared in longer sides.
         sigma: standard deviations of tilt and roll, and of the log of the focal length.
         nu: degrees of freedom of these three.
-        focal: median, longer sides.
+        focal: median focal length, in longer sides.
         straight: share of undistorted pictures, and the standard deviation of their k1 / f².
         bent: mean and standard deviation of k1 / f² of the others.
 
@@ -231,16 +231,16 @@ class PhotoPrior(Term):
     bent: tuple[float, float] = (-0.15, 0.25)
 
     def residuals(self, vectors: Vectors) -> Float64[ndarray, "b 5"]:
-        """Of tilt, roll and log focal, and of k1_hat from both components of its mixture."""
+        """Residuals of tilt, roll and log focal, and of k1_hat from both components of its mixture."""
         named = (vectors[:, [0, 1, 3]] - [0.0, 0.0, math.log(self.focal * self.longer)]) / np.array(self.sigma)
         k1_hat = vectors[:, 4:] * self.longer**2
         parts = [k1_hat / self.straight[1], (k1_hat - self.bent[0]) / self.bent[1]]
         return np.concatenate([named, *parts], axis=1)
 
     def loss(self, squares: Float64[ndarray, "*b 5"]) -> Float64[ndarray, "3 *b 5"]:
-        """Student's; of the mixture the whole cost in equal parts, each component's slope being its probability.
+        """Student's loss; for the mixture, its cost for either component, with that one's probability as the slope.
 
-        A single residual, the root of the mixture's cost, would have no slope at its peak, and give no information.
+        A single residual, the root of the mixture's cost, would have no slope at its peak and give no information.
         """
         heights = self.straight[0] / self.straight[1], (1 - self.straight[0]) / self.bent[1]
         each = np.log(heights) - 0.5 * squares[..., 3:]
@@ -251,7 +251,7 @@ class PhotoPrior(Term):
         return np.concatenate([*parts, mixture], axis=-1)
 
 
-#: as how many independent measurements all bent chains together count at most, and the longest that take part
+#: most independent measurements that all bent chains together count as, and the number of longest ones that take part
 CHAINS, MOST_CHAINS = 30.0, 40
 
 
@@ -260,10 +260,10 @@ class StraightChains(Term):
 
     Args:
         chains: points in image heights from the centre.
-        shorter: side of the photo, image heights: of which the noise of edges is a part.
+        shorter: shorter side of the photo in image heights, of which the noise of edges is a fraction.
     """
 
-    certainty = 0.1  # bent edges of one thing bend alike: errors of k1_hat are thrice those by the curvature
+    certainty = 0.1  # bent edges of one object bend alike: errors of k1_hat are three times those from the curvature
 
     def __init__(self, chains: Float64[ndarray, "n points 2"], shorter: float = 1.0):
         extent = np.linalg.norm(chains[:, -1] - chains[:, 0], axis=-1)
@@ -272,13 +272,13 @@ class StraightChains(Term):
         self.share = min(1.0, CHAINS / max(len(self.chains), 1))
 
     def residuals(self, vectors: Vectors) -> Float64[ndarray, "b m"]:
-        """Bow and S of each chain, one half of the residuals after the other."""
+        """The bows of all chains, then their S, as the two halves of the residuals."""
         k1_hat, focal = vectors[:, 4, None, None], np.exp(vectors[:, 3, None, None])
         points = undistort_points(self.chains[None], k1_hat, apparent_k2(k1_hat, focal))
         return np.concatenate(bends(self.chains, points), axis=1) / self.noise
 
     def loss(self, squares: Float64[ndarray, "*b m"]) -> Float64[ndarray, "3 *b m"]:
-        """Cauchy's of each chain's bow and S together: curves of the world count little."""
+        """Cauchy's loss of each chain's bow and S together: curves of the world count little."""
         half = squares.shape[-1] // 2
         more = 1 + squares[..., :half] + squares[..., half:]
         rho = self.share * np.stack([np.log(more) / 2, 1 / more, -1 / np.square(more)])

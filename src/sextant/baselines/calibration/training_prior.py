@@ -1,4 +1,4 @@
-"""What the labels of training images say of a camera that has not been seen yet."""
+"""What the labels of training images say about a camera that has not been seen yet."""
 
 import numpy as np
 from jaxtyping import Float64

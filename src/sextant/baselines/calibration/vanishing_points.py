@@ -2,9 +2,9 @@ r"""Vanishing points of a world of boxes by RANSAC: tilt, roll and focal length 
 
 Two segments on lines :math:`l_1, l_2` meet in the vanishing point :math:`v_1 = l_1 \times l_2`; so do two others in
 :math:`v_2`. If their axes are orthogonal, :math:`f^2 = -(v_1 \cdot v_2)` for points measured from the centre, and the
-third axis is the cross product. Half of the hypotheses are such. Where an axis is parallel to the image, as in any
-frontal or level view, f is not observable so; the other half takes f from the prior, the first axis from two segments
-and the second from one more, to which it is orthogonal. All are scored at once, and the best few refined.
+third axis is the cross product. Half of the hypotheses are made this way. Where an axis is parallel to the image, as in
+any frontal or level view, this does not show f. So the other half takes f from the prior, the first axis from two
+segments and the second from one more, to which it is orthogonal. All are scored at once, and the best few refined.
 
 Sources: J. Coughlan, A. Yuille, "Manhattan world", ICCV 1999; C. Rother, "A new approach to vanishing point detection
 in architectural environments", BMVC 2000 (angle from the midpoint); P. Torr, A. Zisserman, "MLESAC", 2000 (the score).
@@ -33,9 +33,9 @@ HYPOTHESES, REFINED, SCORED = 500, 3, 120
 FEWEST = 3
 #: Segments that make a frame.
 PICKED = 4
-#: Focal lengths, image heights, that two vanishing points may tell: those of longer lenses are beyond what lines show.
+#: Focal lengths, in image heights, that two vanishing points may give: lines do not show those of longer lenses.
 MEASURED = 0.15, 8.0
-#: A share of length that the score gives for one squared standard deviation off the prior.
+#: Share of length that the score trades for one squared standard deviation off the prior.
 PRIOR_WEIGHT = 0.01
 
 
@@ -44,7 +44,7 @@ class VanishingPoints(CalibrationBaseline):
 
     Args:
         prior: belief about the camera; ``fit`` replaces it. The lens has its ``k1_hat``: 0 for a pinhole camera.
-        seed: of the hypotheses; the same image and seed give the same camera.
+        seed: seed of the hypotheses; the same image and seed give the same camera.
 
     Example:
         >>> starts = np.mgrid[-3:4, -2:3].reshape(2, -1).T / 10
@@ -57,7 +57,7 @@ class VanishingPoints(CalibrationBaseline):
     """
 
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:
-        """The camera that took ``image``; what the segments do not determine is the prior's."""
+        """The camera that took ``image``; what the segments do not determine comes from the prior."""
         segments = detect_segments(image)
         return self.calibrate_segments(segments)
 
@@ -78,7 +78,7 @@ def find_frame(
     Args:
         segments: ends in image heights from the centre, longest first.
         prior: belief about the camera.
-        seed: of the hypotheses.
+        seed: seed of the hypotheses.
         bent: whether the refinement fits ``k1_hat`` as well.
     """
     if len(segments) < FEWEST:
@@ -101,14 +101,14 @@ def find_frame(
 def explained_share(segments: Float64[ndarray, "n 2 2"], prior: CameraPrior, *, seed: int) -> float:
     """Share of the longest segments' length that the best of many frames explains beyond chance, from 0 to 1.
 
-    Where it is small the scene is no world of boxes, and a frame fitted to it anything. The best of so many frames
-    explains some of any segments: four, whose picks made it, and of the other n - 4 about a share of ``0.12 + 3 / n``,
-    counted on 4 to 200 random ones.
+    Where it is small, the scene is not a world of boxes, and a frame fitted to it is arbitrary. The best of so many
+    frames explains part of any n segments: the four that it was made from, and about a share of ``0.12 + 3 / n`` of
+    the other n - 4, as counted on 4 to 200 random ones.
 
     Args:
         segments: ends in image heights from the centre, longest first.
         prior: belief about focal length and lens.
-        seed: of the hypotheses.
+        seed: seed of the hypotheses.
     """
     if len(segments) < FEWEST:
         return 0.0
@@ -129,9 +129,9 @@ def hypotheses(
     """Orthogonal axes as columns, in the camera frame, with focal lengths; not finite where segments do not meet.
 
     Args:
-        segments: straight, longest first.
+        segments: straight segments, longest first.
         prior: belief about the focal length, where two segments do not tell it.
-        generator: of the picks.
+        generator: draws the picks.
     """
     ones = np.ones((len(segments), 1))
     lines = np.cross(np.hstack([segments[:, 0], ones]), np.hstack([segments[:, 1], ones]))
@@ -180,14 +180,14 @@ def upright(
 
 
 def _likeliest(vectors: Float64[ndarray, "3 h 5"], prior: CameraPrior) -> Float64[ndarray, "h 5"]:
-    """Of each frame the zenith with the likeliest tilt and roll; not finite where there is none."""
+    """For each frame, the zenith with the likeliest tilt and roll; not finite where there is none."""
     off = (vectors[..., :2] - prior.vector[:2]) / np.array(prior.sigma[:2])
     zenith = np.nan_to_num(np.square(off).sum(-1), nan=np.inf).argmin(axis=0)
     return np.asarray(vectors[zenith, np.arange(len(zenith))])
 
 
 def _distinct(order: Float[ndarray, "h"], starts: Float64[ndarray, "h 5"]) -> list[int]:
-    """The first few of an order that are not the same frame."""
+    """The first few indices of ``order`` that are not the same frame."""
     kept: list[int] = []
     for index in order[:50]:
         apart = [np.abs(starts[index] - starts[other])[:4].max() > 0.1 for other in kept]

@@ -1,4 +1,4 @@
-"""Detection of what one example shows, as ``predict.py`` sees it."""
+"""The ``predict.py`` handler for detection from one example."""
 
 from collections.abc import Mapping
 
@@ -10,7 +10,7 @@ from sextant.errors import UserError
 
 
 class Detection(Handler):
-    """Says where in images is what one example shows."""
+    """Detects in images what one example shows."""
 
     task = topic = named_by = "task=cosfire"
     usage = (
@@ -33,7 +33,7 @@ class Detection(Handler):
         return "task" in given
 
     def predict(self, given: Mapping[str, str]) -> None:
-        """Detect."""
+        """Detect the example in the images."""
         inputs = read_inputs(given)
         make_output(inputs.output)
         network = None

@@ -15,13 +15,13 @@ from sextant.errors import UserError
 
 @dataclass(frozen=True)
 class DetectionInputs:
-    """What is looked for, and where.
+    """The example to detect, and the images to search.
 
     Attributes:
-        prototype: the example.
-        paths: of the images.
-        output: folder for what is found.
-        options: chosen by the user.
+        prototype: path of the example.
+        paths: paths of the images.
+        output: folder for the results.
+        options: options chosen by the user.
     """
 
     prototype: Path
@@ -31,10 +31,10 @@ class DetectionInputs:
 
 
 def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
-    """What the arguments name.
+    """Read the inputs from the arguments.
 
     Raises:
-        UserError: an option has no meaning, there is no such prototype or no image, or the point lies outside.
+        UserError: an option is invalid, the prototype does not exist, there is no image, or the point lies outside.
     """
     options, output = DetectionOptions.of(given), Path(given["output"]).expanduser()
     prototype = Path(given["prototype"]).expanduser()
@@ -48,9 +48,9 @@ def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
 
 
 def _upright_size(path: Path) -> tuple[int, int] | None:
-    """Width and height by the header; None if it cannot be read, which is reported when the image is decoded."""
+    """Width and height from the header; None if it is unreadable, which is reported when the image is decoded."""
     try:
         with Image.open(path) as image:
             return upright_size(image)
-    except Exception:  # decoders raise almost anything on broken files
+    except Exception:  # decoders can raise almost anything on broken files
         return None

@@ -1,4 +1,4 @@
-"""What a user may choose of detection from one example; imports nothing heavy."""
+"""Options of detection from one example; imports nothing heavy."""
 
 from collections.abc import Mapping
 from typing import Annotated, Self
@@ -13,7 +13,7 @@ PROTOTYPE = {"prototype": "the image that a filter is configured from"}
 
 
 class DetectionOptions(Options):
-    """What the user chose; None leaves a choice to the filter."""
+    """What the user chose; None leaves the choice to the filter."""
 
     point: Annotated[tuple[float, float], SPLIT] | None = Field(
         None, title="two numbers, x,y in pixels", examples=["120,80"]
@@ -46,7 +46,7 @@ class DetectionOptions(Options):
         """Read the values of these keys.
 
         Raises:
-            UserError: as for all options, or a choice does not go with ``run=``, or needs it.
+            UserError: as for all options; or an option is incompatible with ``run=``, or needs it.
         """
         if "preset" in given and "run" in given:
             raise UserError(

@@ -23,23 +23,23 @@ from sextant.figures.cosfire.filter import cosfire_filter
 from sextant.figures.cosfire.responses import cosfire_responses
 from sextant.figures.style import save_figure
 
-#: the prototype's picture; its name is one that later commands do not take for an input
+#: name of the prototype's picture, which later commands do not mistake for an input
 FILTER_PICTURE = "filter_overlay"
-#: of images in which a filter has no room
+#: remark on images too small for a filter
 SMALLER = "smaller than the filter"
-#: sizes that differ by more are mentioned
+#: ratio of sizes above which a difference is mentioned
 OTHER_SIZE = 1.25
 
 
 def predict_detections(inputs: DetectionInputs, network: TrainedFeatures | None = None) -> list[dict[str, Any]]:
-    """Configure a filter, find, write everything into ``output`` and show it; what cannot be read is named.
+    """Configure a filter, detect, write the results into ``output`` and show them; unreadable images are named.
 
     Args:
-        inputs: see there.
-        network: whose features are looked at; None looks through a preset's filters.
+        inputs: example, images and options.
+        network: network whose features are used; None uses the filter bank of a preset.
 
     Raises:
-        UserError: no filter can be made of the example, not one image could be used, or the disk is full.
+        UserError: no filter can be configured from the example, not one image could be used, or the disk is full.
     """
     options, output = inputs.options, inputs.output
     chosen = options.model_dump(include={"preset", "rotations", "scales", "reflection", "longest"})
@@ -52,7 +52,7 @@ def predict_detections(inputs: DetectionInputs, network: TrainedFeatures | None 
     rows: list[dict[str, Any]] = []
     scales: list[float] = []
     with work_progress("detecting", "images") as progress:
-        # the first name is taken by the filter's picture
+        # the first stem is reserved for the filter's picture
         stems = file_stems([Path(FILTER_PICTURE.removesuffix("_overlay")), *inputs.paths])[1:]
         for number, (path, stem) in enumerate(zip(inputs.paths, stems, strict=True)):
             progress(number, len(inputs.paths))
@@ -107,7 +107,7 @@ def _remarks(
 ) -> list[str]:
     remarks = ["a score of 1 is what the filter answers to its own prototype"]
     if "run" not in facts:
-        remarks[0] += "; it falls with contrast"  # responses of kernels are proportional to it, cosines are not
+        remarks[0] += "; it falls with contrast"  # kernel responses are proportional to contrast, cosines are not
     if small := sum(row.get("remark") == SMALLER for row in rows):
         remarks.append(f"{small:,} images are smaller than the filter, and nothing was found in them")
     other = sum(max(scale / prototype.scale, prototype.scale / scale) > OTHER_SIZE for scale in shrunk)

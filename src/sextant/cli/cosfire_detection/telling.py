@@ -1,4 +1,4 @@
-"""What the terminal shows of detections."""
+"""Terminal output of detections."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from sextant.data.places.problem_list import NAMED
 def tell(
     rows: Sequence[Mapping[str, Any]], skipped: Mapping[str, str], remarks: Sequence[str], written: Sequence[Path]
 ) -> None:
-    """Print what was found, which images failed, what is to be known of the scores, and where the files are."""
+    """Print what was found, which images failed, remarks on the scores, and where the files are."""
     good = [row for row in rows if row["file"] not in skipped]
     ordered = sorted(good, key=_best, reverse=True)
     table = [

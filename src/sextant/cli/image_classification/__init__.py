@@ -1,1 +1,1 @@
-"""``predict.py`` with a model of classification, or of recognition by COSFIRE filters: what each image shows."""
+"""``predict.py`` with a model of classification or of recognition by COSFIRE filters: the class of each image."""

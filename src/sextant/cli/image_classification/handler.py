@@ -1,4 +1,4 @@
-"""Classification of images, as ``predict.py`` sees it."""
+"""The ``predict.py`` handler for classification of images."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,7 +7,7 @@ from sextant.cli.predict_handler import Handler, Trained
 
 
 class Classification(Handler):
-    """Says what each image shows."""
+    """Predicts the class of each image."""
 
     task = "classification"
 

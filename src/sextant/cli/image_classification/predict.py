@@ -1,4 +1,4 @@
-"""From images to files of their classes."""
+"""Classifies images and writes the results to files."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -23,20 +23,20 @@ from sextant.errors import UserError
 from sextant.trained.image_spec import image_spec
 
 BATCH = 256
-#: images on the contact sheet
+#: number of images on the contact sheet
 SHEET = 40
-#: what gives images numbers for each class
+#: maps images to a number for each class
 Answering = Callable[[UInt8[Tensor, "b c h w"]], Float[Tensor, "b k"]]
 
 
 def predict_classes(trained: Trained, paths: Sequence[Path], output: Path, given: str) -> list[dict[str, Any]]:
-    """Classify images, write everything into ``output`` and show it; one that cannot be read is named.
+    """Classify images, write the results into ``output`` and show them; unreadable images are named.
 
     Args:
         trained: the model.
-        paths: of the images.
-        output: folder for what is found.
-        given: what the user named the images with.
+        paths: paths of the images.
+        output: folder for the results.
+        given: what the user gave as ``input``.
 
     Raises:
         UserError: not one image could be read, they cannot be cropped to the network's images, the model is damaged, or
@@ -57,7 +57,7 @@ def predict_classes(trained: Trained, paths: Sequence[Path], output: Path, given
         for row, image, values in _answered(images, answer, str(trained.found.checkpoint)):
             best = int(np.argmax(values))
             row |= {"class": spec.classes[best], number: round(values[best], 6)}
-            # a score of -inf: of this class there was no example
+            # a score of -inf means that there was no example of the class
             told = {n: round(v, 6) for n, v in zip(spec.classes, values, strict=True) if v > -math.inf}
             row["probabilities" if number == "probability" else "scores"] = told
             if len(sheet) < SHEET:
@@ -75,10 +75,10 @@ def predict_classes(trained: Trained, paths: Sequence[Path], output: Path, given
 
 
 def answering(trained: Trained) -> tuple[str, Answering]:
-    """What gives images numbers for each class, after what such a number is called.
+    """The name of the number given for each class, and the function that computes it.
 
     Raises:
-        UserError: the model is damaged, or needs code of the user's own.
+        UserError: the model is damaged, or needs the user's own code.
     """
     checkpoint = trained.found.checkpoint
     if trained.task == "cosfire":
@@ -94,7 +94,7 @@ def answering(trained: Trained) -> tuple[str, Answering]:
 
 
 def _decoded(rows: Sequence[dict[str, Any]], spec: ImageSpec) -> list[tuple[dict[str, Any], ndarray]]:
-    """The rows whose image can be read, with the image; the others get their error."""
+    """The rows whose image can be read, with the image; the other rows get an error."""
     images = []
     for row in rows:
         try:
@@ -107,7 +107,7 @@ def _decoded(rows: Sequence[dict[str, Any]], spec: ImageSpec) -> list[tuple[dict
 def _answered(
     images: Sequence[tuple[dict[str, Any], ndarray]], answer: Answering, model: str
 ) -> list[tuple[dict[str, Any], ndarray, list[float]]]:
-    """Each row with its image and its numbers."""
+    """Each row with its image and its numbers per class."""
     if not images:
         return []
     stacked = np.stack([image for _, image in images])
@@ -123,7 +123,7 @@ def _answered(
 
 
 def draw(sheet: Sequence[tuple[ndarray, str]], output: Path) -> None:
-    """Write ``predictions.png``: images with what they were taken for."""
+    """Write ``predictions.png``: images with their predicted classes."""
     from sextant.figures.gallery import gallery
     from sextant.figures.style import save_figure
 

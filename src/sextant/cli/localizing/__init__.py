@@ -1,1 +1,1 @@
-"""Localizing the user's own images: ``predict.py`` for task=localization, and the map that a run keeps for it."""
+"""Localizing the user's own images: ``predict.py`` for task=localization, with the map that a run saves for it."""

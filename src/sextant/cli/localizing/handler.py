@@ -1,4 +1,4 @@
-"""The localization of images in a map, as ``predict.py`` sees it."""
+"""The ``predict.py`` handler for localization of images in a map."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +11,7 @@ from sextant.errors import UserError
 
 
 class Localization(Handler):
-    """Says where images were taken."""
+    """Estimates where images were taken."""
 
     task = "localization"
     topic = "localization"
@@ -23,7 +23,7 @@ class Localization(Handler):
     needs = ("input",)
 
     def claims(self, given: Mapping[str, str]) -> bool:
-        """Whether ``run=`` names a map: no checkpoint is needed then."""
+        """Whether ``run=`` names a map, which needs no checkpoint."""
         return "run" in given and find_map(given["run"], outputs_of(given)) is not None
 
     def predict(self, given: Mapping[str, str]) -> None:

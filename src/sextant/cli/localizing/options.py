@@ -1,4 +1,4 @@
-"""What a user may choose when images are localized; imports nothing heavy."""
+"""Options of localizing images; imports nothing heavy."""
 
 from pathlib import Path
 from typing import Literal
@@ -12,7 +12,7 @@ OUTPUT = "localization"
 
 
 class LocalizingOptions(Options):
-    """What the user may choose of any drive that is localized."""
+    """Options for any drive that is localized."""
 
     odometry: UserPath | None = None
     """TUM trajectory, or table x,y,theta (m, rad) with a row an image; without it motion is unknown"""

@@ -1,4 +1,4 @@
-"""From photos or a video to where each was taken."""
+"""Localizes photos or a video and writes the poses to files."""
 
 import sys
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from sextant.cli.work_progress import work_progress
 from sextant.data.localization.own_drive import open_drive
 from sextant.errors import ArgumentError, UserError
 
-#: of a localizer, a context whose value is called with each step
+#: makes, for a localizer, a context whose value is called with each step
 Watched = Callable[[Localizer], AbstractContextManager[Callable[[Moment], None] | None]]
 
 
@@ -28,20 +28,20 @@ def predict_poses(
     trust: bool = False,
     watched: Watched = lambda localizer: nullcontext(None),
 ) -> list[Row]:
-    """Localize the images in their order, write everything into ``output`` and tell it.
+    """Localize the images in order, write the results into ``output`` and print a summary.
 
     Args:
-        folder: of the map.
+        folder: folder of the map.
         given: photos, a video, a ROS bag or a camera.
-        output: folder for what is found.
-        options: chosen by the user.
-        trust: build parts of the user's own that the map names.
-        watched: shows each step while the drive goes on.
+        output: folder for the results.
+        options: options chosen by the user.
+        trust: allow parts from outside Sextant that the map names.
+        watched: shows each step during the drive.
 
     Raises:
-        SystemExit: with 130, after Ctrl-C before the last image, once everything before is written.
-        UserError: there is no image that can be used, the odometry does not go with them, the map is damaged or cannot
-            describe images, or the disk is full.
+        SystemExit: with status 130 if Ctrl-C comes before the last image; results until then are written.
+        UserError: no image can be used, the odometry does not match the images, the map is damaged or cannot describe
+            images, or the disk is full.
     """
     read = options.model_dump(include={"every", "image_topic", "odometry_topic"})
     refuse_to_replace_poses(output)
@@ -70,7 +70,7 @@ def tell_poses(rows: list[Row], remarks: list[str], written: list[Path], *, inte
     """Print how many images were localized, which could not be used and why, and where the files are.
 
     Raises:
-        SystemExit: with 130, of a drive that was interrupted.
+        SystemExit: with status 130 if the drive was interrupted.
     """
     lost, unseen = sum(row.told.lost for row in rows), {row.name: row.problem for row in rows if row.problem}
     degenerate = sum(row.told.degenerate for row in rows)

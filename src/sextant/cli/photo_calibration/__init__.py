@@ -1,5 +1,5 @@
-"""``predict.py`` with a calibration model: photos of any kind to files of their cameras.
+"""``predict.py`` with a calibration model: estimate the cameras of photos of any kind.
 
 Nothing is imported here, and :mod:`~sextant.cli.photo_calibration.options` and
-:mod:`~sextant.data.photo_files` import no torch: mistakes in a command are reported at once.
+:mod:`~sextant.data.photo_files` do not import torch, so that mistakes in a command are reported at once.
 """

@@ -1,4 +1,4 @@
-"""The calibration of photos, as ``predict.py`` sees it."""
+"""The ``predict.py`` handler for calibration of photos."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,14 +8,14 @@ from sextant.cli.predict_handler import Handler, Trained
 
 
 class Calibration(Handler):
-    """Says which camera took each photo."""
+    """Estimates the camera of each photo."""
 
     task = "calibration"
     topic = "calibration"
     keys = CalibrationOptions.meanings()
 
     def check(self, given: Mapping[str, str]) -> None:
-        """Raise a ``UserError`` if a value of its keys has no meaning."""
+        """Raise a ``UserError`` if a value of its keys is invalid."""
         CalibrationOptions.of(given)
 
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:

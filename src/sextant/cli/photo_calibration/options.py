@@ -1,4 +1,4 @@
-"""What a user may choose of the calibration of photos; imports nothing heavy."""
+"""Options of the calibration of photos; imports nothing heavy."""
 
 from typing import Annotated, Literal
 
@@ -6,13 +6,13 @@ from pydantic import BeforeValidator, Field
 
 from sextant.cli.arguments import Options
 
-#: "none" as a word is what None is in Python
+#: reads the word "none" as None
 NONE = BeforeValidator(lambda text: None if text == "none" else text)
 Undistort = Literal["crop", "all", "none"]
 
 
 class FocalOptions(Options):
-    """What the user may know of a camera beforehand."""
+    """What the user may know about a camera beforehand."""
 
     focal_prior: Annotated[Literal["exif"] | Annotated[float, Field(gt=0)] | None, NONE] = Field(
         None, title="none, exif or a focal length in pixels above 0", examples=["exif"]

@@ -1,4 +1,4 @@
-"""From photos to files of their cameras."""
+"""Calibrates photos and writes their cameras to files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,10 +15,10 @@ from sextant.cli.skipped_files import skipped_of
 def predict_calibrations(
     calibrator: PhotoCalibrator, paths: Sequence[Path], output: Path, options: CalibrationOptions
 ) -> list[dict[str, Any]]:
-    """Calibrate photos, write everything into ``output`` and show it; a photo that fails is named and the rest go on.
+    """Calibrate photos, write the results into ``output`` and show them; failed photos are named and skipped.
 
     Raises:
-        UserError: not one photo could be calibrated, they cannot be of one camera, or the disk is full.
+        UserError: no photo could be calibrated, the photos cannot be of one camera, or the disk is full.
     """
     make_output(output)
     written = write_cameras(calibrator, paths, output, **options.model_dump(exclude={"method"}))

@@ -1,4 +1,4 @@
-"""What the terminal shows of calibrated photos."""
+"""Terminal output of calibrated photos."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +12,7 @@ from sextant.cli.skipped_files import tell_skipped
 
 
 def tell(written: WrittenCameras, skipped: Mapping[str, str]) -> None:
-    """Print the cameras, what speaks against them, which photos failed, and where the files are."""
+    """Print the cameras, doubts about them, which photos failed, and where the files are."""
     table = [
         {"photo": Path(row["file"]).name, "tilt °": f"{row['tilt_deg']:+.1f}", "roll °": f"{row['roll_deg']:+.1f}",
          "focal px": f"{row['focal_px']:.0f}", "vfov °": f"{row['vfov_deg']:.1f}", "k1": f"{row['k1']:+.3f}",

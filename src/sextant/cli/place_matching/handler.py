@@ -1,4 +1,4 @@
-"""The matching of places, as ``predict.py`` sees it."""
+"""The ``predict.py`` handler for matching places."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +11,7 @@ from sextant.errors import UserError
 
 
 class PlaceMatching(Handler):
-    """Says which photos of a map show the places of others."""
+    """Finds photos of a map that show the same places as others."""
 
     task = "place_recognition"
     topic = "places"
@@ -22,7 +22,7 @@ class PlaceMatching(Handler):
     named_by = "map= and queries="
 
     def claims(self, given: Mapping[str, str]) -> bool:
-        """Whether there is a map or queries."""
+        """Whether a map or queries are given."""
         return any(key in given for key in INPUTS)
 
     def predict(self, given: Mapping[str, str]) -> None:

@@ -12,13 +12,13 @@ from sextant.errors import UserError
 
 @dataclass(frozen=True)
 class PlaceInputs:
-    """What is matched.
+    """The inputs of place matching.
 
     Attributes:
-        reference: photos of the map, or the folder that their descriptors were saved to.
-        queries: photos that are looked up.
-        output: folder for what is found.
-        options: chosen by the user.
+        reference: photos of the map, or the folder of their saved descriptors.
+        queries: photos to look up.
+        output: folder for the results.
+        options: options chosen by the user.
     """
 
     reference: PhotoFolder | Path
@@ -28,10 +28,10 @@ class PlaceInputs:
 
 
 def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
-    """What the arguments name.
+    """Read the inputs from the arguments.
 
     Raises:
-        UserError: an option has no meaning, a folder is not there or has no photos, or queries are files of the map.
+        UserError: an option is invalid, a folder does not exist or has no photos, or queries are files of the map.
     """
     options, output = PlaceOptions.of(given), Path(given.get("output", "matches")).expanduser()
     path = Path(given["map"]).expanduser()
@@ -44,8 +44,8 @@ def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
 
 
 def refuse_overlap(photos: PhotoFolder, queries: PhotoFolder) -> None:
-    """Raise a ``UserError`` if a query is a file of the map: that it finds itself would say nothing."""
-    own = {os.path.realpath(path) for path in photos.paths}  # unlike Path.resolve, also of a link to itself
+    """Raise a ``UserError`` if a query is a file of the map, as finding itself would say nothing."""
+    own = {os.path.realpath(path) for path in photos.paths}  # unlike Path.resolve, accepts a link to itself
     shared = [path for path in queries.paths if os.path.realpath(path) in own]
     if not shared:
         return

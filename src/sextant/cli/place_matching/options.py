@@ -1,4 +1,4 @@
-"""What a user may choose of the matching of places; imports nothing heavy."""
+"""Options of place matching; imports nothing heavy."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""From a folder of map photos and one of queries to files of matches."""
+"""Matches a folder of queries with a folder of map photos and writes the matches to files."""
 
 import shlex
 from collections.abc import Mapping
@@ -26,11 +26,11 @@ from sextant.errors import UserError
 
 
 def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Match places, write everything into ``output`` and show it; a photo that fails is named and the rest go on.
+    """Match places, write the results into ``output`` and show them; failed photos are named and skipped.
 
     Args:
         places: an empty map.
-        inputs: see there.
+        inputs: photos and options.
         run: facts of the run, for ``matches.json``.
 
     Raises:
@@ -81,7 +81,7 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
 
 
 def _fill(places: PlaceMap, inputs: PlaceInputs) -> None:
-    """The photos of the map, or what was kept of them; what is wrong with all is reported before any is described."""
+    """Describe the map's photos or load their descriptors; general mistakes are reported before any is described."""
     if isinstance(inputs.reference, Path):
         try:
             places.take(inputs.reference)
@@ -99,7 +99,7 @@ def _fill(places: PlaceMap, inputs: PlaceInputs) -> None:
 
 
 def _add(places: PlaceMap, key: str, photos: PhotoFolder, inputs: PlaceInputs) -> None:
-    """Describe photos, and keep that as soon as it is known, so that Ctrl-C costs little."""
+    """Describe photos and save the descriptors at once, so that Ctrl-C loses little."""
     with work_progress(f"describing {'the map' if key == 'map' else key}", "photos") as progress:
         failed = places.add(photos, errors="return", progress=progress)
     if not len(places):
@@ -120,7 +120,7 @@ def _remarks(
     temperature: Temperature,
     counted: Mapping[str, Any],
 ) -> list[str]:
-    """What a reader of the figures should know."""
+    """Remarks for the reader of the results."""
     told = []
     if options.centring != "none":
         told.append(f"no confidence: the temperature is of descriptors as they are, not of centring={options.centring}")
@@ -148,7 +148,7 @@ def _remarks(
 
 
 def _comparison(places: PlaceMap, inputs: PlaceInputs, known: KnownPlaces, run: Mapping[str, Any]) -> str:
-    """The command that tests network and baselines on the same two folders."""
+    """The command that tests the network and baselines on the same two folders."""
     chosen, size = known.tolerance, places.size
     heading = "null" if chosen.heading_deg is None else f"{chosen.heading_deg:g}"
     described = {"map": places.described.photos, "queries": inputs.queries}

@@ -1,4 +1,4 @@
-"""What the terminal shows of matched places."""
+"""Terminal output of matched places."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ from sextant.cli.output_folder import tell_written
 from sextant.cli.skipped_files import tell_skipped
 from sextant.data.places.problem_list import NAMED
 
-#: what a confidence is worth, in the terminal and in matches.json
+#: the meaning of a confidence, shown in the terminal and in matches.json
 SUPPOSED = (
     "confidence is the probability that the place of a match is the query's, supposing that its place is in the map: a "
     "query of another place has some too"
@@ -27,7 +27,7 @@ def tell(
     remarks: Sequence[str],
     written: Sequence[Path],
 ) -> None:
-    """Print matches, which photos failed, what is to be known of the figures, and where the files are."""
+    """Print the matches, which photos failed, remarks, and where the files are."""
     good = [row for row in rows if "error" not in row]
     console.print(rows_table("Best matches", [_line(row) for row in good[:NAMED]]))
     if len(good) > NAMED:

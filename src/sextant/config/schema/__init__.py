@@ -1,7 +1,7 @@
-"""The typed config behind the YAML files: types, ranges and rules that join several keys.
+"""The typed config behind the YAML files: types, ranges, and rules across keys.
 
-Each config that Sextant ships has a model here, chosen by its ``_target_``. A ``_target_`` of the user's own is legal
-everywhere: its arguments are then checked against its signature when it is built.
+Each config that Sextant ships has a model here, chosen by its ``_target_``. The user's own ``_target_`` is legal
+everywhere; its arguments are checked against its signature when it is built.
 """
 
 from sextant.config.schema.run import Config

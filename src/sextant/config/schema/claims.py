@@ -1,4 +1,4 @@
-"""Claims of the thesis, each of which is decided from what sweeps found."""
+"""Claims of the thesis, each decided from the results of sweeps."""
 
 from typing import Literal, Self
 
@@ -11,18 +11,18 @@ class ClaimPart(Node):
     """Comparisons that a claim rests on: every row of a stored table with one of these names.
 
     Attributes:
-        sweep: that measures them; empty for figures of another command, which only ``recorded`` tables hold.
+        sweep: the sweep that measures them; empty for figures of another command, in ``recorded`` tables only.
         stored: folder of its stored report, below ``docs``.
-        table: of the report, without ``.csv``.
-        names: of contrasts; of arms in ``cells`` and ``cost``; of rows in ``recorded``.
-        against: in ``cells`` the number that an arm is compared with; in ``cost`` the arm.
+        table: table of the report, without ``.csv``.
+        names: names of contrasts; of arms in ``cells`` and ``cost``; of rows in ``recorded``.
+        against: what an arm is compared with: a number in ``cells``, another arm in ``cost``.
         quantity: column of ``cost``.
-        direction: whether the claim says that the difference goes up or down.
-        expects: what the claim says of it: better, as good (not worse) or the same (within what matters).
-        matters: smallest effect that matters, if it is not that of the claim.
-        unit: of the effect, if it is not that of the claim.
-        beside: shown, and not counted.
-        note: to be read with it.
+        direction: whether the claim states that the difference goes up or down.
+        expects: what the claim states: better, as good (not worse), or the same (within what matters).
+        matters: smallest effect that matters, if it differs from the claim's.
+        unit: unit of the effect, if it differs from the claim's.
+        beside: whether it is shown but does not count.
+        note: note to be read with it.
     """
 
     sweep: str = ""
@@ -53,18 +53,18 @@ class ClaimPart(Node):
 
 
 class Claim(Node):
-    """One claim: what it says, what would decide it, and why that much.
+    """One claim: its statement, what decides it, and the smallest effect that matters.
 
     Attributes:
-        sentence: in plain words.
+        sentence: the claim in plain words.
         published: what the thesis or its papers reported.
-        page: of ``docs`` that discusses it.
-        unit: of the effect.
+        page: page of ``docs`` that discusses it.
+        unit: unit of the effect.
         matters: smallest effect that matters.
-        reason: why that much.
-        runs: what measured the stored results: seeds, hardware, time.
-        command: that measures it, if it is not that of the sweeps of its parts alone.
-        parts: all of which have to hold.
+        reason: why this is the smallest effect that matters.
+        runs: how the stored results were measured: seeds, hardware, time.
+        command: command that measures it, if the sweeps of its parts are not enough.
+        parts: parts, all of which must hold.
     """
 
     chapter: int = Field(ge=2, le=7)

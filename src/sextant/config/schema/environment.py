@@ -1,4 +1,4 @@
-"""How training runs, where it is logged, and where files lie."""
+"""Settings of training, tracking and file locations."""
 
 from typing import Literal, Self
 
@@ -8,15 +8,15 @@ from sextant.config.schema.parts import Count, Node, Positive
 
 
 class Trainer(Node):
-    """How training runs.
+    """Settings of training.
 
     Attributes:
-        devices: processes that train one network, each on a device of its own: GPUs, or shares of the CPU's cores.
-        precision: of the network; a processor without bfloat16 takes float32 for ``bf16-mixed``, and says so.
-        batch_size: images that a step learns from, over all processes; without ``accumulate``.
-        accumulate: batches whose gradients are averaged for a step.
+        devices: number of processes that train one network, each on its own device: a GPU, or a share of the cores.
+        precision: precision of the network; a processor without bfloat16 uses float32 for ``bf16-mixed`` and says so.
+        batch_size: images per batch over all processes, not counting ``accumulate``.
+        accumulate: number of batches whose gradients are averaged for a step.
         patience: epochs without a better validation metric after which training ends; null trains all epochs.
-        compile: the network is compiled by ``torch.compile`` for training.
+        compile: whether the network is compiled by ``torch.compile`` for training.
     """
 
     accelerator: Literal["cpu", "gpu"]
@@ -78,7 +78,7 @@ class Tracking(Node):
 
 
 class Paths(Node):
-    """Where things lie."""
+    """Locations of data, outputs and cache."""
 
     data: str
     outputs: str = Field(min_length=1, examples=["outputs"])

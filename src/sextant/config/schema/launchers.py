@@ -1,4 +1,4 @@
-"""Where the runs of a sweep are computed."""
+"""Launchers, which determine where the runs of a sweep are computed."""
 
 from typing import Annotated, Any, Literal, Self
 
@@ -8,11 +8,11 @@ from sextant.config.schema.parts import Count, Node, Positive
 
 
 class Launcher(Node):
-    """What all launchers have.
+    """Settings common to all launchers.
 
     Attributes:
-        lease_s: a run whose process was not heard of for so many seconds is taken over by another host; one of a
-            process that died on the same host at once.
+        lease_s: seconds without a sign of life after which another host takes over a run. On the same host, the run of
+            a dead process is taken over at once.
     """
 
     lease_s: Positive = Field(default=60.0, examples=[60])
@@ -25,7 +25,7 @@ class LocalLauncher(Launcher):
 
 
 class JoblibLauncher(Launcher):
-    """Several processes on this machine; ``workers`` null is one for each core."""
+    """Several processes on this machine; ``workers`` null uses one per core."""
 
     kind: Literal["joblib"]
     workers: Count | None = Field(default=None, examples=[4])
@@ -35,15 +35,15 @@ class SlurmLauncher(Launcher):
     """Job arrays on a SLURM cluster.
 
     Attributes:
-        wait: false submits and leaves.
-        time_min: limit of a task, in minutes; one that reaches it is queued again and goes on from its checkpoint.
-        cpus, gpus, memory_gb: of a task.
-        at_once: how many tasks of the array may run at once.
-        cells_per_task: runs that a task computes one after another.
-        attempts: how often a run whose task vanished without a trace is submitted.
-        srun: start the tasks with srun, as a step of the job.
-        setup: lines of shell before each task, such as ``module load cuda``.
-        options: further options of sbatch, ``{constraint: a100}``.
+        wait: whether to wait for the runs; false submits and returns.
+        time_min: time limit of a task, in minutes; a task that reaches it is requeued and resumes from its checkpoint.
+        cpus, gpus, memory_gb: resources of a task.
+        at_once: number of tasks of the array that may run at the same time.
+        cells_per_task: number of runs that a task computes one after another.
+        attempts: number of times a run is submitted if its task vanishes without a trace.
+        srun: whether to start the tasks with srun, as a step of the job.
+        setup: shell lines to run before each task, such as ``module load cuda``.
+        options: further options of sbatch, such as ``{constraint: a100}``.
     """
 
     kind: Literal["slurm"]
@@ -67,9 +67,9 @@ class RayLauncher(Launcher):
     """Workers of a Ray cluster.
 
     Attributes:
-        address: of the cluster, ``auto`` for the one this machine is part of; null starts one on this machine.
-        cpus, gpus: of a run.
-        attempts: how often a run whose worker died is started.
+        address: address of the cluster, ``auto`` for that of this machine; null starts one on this machine.
+        cpus, gpus: resources of a run.
+        attempts: number of times a run is started if its worker dies.
     """
 
     kind: Literal["ray"]

@@ -1,4 +1,4 @@
-"""Networks, and inhibition put into them."""
+"""Networks, and the inhibition layers put into them."""
 
 from typing import Annotated, Literal, Self
 
@@ -96,7 +96,7 @@ class PlaceCNN(Backbone):
 
 
 class SmallVGG(Backbone):
-    """Stages of convolutions."""
+    """A VGG-like network with stages of convolutions."""
 
     target: Literal["sextant.models.SmallVGG"] = Field(alias="_target_")
     widths: list[Count] = Field(min_length=1, examples=["[16,32,64]"])
@@ -159,7 +159,7 @@ class TimmBackbone(Backbone):
 
 
 class Inhibition(Part):
-    """What replaces convolutions of a network."""
+    """Layers that replace convolutions of a network."""
 
 
 class NoInhibition(Inhibition):
@@ -180,7 +180,7 @@ class PushPullInhibition(Inhibition):
 
 
 class PushPullAvgInhibition(Inhibition):
-    """Push-pull of 2024 in place of convolutions."""
+    """The push-pull layer of 2024 in place of convolutions."""
 
     target: Literal["sextant.layers.PushPullAvgInhibition"] = Field(alias="_target_")
     where: str = Field(min_length=1, examples=["first_block"])

@@ -8,7 +8,7 @@ from sextant.config.schema.parts import NonNegative, Part, Positive, Share
 
 
 class Optimizer(Part):
-    """An optimiser of torch, its parameters still to be given."""
+    """An optimiser of torch, whose parameters are passed later."""
 
 
 class SGD(Optimizer):
@@ -53,13 +53,13 @@ class Schedule(Part):
 
 
 class ConstantRate(Schedule):
-    """The learning rate as it is."""
+    """A constant learning rate."""
 
     target: Literal["sextant.tasks.schedules.ConstantRate"] = Field(alias="_target_")
 
 
 class StepDecay(Schedule):
-    """The learning rate in steps."""
+    """A learning rate that decays in steps."""
 
     target: Literal["sextant.tasks.schedules.StepDecay"] = Field(alias="_target_")
     at: list[Share] = Field(examples=["[0.5,0.75]"])
@@ -73,6 +73,6 @@ class StepDecay(Schedule):
 
 
 class CosineDecay(Schedule):
-    """The learning rate along half a cosine."""
+    """A learning rate that decays along half a cosine."""
 
     target: Literal["sextant.tasks.schedules.CosineDecay"] = Field(alias="_target_")

@@ -1,4 +1,4 @@
-"""What all config nodes have in common."""
+"""Base classes and types of all config nodes."""
 
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, TypeVar, get_args
@@ -14,7 +14,7 @@ from pydantic import (
 from pydantic_core import CoreSchema
 from pydantic_core.core_schema import tagged_union_schema
 
-#: what a part is called that Sextant has no model of
+#: tag of parts for which Sextant has no model
 CUSTOM = "custom"
 
 
@@ -22,7 +22,7 @@ class Node(BaseModel):
     """A config node: exact types, no unknown keys, immutable."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-    #: keys that were added later: null is left out, so that the digest stays that of the configs of before
+    #: keys that were added later; a null is omitted, so that earlier configs keep their digest
     later: ClassVar[tuple[str, ...]] = ()
 
     @model_serializer(mode="wrap")
@@ -38,14 +38,15 @@ class Part(Node):
 
 
 class CustomPart(Part):
-    """A part that Sextant does not know."""
+    """A part from outside Sextant."""
 
     model_config = ConfigDict(extra="allow")
 
 
 class ChosenByTarget:
-    """Marks a union of parts, of which the ``_target_`` of a node chooses one; a kind of part stands for all of its
-    subclasses. See :data:`Choice`.
+    """Marks a union of parts from which the ``_target_`` of a node chooses one.
+
+    A base class in the union stands for all of its subclasses. See :data:`Choice`.
     """
 
     def __get_pydantic_core_schema__(self, union: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -60,24 +61,24 @@ class ChosenByTarget:
 
 CHOSEN_BY_TARGET = ChosenByTarget()
 Kind = TypeVar("Kind", bound=Part)
-#: a part of this kind, or one of the user's own: ``Choice[Backbone]``
+#: a part of this kind, or the user's own part: ``Choice[Backbone]``
 Choice = Annotated[Kind | CustomPart, CHOSEN_BY_TARGET]
 
 
 def parts_of(kind: type[Part]) -> list[type[Part]]:
-    """The parts of a kind, which are its subclasses that name an import path; a part is one itself."""
+    """The parts of a kind: its subclasses that name an import path, or the class itself if it names one."""
     if kind is CustomPart or get_args(kind.model_fields["target"].annotation):
         return [kind]
     return [part for each in kind.__subclasses__() for part in parts_of(each)]
 
 
 def _target_of(part: type[Part]) -> str:
-    """The import path that a model is of."""
+    """The import path that a part's model names."""
     return CUSTOM if part is CustomPart else str(get_args(part.model_fields["target"].annotation)[0])
 
 
 def known_targets() -> frozenset[str]:
-    """The import paths that Sextant has a schema for."""
+    """The import paths for which Sextant has a schema."""
     parts, found = [Part], set[str]()
     while parts:
         part = parts.pop()
@@ -88,7 +89,7 @@ def known_targets() -> frozenset[str]:
 
 
 def named_targets(node: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Every import path within plain values, however deep, with its dotted key."""
+    """Every import path within plain values at any depth, with its dotted key."""
     inner = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list | tuple) else ()
     for name, value in inner:
         if name == "_target_":
@@ -97,10 +98,10 @@ def named_targets(node: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
 
 
 def distinct(values: list[float]) -> list[float]:
-    """``values``, which must differ.
+    """Return ``values`` if they are all different.
 
     Raises:
-        ValueError: two are equal.
+        ValueError: two values are equal.
     """
     if len({f"{value:g}" for value in values}) < len(values):
         raise ValueError(f"values must differ, got {values}")

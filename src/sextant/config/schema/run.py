@@ -1,4 +1,4 @@
-"""A whole run: all groups together, and the rules that join them."""
+"""The config of a whole run: all groups, and the rules across them."""
 
 from collections.abc import Mapping
 from typing import Any, Literal, Self
@@ -35,7 +35,7 @@ from sextant.config.schema.world_datasets import World
 
 
 class Config(Node):
-    """A whole run."""
+    """The config of a whole run."""
 
     _plain: Mapping[str, Any] = PrivateAttr(default_factory=dict)
     dataset: Choice[LabelledImages | Panoramas | Places | Drives | World]
@@ -76,7 +76,7 @@ class Config(Node):
 
     @property
     def plain(self) -> Mapping[str, Any]:
-        """The values that it was made of, untouched: parts are built of these, and checkpoints keep them."""
+        """The original values, unchanged; parts are built from these, and checkpoints store them."""
         return self._plain
 
     @model_validator(mode="wrap")
@@ -99,10 +99,10 @@ class Config(Node):
         return self
 
     def custom_parts(self) -> dict[str, str]:
-        """Import paths that Sextant has no schema for, wherever in the config they stand, by their dotted keys."""
+        """Import paths without a schema in Sextant, anywhere in the config, by their dotted keys."""
         known = known_targets()
         return {key: path for key, path in named_targets(self.model_dump(by_alias=True)) if path not in known}
 
     def custom_targets(self) -> list[str]:
-        """The same import paths alone."""
+        """The same import paths without their keys."""
         return list(dict.fromkeys(self.custom_parts().values()))

@@ -12,7 +12,7 @@ Method = Literal["tpe", "cmaes", "random", "grid", "halving"]
 
 
 def _first_seeds(value: Any) -> Any:
-    """A number n of seeds stands for 0 to n - 1."""
+    """Expand a number n of seeds to 0, ..., n - 1."""
     if isinstance(value, int) and not isinstance(value, bool):
         if value < 1:
             raise ValueError(f"a number of seeds must be at least 1, got {value}")
@@ -24,7 +24,7 @@ Seeds = Annotated[list[Seed], Field(min_length=1), AfterValidator(distinct), Bef
 
 
 def _readable(value: Any) -> str:
-    """Refuse what is no range of values; it is kept as it is written."""
+    """Refuse text that is not a range of values; legal text is kept as written."""
     dimension(str(value))
     return str(value)
 
@@ -33,29 +33,29 @@ Range = Annotated[str, BeforeValidator(_readable)]
 
 
 def _validation(metric: str) -> str:
-    """Refuse a metric of the test split: what is chosen by it could not be tested any more."""
+    """Refuse a metric of the test split, as a choice based on it could not be tested any more."""
     if not metric.startswith("val/"):
         raise ValueError(f"a search looks at the validation split alone: val/..., got {metric!r}")
     return metric
 
 
 class Search(Node):
-    """Trials of points of a space, each at several seeds, in search of the best.
+    """A search for the best point of a space, with trials at several seeds each.
 
     Attributes:
-        method: ``tpe`` is the tree-structured Parzen estimator, ``cmaes`` evolves a Gaussian of numbers, ``grid`` goes
-            through all points, ``random`` draws them; ``halving`` draws them all and gives twice the seeds to the
-            better half of them, again and again.
-        space: key -> what it may be.
-        n_trials: how many points are tried in all, however often the search is started again.
-        metric: of the validation split, as in ``metrics.json``; by default the one that chooses the task's checkpoints.
-        direction: in which ``metric`` is better.
-        race: whether a trial that cannot beat the best any more gets no further seed; otherwise each gets all.
-        confidence: of the one-sided paired interval by which it cannot.
-        fresh_seeds: at which the winner is tested; by default as many as it was chosen at, from 1,000 up.
-        test_metric: reported of the winner; by default the counterpart of ``metric`` on the test split.
-        parallel: how many runs are started together.
-        sampler_seed: of what the method draws.
+        method: ``tpe`` is the tree-structured Parzen estimator, ``cmaes`` evolves a Gaussian over numbers, ``grid``
+            tries all points, ``random`` draws them; ``halving`` (successive halving) draws all points first and
+            repeatedly gives the better half twice the seeds.
+        space: key -> range of its values.
+        n_trials: total number of trials, however often the search is restarted.
+        metric: validation metric as in ``metrics.json``; by default the one that selects the task's checkpoints.
+        direction: the better direction of ``metric``.
+        race: whether a trial that can no longer beat the best gets no further seed; otherwise each trial gets all.
+        confidence: confidence of the one-sided paired interval for this decision.
+        fresh_seeds: seeds at which the winner is tested; by default as many as it was chosen at, from 1,000 up.
+        test_metric: metric reported for the winner; by default the counterpart of ``metric`` on the test split.
+        parallel: number of runs that are started together.
+        sampler_seed: seed of the method's random draws.
         storage: a ``postgresql://`` address; by default a file in the sweep's folder.
     """
 
@@ -74,12 +74,12 @@ class Search(Node):
 
     @property
     def dimensions(self) -> dict[str, Dimension]:
-        """The space as it is understood."""
+        """The parsed space."""
         return {key: dimension(text) for key, text in self.space.items()}
 
     @property
     def points(self) -> float:
-        """How many points a grid has; infinite where a number is not whole."""
+        """The number of grid points; infinite if a number need not be whole."""
         return math.prod(found.size for found in self.dimensions.values())
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""The values that a search may give to a key, as they are written: ``log_uniform(1e-4, 1e-1)``."""
+"""Ranges of values that a search may give to a key, written as ``log_uniform(1e-4, 1e-1)``."""
 
 import math
 import re
@@ -8,18 +8,18 @@ from typing import Literal, get_args
 Kind = Literal["uniform", "log_uniform", "int", "choice"]
 WRITTEN = re.compile(r"\s*([A-Za-z_]\w*)\s*\((.*)\)\s*", re.DOTALL)
 GRAMMAR = "uniform(low, high), log_uniform(low, high), int(low, high) or choice(a, b, ...)"
-#: figures of a number that is tried, so that it can be typed in an override
+#: significant digits of a tried number, so that it can be typed in an override
 DIGITS = 6
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """What one key may be.
+    """The range of one key.
 
     Attributes:
         kind: ``int`` includes both bounds; ``log_uniform`` is uniform in the logarithm.
         low, high: bounds of a number; nan for a choice.
-        options: of a choice, as they are written in an override.
+        options: options of a choice, as written in an override.
     """
 
     kind: Kind
@@ -29,12 +29,12 @@ class Dimension:
 
     @property
     def size(self) -> float:
-        """How many values it has; infinite of numbers that need not be whole."""
+        """The number of values; infinite for numbers that need not be whole."""
         return len(self.options) or (self.high - self.low + 1 if self.kind == "int" else math.inf)
 
     @property
     def middle(self) -> str:
-        """A value to try the key with, as text."""
+        """A value in the middle of the range, as text."""
         if self.kind == "choice":
             return self.options[0]
         both = (math.log(self.low), math.log(self.high)) if self.kind == "log_uniform" else (self.low, self.high)
@@ -43,11 +43,11 @@ class Dimension:
 
     @property
     def ends(self) -> tuple[str, ...]:
-        """The values at which a mistake in the range shows: both bounds, or every option."""
+        """The values that reveal a mistake in the range: both bounds, or every option."""
         return self.options or (self.text(self.low), self.text(self.high))
 
     def text(self, value: object) -> str:
-        """A value as it is written in an override, numbers to six figures."""
+        """A value as written in an override, with numbers to six significant digits."""
         if self.kind == "choice":
             return str(value)
         number = float(str(value))
@@ -55,16 +55,17 @@ class Dimension:
 
 
 def is_dimension(value: object) -> bool:
-    """Whether a value of an override is meant as a range, right or wrong."""
+    """Whether a value of an override is meant as a range, valid or not."""
     found = WRITTEN.fullmatch(value) if isinstance(value, str) else None
     return found is not None and found[1] in get_args(Kind)
 
 
 def dimension(text: str) -> Dimension:
-    """Read what is written of one key.
+    """Parse the range of one key.
 
     Raises:
-        ValueError: it is not of the grammar, has no bounds, or its bounds make no range; says which.
+        ValueError: the text does not follow the grammar, has no bounds, or its bounds are not a range; the message says
+            which.
     """
     found = WRITTEN.fullmatch(text)
     if found is None or found[1] not in get_args(Kind):
@@ -91,7 +92,7 @@ def dimension(text: str) -> Dimension:
 
 
 def _split(text: str) -> list[str]:
-    """Words between commas, but for commas within brackets or quotes."""
+    """Split at commas that are not within brackets or quotes."""
     words, depth, quote = [""], 0, ""
     for letter in text:
         if quote:

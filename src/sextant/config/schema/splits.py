@@ -1,4 +1,4 @@
-"""Numbers and files by split, and what rendered pictures have in common."""
+"""Numbers and files by split, and types common to rendered images."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal

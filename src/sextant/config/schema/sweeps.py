@@ -9,11 +9,11 @@ from sextant.config.schema.searches import Search, Seeds
 
 
 class Arm(Node):
-    """One of the things that a sweep compares.
+    """One arm of a sweep.
 
     Attributes:
-        reads: which method's answers are compared, where a run gives those of several; arms of the same overrides
-            share their runs.
+        reads: method whose answers are compared, if a run has several; arms with the same overrides share their
+            runs.
     """
 
     overrides: list[str]
@@ -29,10 +29,10 @@ class Contrast(Node):
 
 
 class Sweep(Node):
-    """A named ablation: factors x arms x seeds. The digest leaves it out: it plans runs and changes none.
+    """A named ablation: factors x arms x seeds. It is not part of the digest, as it plans runs but changes none.
 
     Attributes:
-        quick: overrides of its small form, for ``sextant claims preset=quick``; empty where it is small as it is.
+        quick: overrides of its small form for ``sextant claims preset=quick``; empty if it is already small.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", examples=["my_sweep"])

@@ -1,4 +1,4 @@
-"""The families of method."""
+"""The tasks."""
 
 from typing import Annotated, ClassVar, Literal, Self, get_args
 
@@ -15,10 +15,10 @@ RecognitionMethod = Literal[
 
 
 def once(values: list[str]) -> list[str]:
-    """``values``, which must differ.
+    """Return ``values`` if they are all different.
 
     Raises:
-        ValueError: two are equal.
+        ValueError: two values are equal.
     """
     if len(set(values)) < len(values):
         raise ValueError(f"values must differ, got {values}")
@@ -26,12 +26,12 @@ def once(values: list[str]) -> list[str]:
 
 
 class TaskNode(Node):
-    """What tasks have in common.
+    """Settings common to all tasks.
 
     Attributes:
-        needs: groups of a config without which the task cannot run.
-        takes: groups that it may have besides; groups of other tasks it refuses.
-        loss_kind: of the group ``loss``, for a task that needs it.
+        needs: groups of a config that the task requires.
+        takes: further groups that it accepts; groups of other tasks are refused.
+        loss_kind: kind of the group ``loss``, for a task that needs it.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -159,14 +159,14 @@ class SceneChoice(Node):
 
 
 class FineTune(Node):
-    """Training configured filters on."""
+    """Fine-tuning of configured filters."""
 
     epochs: Annotated[int, Field(ge=0, le=100_000)] = Field(examples=[0])
     lr: Positive = Field(examples=[0.001])
 
 
 class CosfireTask(TaskNode):
-    """Recognition by filters that are configured from examples."""
+    """Recognition by filters configured from examples."""
 
     needs = ("features", "bank", "strategy", "filters")
     takes = ("backbone", "inhibition", "augmentation", "descriptor")
@@ -197,7 +197,7 @@ class CosfireTask(TaskNode):
     test_checkpoint: Literal["last"]
 
     def answering(self) -> list[str]:
-        """The methods whose answers a run has, where it has the parts for them."""
+        """The methods whose answers a run has, if it has the parts for them."""
         return [*self.methods, "cosfire_tuned", "layer_tuned"] if self.fine_tune.epochs else list(self.methods)
 
 
@@ -208,7 +208,7 @@ Task = Annotated[
 
 
 def owners() -> dict[str, list[str]]:
-    """The groups that only some tasks use, and the names of those."""
+    """The groups that only some tasks use, with the names of these tasks."""
     found: dict[str, list[str]] = {}
     for task in get_args(get_args(Task)[0]):
         for group in (*task.needs, *task.takes):

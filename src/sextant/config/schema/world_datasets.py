@@ -9,7 +9,7 @@ from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileByS
 
 
 class World(Part):
-    """A dataset of pictures of a rendered world."""
+    """A dataset of images of a rendered world."""
 
 
 class _Drives(World):
@@ -38,14 +38,14 @@ class TownSeasons(_Drives):
 
 
 class TestedPlaces(Node):
-    """Places of the training and of the test town."""
+    """Numbers of places of the training town and of the test town."""
 
     train: Count = Field(examples=[300])
     test: Count = Field(examples=[100])
 
 
 class TownFactors(_Drives):
-    """One drive under appearances that differ in one factor."""
+    """One drive under appearances that differ in a single factor."""
 
     target: Literal["sextant.data.worlds.TownFactors"] = Field(alias="_target_")
     places: TestedPlaces
@@ -60,7 +60,7 @@ class TownFactors(_Drives):
 
 
 class TownCity(World):
-    """A city seen from everywhere."""
+    """A city seen in all directions from all along its streets."""
 
     later = ("streets",)
     target: Literal["sextant.data.worlds.TownCity"] = Field(alias="_target_")

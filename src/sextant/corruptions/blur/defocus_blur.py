@@ -1,4 +1,4 @@
-r"""Blur of a lens out of focus.
+r"""Defocus blur: a lens out of focus.
 
 .. math:: y = k * x, \qquad k = G_a * D_r, \qquad D_r(u, v) \propto [u^2 + v^2 \le r^2]
 
@@ -21,9 +21,9 @@ from sextant.corruptions.filtering.shifted_sum import shifted_sum
 
 @lru_cache(maxsize=32)
 def disk_kernel(radius: float, alias: float) -> Float[Tensor, "k k"]:
-    """The softened disk ``(k, k)``, without the rows and columns that are zero; float64, not to be changed.
+    """The softened disk ``(k, k)``, without the rows and columns that are zero; float64; cached, so do not change it.
 
-    As the authors have it, a disk of up to 8 pixels lies on a grid of 17 x 17 pixels and is softened by 3 x 3 weights,
+    As in the authors' code, a disk of up to 8 pixels lies on a grid of 17 x 17 pixels and is softened by 3 x 3 weights,
     a larger one by 5 x 5 on a grid that just holds it, with the grid mirrored at its edge.
     """
     reach, soft = (8, 1) if radius <= 8 else (math.floor(radius), 2)

@@ -1,12 +1,12 @@
 """Blur of frosted glass: pixels change places with neighbours, between two Gaussian blurs.
 
-Scanning from the last row and column, every pixel p meets p + d, with d drawn from {-m, ..., m - 1}² for a largest
-distance m. Where a pixel ends up does not depend on its value: the meetings are played out on an index, whose result
-is the drawn parameter, and applying it to a batch is one gather on any device.
+Scanning from the last row and column, every pixel p is swapped with p + d, with d drawn from {-m, ..., m - 1}² for a
+largest distance m. Where a pixel ends up does not depend on its value: the swaps are played out on an index, whose
+result is the drawn parameter, and applying it to a batch is one gather on any device.
 
-What the authors' code does, and ``faithful`` keeps: it exchanges views of an array, so that in a colour image p takes
-the colour of p + d and p + d keeps its own, and the first blur is cut to 8 bits. ``corrected`` exchanges the two and
-does not round. A grey image's values are no views: they are exchanged in either mode.
+The authors' code swaps views of an array, so that in a colour image p takes the colour of p + d while p + d keeps its
+own, and it truncates the first blur to 8 bits. ``faithful`` keeps both. ``corrected`` swaps the two and does not round.
+The values of a grey image are not views: they are swapped in either mode.
 """
 
 from dataclasses import dataclass
@@ -38,8 +38,8 @@ class GlassBlur(BenchmarkCorruption[tuple[float, int, int], Tensor]):
         table: (σ in pixels, largest distance m, passes) for each severity.
         name: the corruption's name; enters the seeds.
         levels: the severities to test at.
-        mode: whether meetings of colours copy (``faithful``) or exchange (``corrected``).
-        chance: with which a pixel meets another at all: 1, and in MNIST-C 1/2.
+        mode: whether colours are copied (``faithful``) or swapped (``corrected``).
+        chance: probability that a pixel is swapped at all: 1, and in MNIST-C 1/2.
         down_only: blur along columns alone, as MNIST-C's authors do by taking the columns of a grey image for channels;
             ``corrected`` blurs both ways.
     """
@@ -59,7 +59,7 @@ class GlassBlur(BenchmarkCorruption[tuple[float, int, int], Tensor]):
         copies = self.mode == "faithful" and channels > 1
         for source, stream in zip(sources, self.streams(level, indices, seed), strict=True):
             moves = torch.randint(-reach, reach, (*meetings, 2), generator=stream)
-            if self.chance < 1:  # a pixel that meets itself stays
+            if self.chance < 1:  # a pixel that is swapped with itself stays
                 moves *= (torch.rand(meetings, generator=stream) < self.chance)[..., None]
             _play(source.numpy(), moves.numpy(), reach, copies)
         return sources
@@ -67,7 +67,7 @@ class GlassBlur(BenchmarkCorruption[tuple[float, int, int], Tensor]):
     def apply(
         self, images: Float[Tensor, "b c h w"], level: float, params: Int64[Tensor, "b h w"]
     ) -> Float[Tensor, "b c h w"]:
-        """Blur, let every pixel take its colour from the drawn one, blur."""
+        """Blur, let every pixel take its colour from the drawn one, and blur again."""
         sigma = self.row(level)[0]
         sigmas = (sigma, 0.0 if self.down_only and self.mode == "faithful" else sigma)
         work = images.to(torch.promote_types(images.dtype, torch.float32))

@@ -1,4 +1,4 @@
-"""Blur of a moving camera."""
+"""Motion blur: a moving camera."""
 
 from dataclasses import dataclass
 

@@ -1,8 +1,8 @@
-r"""Blur of a camera that zooms during the exposure.
+r"""Zoom blur: a camera that zooms during the exposure.
 
 .. math:: y = \frac{1}{n + 1} \Bigl(x + \sum_{i=1}^{n} Z_{z_i} x\Bigr), \qquad z_i = 1, 1 + δ, \ldots < z_{end}
 
-with :math:`Z_z x = A_z x B_z^T` the clipped zoom. Both sides of all zooms are two matrix products.
+with :math:`Z_z x = A_z x B_z^T` the clipped zoom. All zooms together take two matrix products, one for each side.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ CHUNK = 2**18  # zoomed values at a time, so that they stay in the processor's c
 
 @lru_cache(maxsize=32)
 def zoom_factors(end: float, step: float) -> tuple[float, ...]:
-    """1, 1 + step, ... below ``end``, with the rounding of ``numpy.arange``, which decides on the last."""
+    """1, 1 + step, ... below ``end``, with the rounding of ``numpy.arange``, which decides whether the last is in."""
     return tuple(np.arange(1, end, step).tolist())
 
 

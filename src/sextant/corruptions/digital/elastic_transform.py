@@ -24,9 +24,9 @@ OPENCV_STEPS = 32
 
 
 class ElasticDraw(NamedTuple):
-    """The random part: where the three corners go, and the noise that is smoothed to displacements.
+    """The random part: where the three corners go, and the noise that is smoothed into displacements.
 
-    ``corners`` are shifts (x, y) in units of γ ``(b, 3, 2)``; ``noise`` is ``(b, (x, y), h, w)``. Both in [-1, 1).
+    ``corners`` are shifts (x, y) in units of γ ``(b, 3, 2)``; ``noise`` is ``(b, (x, y), h, w)``. Both are in [-1, 1).
     """
 
     corners: Float[Tensor, "b 3 2"]
@@ -51,7 +51,7 @@ class ElasticTransform(BenchmarkCorruption[tuple[float, float, float], ElasticDr
         levels: the severities to test at.
         mode: ``faithful`` rounds the points of the affine warp to 1/32 of a pixel, as OpenCV did, and takes the
             height for the width in the centre of an image that is not square; ``corrected`` does neither.
-        unit: the side that fractions refer to, in units of the image's smaller side (ImageNet-C: 244/224, a slip).
+        unit: the side that fractions refer to, in units of the image's smaller side (ImageNet-C: 244/224, an error).
     """
 
     mode: Mode = "faithful"
@@ -70,7 +70,7 @@ class ElasticTransform(BenchmarkCorruption[tuple[float, float, float], ElasticDr
         """Warp and displace.
 
         Raises:
-            ValueError: images are smaller than 3 pixels, where there is no square to move.
+            ValueError: images are smaller than 3 pixels, so that there is no square to move.
         """
         height, width = images.shape[-2:]
         if min(height, width) < 3:

@@ -1,4 +1,4 @@
-"""What JPEG loses."""
+"""JPEG compression."""
 
 from dataclasses import dataclass
 from io import BytesIO
@@ -33,7 +33,7 @@ def jpeg_round_trip(pixels: UInt8[np.ndarray, "h w c"], quality: int) -> UInt8[n
 
 @dataclass(frozen=True)
 class JPEGCompression(BenchmarkCorruption[int, None]):
-    """Encoded and decoded by Pillow on the CPU, whatever the device, so that every run sees the same bytes.
+    """JPEG compression by Pillow, on the CPU whatever the device, so that every run sees the same bytes.
 
     Source: Hendrycks & Dietterich, ICLR 2019.
 

@@ -1,9 +1,9 @@
 r"""Loss of resolution, with Pillow's arithmetic to the last bit.
 
-Pillow resizes by box filter one axis after the other, columns first. A pass takes weights as integers in units of
+With a box filter, Pillow resizes one axis after the other, columns first. A pass takes weights as integers in units of
 :math:`2^{-22}`, adds, and rounds to 8 bits: :math:`y_i = \lfloor (Σ_j W_{ij} x_j + 2^{21}) / 2^{22} \rfloor`. The sums
-are whole numbers that float64 holds, and float32 where every mean is of one, two or four pixels, so products of
-matrices give the same bytes for a whole batch, on any device.
+are whole numbers that fit into float64, and into float32 where every mean is of one, two or four pixels, so matrix
+products give the same bytes for a whole batch, on any device.
 """
 
 import math
@@ -23,7 +23,7 @@ PILLOW_UNIT = 2**22
 def box_weights(before: int, after: int) -> tuple[Tensor, int]:
     """The integer weights ``(after, before)`` of a pass from ``before`` pixels to ``after``, and their unit.
 
-    Weights and unit are divided by what is common to them; the type is the smallest that holds all sums.
+    Weights and unit are divided by their common factor; the type is the smallest that holds all sums.
     """
     scale = before / after
     half = 0.5 * max(scale, 1.0)
@@ -67,7 +67,7 @@ def _rounded(sums: Float[Tensor, "*n"], unit: int) -> Float[Tensor, "*n"]:
 
 @dataclass(frozen=True)
 class Pixelate(BenchmarkCorruption[float, None]):
-    """Down to ``⌊f n⌋`` pixels an axis and up again to n, by box filter.
+    """Down to ``⌊f n⌋`` pixels per axis and back up to n, by box filter.
 
     Source: Hendrycks & Dietterich, ICLR 2019, with Pillow.
 

@@ -1,4 +1,4 @@
-r"""Saturation of the colour model HSV.
+r"""Change of saturation in the HSV colour model.
 
 With hue and value :math:`V = \max(r, g, b)` kept, a new saturation S' in the place of
 :math:`S = (V - \min(r, g, b)) / V` moves every channel to :math:`V - (V - x)\, S'/S`. So no conversion is needed.
@@ -32,7 +32,7 @@ class Saturate(BenchmarkCorruption[tuple[float, float], None]):
         table: (c₀, c₁) for each severity.
         name: the corruption's name.
         levels: the severities to test at.
-        mode: what becomes of grey pixels.
+        mode: how grey pixels are treated.
     """
 
     mode: Mode = "faithful"

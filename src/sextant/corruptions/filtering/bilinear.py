@@ -1,6 +1,7 @@
 """Bilinear sampling of a batch at points given in pixels, with scipy.ndimage's borders.
 
-On the CPU a compiled loop over points, elsewhere gathers; the two add in the same order and agree to rounding.
+The CPU runs a compiled loop over points, other devices use gathers; the two add in the same order and agree up to
+rounding.
 """
 
 import math

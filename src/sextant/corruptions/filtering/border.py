@@ -16,7 +16,7 @@ Border = Literal["nearest", "reflect", "mirror", "zero"]
 def inside(index: Int64[Tensor, "*n"], size: int, border: Border) -> Int64[Tensor, "*n"]:
     """The pixel 0 ... size - 1 that stands for the pixel ``index``, which may lie outside.
 
-    ``zero`` gives the nearest pixel, which the caller has to weigh with zero.
+    ``zero`` gives the nearest pixel, to which the caller has to give weight zero.
 
     Example:
         >>> index = torch.arange(-2, 6)  # from two pixels before an axis of four to two behind it

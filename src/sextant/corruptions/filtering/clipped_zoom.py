@@ -1,4 +1,4 @@
-r"""Magnification of an image's centre, cut to the image's size, as the benchmark's authors have it.
+r"""Magnification of an image's centre, cropped to the image's size, as in the benchmark authors' code.
 
 The central :math:`c = \lceil n/z \rceil` pixels of an axis of n are magnified to :math:`m = \mathrm{round}(c z)` by
 linear interpolation that maps the first pixel onto the first and the last onto the last

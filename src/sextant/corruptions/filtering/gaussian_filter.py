@@ -3,7 +3,7 @@ r"""Gaussian smoothing of a batch, equal to :func:`scipy.ndimage.gaussian_filter
 Each axis is one matrix, :math:`Y = G_h X G_w^T`, with :math:`G_{ij} = \sum_{k:\, b(i+k)=j} g_k`, where b folds what
 lies beyond the edge back into the image and :math:`g_k \propto e^{-k^2 / 2σ^2}` for
 :math:`|k| \le \lfloor tσ + 1/2 \rfloor`.
-Small images are quicker so than by convolution, and any border is exact.
+For small images this is faster than convolution, and any border is exact.
 """
 
 from functools import lru_cache

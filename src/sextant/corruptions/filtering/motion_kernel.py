@@ -45,7 +45,7 @@ def motion_offsets(degrees: Float[Tensor, "b"], count: int) -> Int64[Tensor, "b 
 def motion_blur(
     images: Float[Tensor, "b c h w"], radius: float, sigma: float, degrees: Float[Tensor, "b"]
 ) -> Float[Tensor, "b c h w"]:
-    """``images`` blurred, each along its own angle (degrees, clockwise from the right as rows point down).
+    """Blur each of ``images`` along its own angle (degrees, clockwise from the right as rows point down).
 
     Example:
         >>> spot = torch.tensor([0.0, 0.0, 0.0, 1.0, 0.0]).view(1, 1, 1, 5)

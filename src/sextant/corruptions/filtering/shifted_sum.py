@@ -1,6 +1,7 @@
 r"""Weighted sums of shifted images, :math:`y_b(p) = \sum_i k_i\, x_b(p + d_{bi})`, each image with its own shifts.
 
-On the CPU a compiled loop over rows, elsewhere gathers; the two add in the same order and agree to rounding.
+The CPU runs a compiled loop over rows, other devices use gathers; the two add in the same order and agree up to
+rounding.
 """
 
 import numpy as np
@@ -15,16 +16,16 @@ from sextant.corruptions.filtering.border import Border, inside
 def shifted_sum(
     images: Float[Tensor, "b c h w"], weights: Float[Tensor, "n"], shifts: Int64[Tensor, "b n 2"], border: Border
 ) -> Float[Tensor, "b c h w"]:
-    """The sums, of the type of ``images``.
+    """The sums, with the type of ``images``.
 
     Args:
-        images: any device.
-        weights: of the terms.
-        shifts: (column, row) in whole pixels, of each image or, with b = 1, of all.
+        images: images on any device.
+        weights: weights of the terms.
+        shifts: (column, row) in whole pixels, for each image or, with b = 1, for all.
         border: ``nearest``, ``reflect`` or ``mirror``.
 
     Raises:
-        ValueError: there are shifts for another number of images, or of terms.
+        ValueError: there are shifts for another number of images or terms.
 
     Example:
         >>> row = torch.tensor([1.0, 2.0, 4.0]).view(1, 1, 1, 3)

@@ -13,8 +13,8 @@ from sextant.corruptions.benchmark_corruption import BenchmarkCorruption
 class ClippedGaussianNoise(BenchmarkCorruption[float, Tensor]):
     """``y = clip(x + σ n)`` with ``n ~ N(0, 1)`` independent at every value.
 
-    Source: Hendrycks & Dietterich, ICLR 2019. :class:`~sextant.corruptions.GaussianNoise` takes variances and need not
-    clip.
+    Source: Hendrycks & Dietterich, ICLR 2019. :class:`~sextant.corruptions.GaussianNoise` takes variances, and its
+    clipping is optional.
 
     >>> grey = torch.full((1, 1, 28, 28), 0.5)
     >>> ClippedGaussianNoise((0.1,), "gaussian_noise")(grey, level=1, indices=[0], seed=0).std()

@@ -1,4 +1,4 @@
-"""Salt and pepper."""
+"""Salt-and-pepper noise."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Photon noise."""
+"""Shot noise: photon counts."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Noise in proportion to the image."""
+"""Speckle noise: noise in proportion to the image."""
 
 from dataclasses import dataclass
 

@@ -30,7 +30,7 @@ class Recipe:
     quirks: Mapping[str, Any] = field(default_factory=dict)
 
     def build(self, name: str, severities: Sequence[int] | None, mode: Mode) -> BenchmarkCorruption[Any, Any]:
-        """The corruption ``name`` at ``severities``, those of them that it has, or at the published ones."""
+        """The corruption ``name`` at those of ``severities`` that it has, or else at the published ones."""
         module, kind = self.path.rsplit(".", 1)
         family = getattr(import_module(f"sextant.corruptions.{module}"), kind)
         chosen = self.published if severities is None else tuple(s for s in severities if s <= len(self.table))
@@ -51,7 +51,7 @@ class BenchmarkSet:
         families: the corruptions by name in the published order.
         groups: names of groups of corruptions, for ``names``.
         baseline: the errors that a corruption error is divided by in the set's literature.
-        image_size: of the images the set was published for, in pixels; the parameters in pixels are meant for it.
+        image_size: size of the images the set was published for, in pixels; parameters in pixels are meant for it.
     """
 
     key: str
@@ -71,11 +71,11 @@ class BenchmarkSet:
 
         Args:
             names: all (``None``), a group, one name, or a list of names and groups.
-            severities: of 1 to 5; ``None`` for the published ones. A corruption without severities is there once.
-            mode: ``faithful`` to the authors' code with its slips, or ``corrected``.
+            severities: some of 1 to 5; ``None`` for the published ones. A corruption without severities is there once.
+            mode: ``faithful`` to the authors' code, errors included, or ``corrected``.
 
         Raises:
-            UserError: a name, severity or mode that the set does not have.
+            UserError: the set does not have a name, severity or mode.
         """
         if mode not in ("faithful", "corrected"):
             raise ArgumentError(f"mode={mode} is not known; it is faithful or corrected")

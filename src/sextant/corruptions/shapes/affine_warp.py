@@ -1,4 +1,4 @@
-"""Linear maps about the centre of images, their outside black."""
+"""Linear maps about the centre of images, with black outside."""
 
 import torch
 from jaxtyping import Float
@@ -12,11 +12,11 @@ def affine_warp(
 ) -> Float[Tensor, "b c h w"]:
     """``y(p) = x(A (p - o) + o + t)`` with p = (column, row) in pixels and o the image's centre, bilinear.
 
-    The matrix maps the result into the image, as an inverse map does. What lies outside the image is 0, up to one pixel
-    beyond its border, where it fades.
+    The matrix maps the result into the image, as an inverse map does. What lies outside the image is 0, except within
+    one pixel of its border, where it fades.
 
     Args:
-        images: to warp.
+        images: images to warp.
         matrices: A of each image.
         shifts: t of each image, in pixels to the right and down.
 
@@ -34,6 +34,6 @@ def affine_warp(
     sources = torch.einsum("bij,hwj->bhwi", matrices.double(), points) + centre
     if shifts is not None:
         sources = sources + shifts.double()[:, None, None]
-    # computed in double precision on the CPU, so that a whole pixel is one on every device
+    # computed in double precision on the CPU, so that whole pixels are whole on every device
     sources = sources.to(images)
     return bilinear(images, sources[..., 1], sources[..., 0], "zero")

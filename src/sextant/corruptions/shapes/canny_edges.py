@@ -16,8 +16,8 @@ from sextant.corruptions.luma import luma
 class CannyEdges(BenchmarkCorruption[tuple[()], None]):
     """1 on the edges that Canny's detector finds, 0 elsewhere; every channel shows the edges of the luma.
 
-    scikit-image's detector with its defaults (σ = 1, thresholds 0.1 and 0.2), as in the benchmark. Nothing is random,
-    and there is one severity.
+    This is scikit-image's detector with its defaults (σ = 1, thresholds 0.1 and 0.2), as in the benchmark. Nothing is
+    random, and there is one severity.
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
 
@@ -31,7 +31,7 @@ class CannyEdges(BenchmarkCorruption[tuple[()], None]):
         """Nothing."""
 
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
-        """Find the edges; on the CPU, whatever the device."""
+        """Find the edges, on the CPU whatever the device."""
         self.row(level)
         # grey levels as exact as 8-bit images have them: single precision would break ties between neighbours
         grey = np.round(luma(images)[:, 0].double().cpu().numpy() * 255, 3) / 255

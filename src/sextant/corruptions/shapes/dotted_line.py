@@ -12,7 +12,7 @@ from sextant.corruptions.shapes.line_overlay import SIDE, line_overlay, mnist_ce
 
 @dataclass(frozen=True)
 class DottedLine(BenchmarkCorruption[tuple[()], Tensor]):
-    """A soft line from the left edge to the right, both ends at a random height, in dots of two columns of 28.
+    """A soft line from the left edge to the right, its ends at random heights, in dots of two columns of 28.
 
     There is one severity.
 

@@ -9,7 +9,7 @@ REACH = 2.3  # pixels at which a line has faded
 
 
 def mnist_coordinates(size: int) -> Float64[Tensor, "size"]:
-    """Where the pixels of an axis of ``size`` lie among 28, the centre of the first of these at 0.
+    """Positions of the pixels of an axis of ``size`` among 28, whose first has its centre at 0.
 
     Example:
         >>> mnist_coordinates(2)  # each covers 14 pixels, 0 to 13 and 14 to 27
@@ -35,8 +35,8 @@ def line_overlay(
 
         y = 1 + log(1 - d/2.3), at least 0,     d = vertical distance to the line,
 
-    in the columns from ``floor(start)`` up to ``ceil(end)``, without the latter. A line without width is nothing. Other
-    sizes show the same line, scaled.
+    in the columns from ``floor(start)`` up to ``ceil(end)``, without the latter. A line without width is not drawn.
+    Other sizes show the same line, scaled.
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
 

@@ -13,7 +13,7 @@ from sextant.corruptions.shapes.signs import random_signs
 
 @dataclass(frozen=True)
 class Rotate(BenchmarkCorruption[float, Tensor]):
-    """``y(p) = x(R p)`` about the centre, ``R = [[cos φ, -sin φ], [sin φ, cos φ]]``, φ one way or the other at random.
+    """``y(p) = x(R p)`` about the centre, ``R = [[cos φ, -sin φ], [sin φ, cos φ]]``, with a random sign of φ.
 
     With rows downward, φ > 0 turns the picture counter-clockwise. Bilinear, black outside.
 

@@ -13,7 +13,7 @@ from sextant.corruptions.shapes.signs import random_signs
 
 @dataclass(frozen=True)
 class Shear(BenchmarkCorruption[float, Tensor]):
-    """``y(p) = x(A p)`` about the centre, sheared along the rows by φ one way or the other at random.
+    """``y(p) = x(A p)`` about the centre, sheared along the rows by φ with a random sign.
 
     Bilinear, black outside.
 
@@ -30,9 +30,9 @@ class Shear(BenchmarkCorruption[float, Tensor]):
 
     Args:
         table: |φ| in radians for each severity.
-        mode: ``faithful`` has ``A = [[1, -sin φ], [0, cos φ]]``, what scikit-image understood by a shear at the
-            time; it turns the column axis, and so magnifies by 1/cos φ down the columns besides. ``corrected`` is a
-            shear, ``A = [[1, -tan φ], [0, 1]]``, which keeps areas.
+        mode: ``faithful`` has ``A = [[1, -sin φ], [0, cos φ]]``, scikit-image's shear at the time; it turns the column
+            axis, and so also magnifies by 1/cos φ down the columns. ``corrected`` is a true shear,
+            ``A = [[1, -tan φ], [0, 1]]``, which keeps areas.
     """
 
     mode: Mode = "faithful"

@@ -13,7 +13,7 @@ from sextant.corruptions.shapes.signs import random_signs
 
 @dataclass(frozen=True)
 class Translate(BenchmarkCorruption[float, Tensor]):
-    """``y(p) = x(p + (±t, ±t))``, each axis one way or the other at random; black comes in.
+    """``y(p) = x(p + (±t, ±t))``, with a random sign for each axis; black enters from outside.
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
 

@@ -30,8 +30,8 @@ class Zigzag(BenchmarkCorruption[tuple[()], Tensor]):
             [12., 12.]], dtype=torch.float64)
 
     Args:
-        mode: ``faithful`` ends the wave where the published formula does, ``h / (2 (d - m))`` off the line for a line
-            of length d with m the last whole half period, h = -2; ``corrected`` ends it on the wave.
+        mode: ``faithful`` ends the wave where the published formula does: ``h / (2 (d - m))`` off the line, for a line
+            of length d with m the last whole half period and h = -2. ``corrected`` ends it on the wave.
     """
 
     mode: Mode = "faithful"

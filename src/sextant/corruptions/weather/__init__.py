@@ -1,1 +1,1 @@
-"""Weather: snow, frost, fog, sunlight, spatter, and the textures they are made of."""
+"""Weather: snow, frost, fog, sunlight, spatter, and the textures they are made from."""

@@ -1,4 +1,4 @@
-r"""Brightness as the value V of the colour model HSV.
+r"""Brightness, as the value V of the HSV colour model.
 
 With hue and saturation kept, adding c to :math:`V = \max(r, g, b)` multiplies every channel by
 :math:`\min(V + c, 1) / V`; a black pixel, which has no hue and no saturation, becomes grey. So no conversion is needed.
@@ -15,7 +15,7 @@ from sextant.corruptions.benchmark_corruption import BenchmarkCorruption
 
 @dataclass(frozen=True)
 class Brightness(BenchmarkCorruption[float, None]):
-    """``V' = clip(V + c)`` in HSV; of a grey image ``y = clip(x + c)``.
+    """``V' = clip(V + c)`` in HSV; for a grey image, ``y = clip(x + c)``.
 
     Source: Hendrycks & Dietterich, ICLR 2019.
 

@@ -9,16 +9,16 @@ from torch import Tensor
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption
 from sextant.corruptions.weather.plasma import map_side, plasma
 
-MAP_POINTS = 2**21  # of the maps that are in memory at once
+MAP_POINTS = 2**21  # points of the maps that are in memory at once
 
 
 @dataclass(frozen=True)
 class Fog(BenchmarkCorruption[tuple[float, float], Tensor]):
     """``y = (x + c·P) · m / (m + c)`` with ``m = max x`` over the image and ``P`` a plasma fractal in [0, 1].
 
-    Every channel gets the same fog, and a black image stays black. The map is the next power of two of the image's
-    longer side, cropped at its corner: as CIFAR-10-C (32 for 32 pixels) and ImageNet-C (256 for 224) have it. MNIST-C
-    takes its 28 pixels from a map of 256, of which so small a corner is smooth: ``map_size=256``.
+    Every channel gets the same fog, and a black image stays black. The side of the map is the next power of two of the
+    image's longer side, and its corner is used, as in CIFAR-10-C (32 for 32 pixels) and ImageNet-C (256 for 224).
+    MNIST-C takes its 28 pixels from a map of 256, of which so small a corner is smooth: ``map_size=256``.
 
     Source: Hendrycks & Dietterich, "Benchmarking neural network robustness", ICLR 2019, and its published code.
 
@@ -36,7 +36,7 @@ class Fog(BenchmarkCorruption[tuple[float, float], Tensor]):
     def draw(
         self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
     ) -> Float[Tensor, "b n n"]:
-        """What perturbs each point of the map, uniform in [-1, 1]."""
+        """The perturbation of each point of the map, uniform in [-1, 1]."""
         side = max(map_side(*shape[-2:]), self.map_size or 0)
         noise = torch.empty(len(indices), side, side)
         for one, generator in zip(noise, self.streams(level, indices, seed), strict=True):

@@ -16,7 +16,7 @@ from sextant.corruptions.weather.frost_textures import HEIGHT, KINDS, WIDTH, fro
 
 
 class FrostDraw(NamedTuple):
-    """Which texture each image gets, and the corner of its cut-out."""
+    """The texture that each image gets, and the corner of its crop."""
 
     kinds: Int64[Tensor, "b"]
     tops: Int64[Tensor, "b"]
@@ -25,10 +25,10 @@ class FrostDraw(NamedTuple):
 
 @dataclass(frozen=True)
 class Frost(BenchmarkCorruption[tuple[float, float], FrostDraw]):
-    """``y = a·x + b·frost``, clipped to [0, 1], with a random cut-out of one of five textures of ice.
+    """``y = a·x + b·frost``, clipped to [0, 1], with a random crop of one of five textures of ice.
 
-    The textures are drawn here (:mod:`sextant.corruptions.weather.frost_textures`): the authors' photographs are not
-    free to be shipped. So an error under frost is *not comparable* with one on the published files. Images of one
+    The textures are drawn here (:mod:`sextant.corruptions.weather.frost_textures`), because the authors' photographs
+    may not be redistributed. So an error under frost is *not comparable* with one on the published files. Images of one
     channel get the luma of the frost.
 
     Source: Hendrycks & Dietterich, "Benchmarking neural network robustness", ICLR 2019, and its published code.
@@ -40,7 +40,7 @@ class Frost(BenchmarkCorruption[tuple[float, float], FrostDraw]):
     Args:
         table: (a, b) for each severity.
         shrink: size of the textures, 1 for 768x1024 pixels as for ImageNet-C; CIFAR-10-C has 0.2, bilinear without
-            smoothing. Textures that would be smaller than the image and one pixel are enlarged to that.
+            smoothing. Textures are enlarged where needed to exceed the image by one pixel.
     """
 
     shrink: float = 1.0

@@ -1,10 +1,10 @@
 """Frost on glass, made by drawing: ferns, needles and crystals of ice over a haze.
 
 Frost on a window grows as dendrites: a stem with branches at about 60 degrees, which branch again. Five textures differ
-in how many stems there are, where they start, how they bend and how far they branch. They stand in for photographs that
-the authors of the corruption benchmarks used, so errors under frost are not comparable with published ones.
+in how many stems there are, where they start, how they bend and how far they branch. They stand in for the photographs
+that the authors of the corruption benchmarks used, so errors under frost are not comparable with published ones.
 
-The textures are assets: NumPy's ``RandomState``, whose streams never change, draws them from fixed seeds.
+The textures never change: NumPy's ``RandomState``, whose streams are frozen, draws them from fixed seeds.
 """
 
 from dataclasses import dataclass
@@ -31,14 +31,14 @@ class FrostKind:
     """How one texture grows.
 
     Attributes:
-        stems: how many.
-        length: of a stem as a share of the height, least and most.
+        stems: number of stems.
+        length: length of a stem as a share of the height, least and most.
         bend: spread of the turn of a stem in radians over its length.
-        angle: between a branch and its stem, radians.
+        angle: angle between a branch and its stem, in radians.
         spacing: pixels between two branches.
         branch: length of the longest branch as a share of its stem.
-        arms: stems that leave one seed.
-        from_edges: seeds lie on the border and grow inward, or anywhere.
+        arms: number of stems that leave one seed.
+        from_edges: whether seeds lie on the border and grow inward, or lie anywhere.
         haze: share of the haze in the brightness.
     """
 
@@ -64,7 +64,7 @@ KINDS = (
 
 @cache
 def frost_texture(kind: int) -> NDArray[np.float32]:
-    """The texture of number ``kind`` in 0 ... 4: (768, 1024, 3), red, green, blue in [0, 1]; not to be changed."""
+    """The texture of number ``kind`` in 0 ... 4: (768, 1024, 3), red, green, blue in [0, 1]; read-only."""
     random = np.random.RandomState(1000 + kind)
     ice = _crystals(KINDS[kind], random)
     haze = _haze(random)

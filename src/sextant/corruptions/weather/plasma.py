@@ -1,7 +1,7 @@
 """Plasma fractals: height maps by the diamond-square algorithm, on a torus.
 
-Starting from one corner at height 0, every round halves the grid: first the centres of its squares, then the middles of
-its edges become
+Starting from one corner at height 0, every round halves the grid spacing: first the centres of the squares, then the
+middles of their edges become
 
     height(p) = mean of the 4 neighbours of p + a · noise(p),     a ← a / decay² after each round,
 
@@ -24,13 +24,13 @@ def plasma(
 ) -> Float64[Tensor, "b h w"]:
     """Height maps in [0, 1] that grow rougher as ``decay`` falls; a map without any relief is 0.
 
-    Machine code on the CPU, whole grids elsewhere, with the same result but for the last bit.
+    The CPU runs machine code, other devices whole grids, with the same result but for the last bit.
 
     Args:
-        noise: one value for each point of the map, independent, uniform in [-1, 1]; n is a power of two. The value at
+        noise: one independent value for each point of the map, uniform in [-1, 1]; n is a power of two. The value at
             the corner (0, 0) is not used.
-        decay: how much finer relief is weaker, above 0.
-        size: height and width of the corner that is wanted; None for the whole map. Heights fill [0, 1] in the whole.
+        decay: how much weaker finer relief is, above 0.
+        size: height and width of the corner to return; None for the whole map. Heights fill [0, 1] in the whole map.
 
     Returns:
         Heights in double precision, so that devices agree after rounding to 8 bits.

@@ -1,4 +1,4 @@
-"""Snow: flakes blown one way and the other over a whitened image."""
+"""Snow: flakes blown one way and the opposite way over a whitened image."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,7 +17,7 @@ ANGLES = (-135.0, -45.0)
 
 
 class SnowDraw(NamedTuple):
-    """Standard normal noise of which the flakes are made, and the wind's angle in degrees."""
+    """Standard normal noise from which the flakes are made, and the wind's angle in degrees."""
 
     noise: Float[Tensor, "b h w"]
     angles: Float64[Tensor, "b"]

@@ -21,7 +21,7 @@ REACH = 20  # pixels from an edge at which the distance saturates
 
 
 class SpatterRow(NamedTuple):
-    """One severity: mean, spread, smoothing and threshold of the liquid, its strength (water) or blur (mud), which."""
+    """One severity: mean, spread, smoothing, threshold of the liquid; strength (water) or blur (mud); whether mud."""
 
     mean: float
     spread: float
@@ -35,10 +35,10 @@ class SpatterRow(NamedTuple):
 class Spatter(BenchmarkCorruption[tuple[float, ...], Tensor]):
     """``y = x + m·water``, or ``y = (1 - m)·x + m·mud``, clipped to [0, 1].
 
-    The liquid is normal noise, smoothed, and 0 below a threshold. Mud covers where there is liquid: ``m`` is that mask
-    smoothed, and 0 below 0.8. Water shines by the relief of the distances to the liquid's edges (Canny), times the
-    liquid, its maximum scaled to the row's strength. An image of one channel gets mud at every severity, in the grey of
-    MNIST-C, whose authors have no water.
+    The liquid is smoothed normal noise, set to 0 below a threshold. Mud covers where there is liquid: ``m`` is that
+    mask, smoothed and set to 0 below 0.8. Water shines by the relief of the distances to the liquid's edges (Canny),
+    times the liquid, with its maximum scaled to the row's strength. An image of one channel gets mud at every severity,
+    in the grey of MNIST-C, whose authors have no water.
 
     Source: Hendrycks & Dietterich, "Benchmarking neural network robustness", ICLR 2019, and its published code.
 
@@ -49,9 +49,9 @@ class Spatter(BenchmarkCorruption[tuple[float, ...], Tensor]):
 
     Args:
         table: the values of :class:`SpatterRow` for each severity.
-        mode: both are the same but for liquid above 1, which ``faithful`` lets overflow its 8 bits as the benchmark
-            does (in its tables this does not occur in practice) and ``corrected`` saturates. An image without a drop is
-            left as it is in both; the benchmark divides 0 by 0 there.
+        mode: the modes differ only for liquid above 1: ``faithful`` lets it overflow its 8 bits as the benchmark does
+            (in its tables this does not occur in practice), ``corrected`` saturates it. Both leave an image without a
+            drop as it is; the benchmark divides 0 by 0 there.
     """
 
     mode: Mode = "faithful"
@@ -59,7 +59,7 @@ class Spatter(BenchmarkCorruption[tuple[float, ...], Tensor]):
     def draw(
         self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
     ) -> Float[Tensor, "b h w"]:
-        """Standard normal noise of which the liquid is made."""
+        """Standard normal noise from which the liquid is made."""
         noise = torch.empty(len(indices), *shape[-2:])
         for one, generator in zip(noise, self.streams(level, indices, seed), strict=True):
             one.normal_(generator=generator)
@@ -68,7 +68,7 @@ class Spatter(BenchmarkCorruption[tuple[float, ...], Tensor]):
     def apply(
         self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b h w"]
     ) -> Float[Tensor, "b c h w"]:
-        """Splash."""
+        """Cover the images with the drawn water or mud."""
         row, grey = SpatterRow(*self.row(level)), images.shape[1] == 1
         liquid = gaussian_filter(params.double().to(images.device)[:, None] * row.spread + row.mean, row.sigma)
         liquid = liquid.where(liquid >= row.threshold, 0)

@@ -1,4 +1,4 @@
-"""Training images changed in ways that keep their class; what an image gets is a function of (seed, epoch, index)."""
+"""Class-preserving augmentation of training images; what an image gets is a function of (seed, epoch, index)."""
 
 from sextant.data.augmentation.augmentation import Augmentation, NoAugmentation
 from sextant.data.augmentation.augmented_batches import AugmentedBatches

@@ -1,4 +1,4 @@
-"""What an augmentation is, and the one that changes nothing."""
+"""The augmentation protocol, and the augmentation that changes nothing."""
 
 from typing import Protocol
 
@@ -12,9 +12,9 @@ class Augmentation(Protocol):
     def __call__(
         self, images: UInt8[Tensor, "b c h w"], indices: Int64[Tensor, "b"], epoch: int, seed: int
     ) -> UInt8[Tensor, "b c h w"]:
-        """The images at positions ``indices`` of the training split as they are shown in ``epoch``.
+        """The images at positions ``indices`` of the training split as shown in ``epoch``.
 
-        Each depends on its own index, the epoch and the seed alone, not on the batch it comes in.
+        Each image depends only on its own index, the epoch and the seed, not on the batch it comes in.
         """
 
 

@@ -1,4 +1,4 @@
-"""Training batches as an augmentation shows them."""
+"""Training batches with an augmentation applied."""
 
 import torch
 from torch import Tensor
@@ -9,11 +9,11 @@ from sextant.data.batches import Batch, ImageBatches
 
 
 class AugmentedBatches(Dataset[Batch]):
-    """Images by number: ``i + epoch * n`` is image i of n as it is shown in that epoch.
+    """Augmented images by number: ``i + epoch * n`` is image i of n as shown in that epoch.
 
     Args:
         images: the training split.
-        augmentation: what changes them.
+        augmentation: the change applied to them.
         seed: of the augmentation.
     """
 

@@ -28,11 +28,11 @@ class AugMix:
 
     Args:
         severity: 1 to 10.
-        width: chains.
-        depth: operations in a chain; -1 draws 1 to 3.
-        alpha: of the Dirichlet and Beta distributions of the weights.
-        pad: of the shift before; see :class:`PadCropFlip`.
-        flip: mirror before.
+        width: number of chains.
+        depth: operations per chain; -1 draws 1 to 3.
+        alpha: parameter of the Dirichlet and Beta distributions of the weights.
+        pad: pixels of padding for the shift before mixing; see :class:`PadCropFlip`.
+        flip: mirror images at random before mixing.
     """
 
     severity: int = 3
@@ -45,7 +45,7 @@ class AugMix:
     def __call__(
         self, images: UInt8[Tensor, "b c h w"], indices: Int64[Tensor, "b"], epoch: int, seed: int
     ) -> UInt8[Tensor, "b c h w"]:
-        """Mixed images, one after the other: the library draws from torch's global stream, which is given back."""
+        """Mix images one by one: torchvision draws from torch's global random state, which is restored afterwards."""
         shifted = PadCropFlip(self.pad, "reflect", self.flip)(images, indices, epoch, seed)
         numbers = indices.numpy()
         (u,) = uniforms(numbers, np.full_like(numbers, epoch), 1, seed, 1)

@@ -1,4 +1,4 @@
-"""Small shifts and mirror images, the augmentation that CIFAR networks are usually trained with.
+"""Small random shifts and mirroring, the usual augmentation for CIFAR networks.
 
 Source: K. He et al., "Deep residual learning for image recognition", CVPR 2016, section 4.2; with reflected borders as
 in Strisciuglio et al. 2020.
@@ -19,12 +19,12 @@ from sextant.errors import UserError
 
 @dataclass(frozen=True)
 class PadCropFlip:
-    """Pads an image, crops it back to its size anywhere, and mirrors every second one.
+    """Pads an image, crops it back to its size at a random place, and mirrors it with probability 1/2.
 
     Args:
         pad: pixels on each side.
-        mode: what the border is filled with; ``reflect`` needs images larger than ``pad``.
-        flip: mirror; not for digits or letters.
+        mode: how the border is filled; ``reflect`` needs images larger than ``pad``.
+        flip: mirror images; leave it off for digits and letters.
     """
 
     pad: int = 4
@@ -50,7 +50,7 @@ class PadCropFlip:
         top, left = (torch.from_numpy((u[i] * (2 * self.pad + 1)).astype(np.int64)) for i in (0, 1))
         count, channels = images.shape[:2]
         sides = (self.pad, self.pad, self.pad, self.pad)
-        padded = F.pad(images.float(), sides, mode=self.mode).to(torch.uint8)  # reflection is not coded for bytes
+        padded = F.pad(images.float(), sides, mode=self.mode).to(torch.uint8)  # reflection is not implemented for bytes
         columns = torch.arange(width).expand(count, width)
         if self.flip:
             mirrored = torch.from_numpy(u[2] < 0.5)[:, None]

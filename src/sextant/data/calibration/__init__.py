@@ -1,6 +1,6 @@
 """Crops of panoramas with cameras drawn from a distribution: the data of single-image calibration.
 
-Distributions of cameras need torch, which is imported when one is first asked for: sources of panoramas do not.
+Camera distributions need torch, which is imported when one is first used; sources of panoramas do not need it.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,12 +1,13 @@
-r"""Training crops in another light, by another sensor, and in the mirror: what does not change what is to be learnt.
+r"""Training crops with changed light and sensor, and mirrored: changes that leave the calibration known.
 
 A crop with values x in [0, 1] becomes
 
 .. math:: c\,g\,(x^\gamma - \mu) + \mu + \varepsilon ,
 
-with gamma :math:`\log_2 \gamma \sim U(-0.6, 0.6)`, contrast :math:`c \sim U(0.5, 1.3)` about the crop's mean μ, gains
-:math:`g = e^{0.15 n}` of each colour and noise ε of a standard deviation in U(0, 0.05); before, it is blurred or
-sharpened by a share of a 3 x 3 binomial filter. In the mirror a camera has the opposite roll, and nothing else changes.
+with gamma :math:`\log_2 \gamma \sim U(-0.6, 0.6)`, contrast :math:`c \sim U(0.5, 1.3)` about the crop's mean μ, a gain
+:math:`g = e^{0.15 n}` for each colour and noise ε with a standard deviation drawn from U(0, 0.05). Before that, the
+crop is blurred or sharpened by a share of a 3 x 3 binomial filter. Mirroring negates the camera's roll and changes
+nothing else of the camera.
 
 What a crop gets is a function of (seed, number of the crop) alone.
 """
@@ -27,12 +28,12 @@ from sextant.data.counters import uniforms
 if TYPE_CHECKING:
     from sextant.data.calibration.crop_batch import CropBatch
 
-#: noise is taken from this many fields, rolled by chance: fresh noise would cost more than the crop
+#: noise is taken from this many fields, rolled at random: fresh noise would cost more than the crop
 FIELDS = 32
 
 
 def augmented(batch: "CropBatch", seed: int) -> "CropBatch":
-    """A batch of training crops as the module says."""
+    """Augment a batch of training crops as the module describes."""
     numbers: Int64[ndarray, "b"] = batch.indices.numpy()
     u = uniforms(numbers % 2**32, numbers // 2**32, 0, seed ^ 0x5EED, 10)
     mirrored = torch.from_numpy(u[9] < 0.5)
@@ -42,7 +43,7 @@ def augmented(batch: "CropBatch", seed: int) -> "CropBatch":
 
 
 def relit(images: UInt8[Tensor, "b 3 h w"], u: Float[ndarray, "9 b"]) -> UInt8[Tensor, "b 3 h w"]:
-    """Images in another light, by nine numbers in (0, 1) for each."""
+    """Images with changed light and sensor, by nine numbers in (0, 1) for each."""
     v = torch.from_numpy(u).float()[:, :, None, None, None]
     x = images.float() / 255
     blurred = F.avg_pool2d(F.avg_pool2d(F.pad(x, (1, 1, 1, 1), mode="replicate"), 2, 1), 2, 1)

@@ -1,7 +1,7 @@
-"""Crops of panoramas by the batch: which crops an epoch has is a function of (seed, epoch), so a resumed run sees them.
+"""Batches of panorama crops; an epoch's crops are a function of (seed, epoch), so a resumed run sees the same ones.
 
-A crop is named by its panorama and the number of its draw. Training draws are new in every epoch; those of validation
-and test are the same for every run.
+A crop is identified by its panorama and its draw number. Training draws are new in every epoch; validation and test
+draws are the same for every run.
 """
 
 import math
@@ -34,17 +34,17 @@ class Crops(Dataset[CropBatch]):
     Number ``i`` is draw ``i // n`` of panorama ``i % n``, with n panoramas.
 
     Args:
-        panoramas: what is cropped.
+        panoramas: the panoramas to crop.
         distribution: of the cameras.
         width: of a crop in pixels.
         height: of a crop in pixels.
         seed: of the draws.
         antialias: average over the area of a pixel.
-        augment: change the light, the sensor and the side; see :mod:`~sextant.data.calibration.augmentation`.
-        keep: remember every batch, for crops that are asked for again and again.
-        canvas: crops are squares of ``width`` with the picture in the middle, of which all is shown
-            (:mod:`sextant.geometry.canvas`); else pictures are squashed to the crop.
-        detail: fewest and most lines of what is left of a training crop; see :mod:`sextant.data.calibration.detail`.
+        augment: change the light and the sensor, and mirror; see :mod:`~sextant.data.calibration.augmentation`.
+        keep: remember every batch, for crops that are requested repeatedly.
+        canvas: crops are squares of ``width`` with the whole picture in the middle (:mod:`sextant.geometry.canvas`);
+            otherwise pictures are squashed to the crop.
+        detail: fewest and most lines of detail left in a training crop; see :mod:`sextant.data.calibration.detail`.
     """
 
     def __init__(

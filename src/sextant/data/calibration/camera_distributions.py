@@ -1,11 +1,11 @@
-r"""Which cameras crops are taken with: tilt, roll, focal length, distortion, heading and the shape of the image.
+r"""Distributions of the cameras of crops: tilt, roll, focal length, distortion, heading and the shape of the image.
 
 Each quantity is drawn on its own, in the terms in which a distribution was published: the horizon's offset or the
 tilt, the focal length in millimetres or the field of view, k1 or the apparent :math:`k_1/f^2`. The rest follows.
 
-A draw is a function of (seed, panorama, number of the draw) alone. Cameras that no lens is, with a corner of the image
-or the horizon beyond the fold of the distortion, and those that look almost straight up or down are drawn again, which
-keeps the distribution of what is left.
+A draw is a function of (seed, panorama, number of the draw) alone. Two kinds of camera are drawn again: those that no
+lens can be, with an image corner or the horizon beyond the fold of the distortion, and those that look almost straight
+up or down. The others keep their distribution.
 """
 
 import math
@@ -39,17 +39,18 @@ BendQuantity = Literal["k1", "k1_hat", "sphere"]
 
 STEEPEST = math.radians(85)
 ATTEMPTS = 200
-#: uniform numbers that one camera takes
+#: uniform numbers per camera
 NUMBERS = 11
 
 
 @dataclass(frozen=True)
 class CameraDraw:
-    """Cameras and how they are turned.
+    """Cameras, their headings and their aspects.
 
     Attributes:
         cameras: tilt, roll, focal length and k1, float64.
-        yaw: of the viewing direction in the panorama, radians: the longitude that is seen at the centre, to the right.
+        yaw: of the viewing direction in the panorama, radians: the longitude at the image centre, positive to the
+            right.
         aspect: width over height of the image.
     """
 
@@ -60,17 +61,17 @@ class CameraDraw:
 
 @dataclass(frozen=True)
 class CameraDistribution:
-    """Distributions of what a camera is; ``conf/sampling`` has those of the literature with their sources.
+    """Distributions of a camera's parameters; ``conf/sampling`` has those of the literature with their sources.
 
     ``tilt``, ``roll``, ``focal`` and ``k1`` are each a mapping with the keys of
-    :class:`~sextant.data.calibration.variates.Variate`, or a list of such with a ``weight`` each: a mixture.
+    :class:`~sextant.data.calibration.variates.Variate`, or a list of such mappings with a ``weight`` each: a mixture.
 
     Args:
-        tilt: of the quantity that ``tilt_as`` names.
-        roll: of the quantity that ``roll_as`` names.
-        focal: of the quantity that ``focal_as`` names.
-        k1: of the quantity that ``k1_as`` names.
-        aspect: weights of width over height, by ``"4:3"``.
+        tilt: distribution of the quantity that ``tilt_as`` names.
+        roll: distribution of the quantity that ``roll_as`` names.
+        focal: distribution of the quantity that ``focal_as`` names.
+        k1: distribution of the quantity that ``k1_as`` names.
+        aspect: weights of aspects, width over height, keyed by strings such as ``"4:3"``.
         tilt_as: ``rho`` or ``tau`` (offset of the distorted or the undistorted horizon, image heights) or ``tilt_deg``.
         roll_as: ``roll_rad`` or ``roll_deg``.
         focal_as: ``heights``, ``long_sides`` (of the image), ``mm`` (of a frame ``frame_height_mm`` high) or
@@ -78,12 +79,12 @@ class CameraDistribution:
         k1_as: ``k1``, ``k1_hat`` (apparent: k1 / f²) or ``sphere``: ξ of the unified sphere model, of which
             -ξ / (2 + 2ξ) is the first coefficient.
         k2_of_k1: the lens family, ``lopez`` or ``zero``.
-        portrait: share of the images that stand upright, their aspect being one over the other.
+        portrait: share of portrait images, whose aspect is inverted.
         frame_height_mm: see ``focal_as``.
         name: of the distribution in messages.
 
     Raises:
-        UserError: a key has no meaning; it is named.
+        UserError: a value is invalid; the message names its key.
     """
 
     tilt: Any
@@ -144,10 +145,10 @@ class CameraDistribution:
         return self.draw_for(np.zeros(n, np.int64), np.arange(n), seed)
 
     def draw_for(self, panoramas: Int64[ndarray, "b"], draws: Int64[ndarray, "b"], seed: int) -> CameraDraw:
-        """Draw number ``draws`` of each panorama; the same whatever else is asked for with it.
+        """Draw number ``draws`` of each panorama; the same whatever else is requested with it.
 
         Raises:
-            UserError: hardly any camera of this distribution can be.
+            UserError: hardly any camera of this distribution is possible.
         """
         panoramas, draws = np.asarray(panoramas, np.int64), np.asarray(draws, np.int64)
         drawn = torch.empty(6, len(panoramas), dtype=torch.float64)
@@ -165,7 +166,7 @@ class CameraDistribution:
         )
 
     def _attempt(self, u: Float64[ndarray, "k b"]) -> tuple[Float64[Tensor, "6 b"], Tensor]:
-        """Tilt, roll, focal, k1, yaw and aspect, and which of them can be."""
+        """Tilt, roll, focal, k1, yaw and aspect, and which of these cameras are possible."""
         tilt, roll, focal, k1 = (
             torch.from_numpy(self._mixtures[key].at(u[2 * i], u[2 * i + 1]))
             for i, key in enumerate(("tilt", "roll", "focal", "k1"))

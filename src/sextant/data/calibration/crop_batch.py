@@ -19,7 +19,7 @@ class CropBatch:
         aspect: width over height of each image before it was squashed to the crop's size.
         panoramas: index of the panorama of each.
         indices: numbers of the crops in the split, which seed corruptions.
-        weight: of the mean over these crops where several processes share a batch.
+        weight: of the mean over these crops when several processes share a batch.
     """
 
     images: UInt8[Tensor, "b 3 h w"]

@@ -1,8 +1,9 @@
-r"""Views of panoramas as a lens of a given calibration would take them.
+r"""Views of panoramas as taken by a lens of a given calibration.
 
-Every sample of a crop is the panorama where its exact ray points (:mod:`sextant.data.calibration.rays`), interpolated
-linearly. Without antialiasing a pixel is its central ray. With it, a pixel is the mean of up to 3 x 3 rays over its
-area, in that level of the panorama's pyramid whose pixels are about as large as the distance between these rays.
+Every sample of a crop is the panorama where the sample's exact ray points (:mod:`sextant.data.calibration.rays`),
+interpolated linearly. Without antialiasing, a pixel is its central ray. With it, a pixel is the mean of up to 3 x 3
+rays over its area. They are sampled in the level of the panorama's pyramid whose pixels are about as large as the
+distance between these rays.
 """
 
 from collections.abc import Sequence
@@ -37,10 +38,10 @@ def crop_panoramas(
     antialias: bool = True,
     backend: Backend = "cv2",
 ) -> UInt8[ndarray, "b 3 height width"] | UInt8[Tensor, "b 3 height width"]:
-    """Crops of one panorama, or each of its own; see :func:`crop_batch`.
+    """Crops of one panorama, or of one panorama per camera; see :func:`crop_batch`.
 
     Args:
-        panoramas: one for all cameras, or one a camera.
+        panoramas: one for all cameras, or one per camera.
         parameters: of the cameras.
         yaw: to the right, radians.
         width: of the crops in pixels.
@@ -73,10 +74,10 @@ def crop_batch(
 ) -> UInt8[ndarray, "b 3 height width"] | UInt8[Tensor, "b 3 height width"]:
     """Crop ``i`` is what camera ``i`` of ``draw`` sees of panorama ``indices[i]``.
 
-    The image spans ±aspect/2 by ±1/2 image heights whatever the crop's size: it is squashed to that.
+    The image spans ±aspect/2 by ±1/2 image heights and is squashed to the crop's size, whatever that is.
 
     Args:
-        panoramas: what is cropped.
+        panoramas: the panoramas to crop.
         indices: which panorama each camera sees.
         draw: the cameras.
         width: of the crops in pixels.
@@ -115,6 +116,6 @@ def _crop_with_cv2(
             picture = picture if side == 1 else cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
             for channel in range(3):
                 cv2.extractChannel(picture, channel, out[i, channel])
-        else:  # OpenCV is quick at means of four alone
+        else:  # OpenCV is quick only at means of four
             mean_of_rays(picture, side, np.empty(4 * side * width, np.uint16), out[i])
     return out

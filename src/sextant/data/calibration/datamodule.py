@@ -30,9 +30,9 @@ class CalibrationData(pl.LightningDataModule):
         eval_batch_size: crops in a validation or test batch.
         seed: of the training draws and their order.
         workers: processes that cut crops; 0 cuts them in the training process.
-        augment: change the light, the sensor and the side of training crops.
-        canvas: crops are squares with pictures of any aspect in their middles.
-        detail: fewest and most lines that training crops are left with, drawn independently of their cameras.
+        augment: change the light and the sensor of training crops, and mirror them.
+        canvas: crops are squares with pictures of any aspect in the middle.
+        detail: fewest and most lines of detail left in training crops, drawn independently of their cameras.
     """
 
     def __init__(
@@ -74,15 +74,15 @@ class CalibrationData(pl.LightningDataModule):
                 )  # fmt: skip
 
     def split(self, name: str) -> Crops:
-        """The crops of ``train``, ``val`` or ``test``, once they were read by :meth:`setup`."""
+        """The crops of ``train``, ``val`` or ``test``, once :meth:`setup` has read them."""
         return self._splits[name]
 
     def count(self, name: str) -> int:
-        """Crops in a split; of ``train``, in an epoch."""
+        """Number of crops in a split; for ``train``, in an epoch."""
         return len(self._splits[name].panoramas) * self.crops_per_panorama[name]
 
     def distribution_sample(self, count: int = 20_000) -> CameraParameters:
-        """Cameras of the training distribution, for what learns from labels alone."""
+        """Cameras of the training distribution, for methods that learn from labels alone."""
         numbers = np.arange(count)
         return self.distribution.draw_for(numbers, np.zeros_like(numbers), self.seed).cameras
 

@@ -1,10 +1,10 @@
-r"""How sharp training crops are, and what was done to them, drawn independently of the camera.
+r"""Random sharpness, sharpening and compression of training crops, drawn independently of the camera.
 
-Crops of a panorama show more detail the wider the lens, since a long one enlarges a few of its pixels. A photo is sharp
-whatever the lens. So that a network cannot read the lens off the sharpness, every training crop is brought to a number
-of lines a side that is drawn log-uniformly: by a Gaussian (half of them), or made smaller and larger again, by means
-over areas or bicubic, and linear or bicubic interpolation. Then a third is sharpened by an unsharp mask, and a third is
-compressed by JPEG at a quality of 50 to 95.
+Crops of a panorama show more detail the wider the lens, since a long lens enlarges a few of its pixels. A photo is
+sharp whatever the lens. So that a network cannot read the lens off the sharpness, every training crop is reduced to a
+number of lines per side that is drawn log-uniformly. Half of the crops are blurred by a Gaussian. The others are made
+smaller, by area averages or bicubic interpolation, and enlarged again, by linear or bicubic interpolation. Then a third
+of the crops are sharpened by an unsharp mask, and a third are compressed by JPEG at a quality of 50 to 95.
 
 What a crop gets is a function of (seed, number of the crop) alone.
 """
@@ -26,11 +26,11 @@ QUALITY = (50, 95)
 def with_detail(
     images: UInt8[ndarray, "b 3 h w"], lines: tuple[float, float], numbers: Int64[ndarray, "b"], seed: int
 ) -> UInt8[ndarray, "b 3 h w"]:
-    """Crops with their detail drawn; see the module.
+    """Draw the detail of each crop; see the module.
 
     Args:
         images: crops.
-        lines: fewest and most that are left of a side.
+        lines: fewest and most that are left per side.
         numbers: of the crops.
         seed: of the draws.
     """

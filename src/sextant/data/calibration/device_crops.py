@@ -27,7 +27,7 @@ def crop_on_device(
     height: int,
     device: torch.device,
 ) -> UInt8[Tensor, "b 3 height width"]:
-    """See :func:`~sextant.data.calibration.crops.crop_batch`; crops of one level of one panorama go together."""
+    """See :func:`~sextant.data.calibration.crops.crop_batch`; crops of one level of one panorama are cut at once."""
     out = torch.empty(len(indices), 3, height, width, dtype=torch.uint8, device=device)
     groups: dict[tuple[int, int, int], list[int]] = defaultdict(list)
     for i, key in enumerate(zip(indices.tolist(), sampling.level.tolist(), sampling.side.tolist(), strict=True)):
@@ -74,7 +74,7 @@ def _directions(
 def _sampled(
     image: UInt8[Tensor, "3 h w"], points: Float[Tensor, "n rows columns 2"]
 ) -> Float[Tensor, "n 3 rows columns"]:
-    """The padded image at points, linearly."""
+    """The padded image at points, interpolated linearly."""
     n, rows, columns = points.shape[:3]
     height, width = image.shape[1:]
     inside = torch.tensor([(width - 2) / width, (height - 2) / height], device=image.device)

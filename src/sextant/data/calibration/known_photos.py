@@ -1,15 +1,16 @@
-"""Photos of known cameras: what a calibration is measured on.
+"""Photos of known cameras, on which calibration is evaluated.
 
 A folder is one of
 
-- photos with a table, any ``.csv`` in it with the columns ``file`` and ``f_px`` (pixels of the file), and as far as
-  they are known ``tilt_deg``, ``roll_deg``, ``k1`` and ``cluster`` (photos of one are not independent);
-  ``f_sfm_px``, a focal length by structure from motion, goes before ``f_px``;
-- panoramas with a table, the column ``file`` without ``f_px``, and ``cluster``: 2:1, level; photos of cameras that a
-  distribution draws are cut from them, evenly around. A table of pictures that are not 2:1 is of something else;
+- photos with a table, any ``.csv`` in it with the columns ``file`` and ``f_px`` (pixels of the file), and where they
+  are known ``tilt_deg``, ``roll_deg``, ``k1`` and ``cluster`` (photos of the same cluster are not independent);
+  ``f_sfm_px``, a focal length from structure from motion, takes precedence over ``f_px``;
+- level 2:1 panoramas with a table that has the column ``file`` but not ``f_px``, and perhaps ``cluster``; photos are
+  cut from them at evenly spaced headings, with cameras drawn from a distribution. A table of pictures that are not 2:1
+  is ignored;
 - photos of one chessboard camera with ``calibration_computed.json`` (OpenCV's K, dist);
 - photos of one lens with ``K.txt``, a camera matrix of three rows;
-- photos with focal lengths in their EXIF, and folders of all these.
+- photos with focal lengths in their EXIF, and folders of any of these.
 """
 
 import csv
@@ -39,7 +40,7 @@ from sextant.errors import UserError
 UNKNOWN = math.nan
 #: shorter side of photos cut from panoramas, pixels
 CUT = 360
-#: numbers of a table, from the least to the most
+#: numeric columns of a table, with the smallest and the largest allowed value
 COLUMNS = {
     "f_px": (1, 1_000_000),
     "f_sfm_px": (1, 1_000_000),
@@ -51,11 +52,11 @@ COLUMNS = {
 
 @dataclass(frozen=True, eq=False)
 class KnownPhoto:
-    """A photo and its camera; nan for what is not known of it.
+    """A photo and its camera; nan for what is not known of the camera.
 
     Attributes:
         name: of the file, or of the panorama and the number of the cut.
-        cluster: photos of one are not independent.
+        cluster: photos of the same cluster are not independent.
         image: upright.
         tilt, roll: radians.
         focal: image heights.
@@ -80,15 +81,15 @@ def known_photos(
     leave_out: Sequence[str] = (),
     skipped: dict[str, str] | None = None,
 ) -> Iterator[KnownPhoto]:
-    """The photos of a folder, one after the other; all tables are checked before the first is decoded.
+    """Yield the photos of a folder one by one; all tables are checked before the first photo is decoded.
 
     Args:
         folder: see the module.
         distribution: of the cameras of photos cut from panoramas.
-        cuts: photos that are cut from each panorama.
+        cuts: photos cut from each panorama.
         seed: of these cameras.
         leave_out: patterns of the names of files that are left out, such as ``polyhaven__*``.
-        skipped: is given the photos that cannot be read, with the reasons; they are left out.
+        skipped: receives the photos that cannot be read, with the reasons; they are left out.
 
     Raises:
         UserError: the folder or a table's file is missing, a table is broken, the folder has no photo of a known
@@ -124,7 +125,7 @@ Planned = list[tuple[Path, Callable[[], Iterator[KnownPhoto]]]]
 
 @dataclass(frozen=True)
 class _Table:
-    """Rows by their lines, each with a name in the column ``file`` if there is one."""
+    """Rows by line number, each with a name in the column ``file`` if the table has it."""
 
     path: Path
     rows: dict[int, Row]
@@ -134,7 +135,8 @@ class _Table:
         """The rows that are not left out.
 
         Raises:
-            UserError: a file is missing, listed twice or no panorama, or a value is not allowed; names the lines.
+            UserError: a file is missing, listed twice or not a panorama, or a value is not allowed; the message names
+                the lines.
         """
         rows = {line: row for line, row in self.rows.items() if there(row["file"])}
         seen: dict[Path, int] = {}
@@ -254,7 +256,7 @@ def _of_row(folder: Path, row: Row) -> Iterator[KnownPhoto]:
 
 
 def _of_lens(path: Path, focal: float | None = None, k1: float = UNKNOWN) -> Iterator[KnownPhoto]:
-    """A photo of one lens, which is not independent of its others; by its EXIF where ``focal`` is None."""
+    """A photo in the cluster of its lens; the focal length is from EXIF where ``focal`` is None."""
     photo = read_photo(path)
     if known := photo.exif_focal_px if focal is None else focal:
         lens = f"{path.parent} f={known / max(photo.width, photo.height):.3f}"

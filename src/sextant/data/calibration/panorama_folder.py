@@ -31,22 +31,22 @@ NAMED = 20
 class PanoramaFolder:
     """All panoramas below a folder, split by scene.
 
-    A scene is what ``groups`` finds in a file's name; without it, the part before ``__`` if that is one of
-    ``together``, else the file itself. No scene is in two splits. Images are scaled to one height and kept in the
-    cache, so that each is decoded once.
+    A scene is what ``groups`` finds in a file's name. Without ``groups``, it is the part before ``__`` if that is one
+    of ``together``, otherwise the file itself. No scene is in two splits. Images are scaled to one height and cached,
+    so that each is decoded only once.
 
     Args:
         folder: the folder, absolute, or relative to the working directory or one of the ``roots``.
         height: rows that the panoramas are scaled to.
-        fractions: of the panoramas in ``train``, ``val`` and ``test``, about; scenes are not cut.
+        fractions: approximate shares of the panoramas in ``train``, ``val`` and ``test``; scenes are not divided.
         seed: of the split.
         groups: regular expression searched for in the path below the folder; its first group, or all of it, is the
             scene. Files without it are scenes of their own.
-        together: prefixes, up to ``__``, that are one scene each: many pictures of one house, say.
-        roots: folders to look in as well; decoded panoramas are kept in the last.
+        together: prefixes, up to ``__``, that are one scene each, such as many pictures of one house.
+        roots: further folders to search; decoded panoramas are kept in the last.
 
     Raises:
-        UserError: an argument has no meaning.
+        UserError: an argument is invalid.
     """
 
     name = "panorama_folder"
@@ -81,7 +81,7 @@ class PanoramaFolder:
 
     @cached_property
     def folder(self) -> Path:
-        """The first of the places looked in that is a folder."""
+        """The first of the searched paths that is a folder."""
         return first_folder(
             self.looked,
             "folder",
@@ -128,10 +128,10 @@ class PanoramaFolder:
         return hashlib.sha256(json.dumps(entries).encode()).hexdigest()
 
     def read(self, split: Split) -> Panoramas:
-        """The panoramas of a split, decoded at the first time and mapped from the cache from then on.
+        """The panoramas of a split, decoded the first time and memory-mapped from the cache afterwards.
 
         Raises:
-            UserError: files are not panoramas; all of them are named.
+            UserError: files are not panoramas; the message names the first :data:`NAMED` of them.
         """
         paths = self.files(split)
         if not paths:
@@ -180,9 +180,9 @@ class PanoramaFolder:
 
 
 def split_scenes(sizes: Mapping[str, int], fractions: Mapping[Split, float], seed: int) -> dict[str, Split]:
-    """The split of each scene: large scenes first, each into the split that lacks most; none of the splits is empty.
+    """Assign each scene to a split: large scenes first, each to the split that lacks most, leaving no split empty.
 
-    Scenes of one size are taken in an order that ``seed`` decides.
+    ``seed`` decides the order of scenes of the same size.
     """
     total, share = sum(sizes.values()), sum(fractions.values())
     wanted = {split: total * fractions[split] / share for split in SPLITS if fractions[split] > 0}

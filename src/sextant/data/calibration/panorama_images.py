@@ -10,7 +10,7 @@ from PIL import Image, ImageOps
 
 from sextant.data.image_files import eight_bits
 
-#: what is decoded; no format whose decoder runs another program (EPS) is among them
+#: formats that are decoded; none whose decoder runs another program, as that of EPS does
 FORMATS = ("JPEG", "PNG", "TIFF", "BMP", "WEBP", "PPM", "AVIF")
 #: width over height may differ from 2 by this share
 TOLERANCE = 0.01
@@ -20,14 +20,14 @@ TURNED = (5, 6, 7, 8)  # orientations that exchange width and height
 
 
 class UnfitImageError(Exception):
-    """A file that is no panorama; says why, without its name."""
+    """The file is not a panorama; the message says why, without the file's name."""
 
 
 def decode_panorama(path: Path, height: int) -> UInt8[ndarray, "height 2*height 3"]:
     """A panorama, turned upright by its EXIF orientation and scaled to ``height`` rows.
 
-    Grey, palette, CMYK and 16-bit images become RGB of 8 bits; what is transparent becomes black. JPEG files are
-    decoded at a half, a quarter or an eighth of their size where that is enough.
+    Grey, palette, CMYK and 16-bit images become 8-bit RGB; transparent pixels become black. JPEG files are decoded at a
+    half, a quarter or an eighth of their size where that is enough.
 
     Raises:
         UnfitImageError: it cannot be decoded, has too many pixels, or is not twice as wide as high.
@@ -35,7 +35,7 @@ def decode_panorama(path: Path, height: int) -> UInt8[ndarray, "height 2*height 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of sizes that are usual for panoramas; its limit holds
-            Image.init()  # until then Pillow knows the commonest formats alone
+            Image.init()  # until then Pillow knows only the commonest formats
             with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
                 _check_shape(image)
                 image.draft("RGB", (2 * height, height))

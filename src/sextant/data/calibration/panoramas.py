@@ -31,7 +31,7 @@ class Panoramas:
     Args:
         images: upright panoramas ``(h, w, 3)`` of any sizes, or an array ``(n, h, w, 3)`` that may lie on disk.
         names: one for each.
-        rows: which images these are, in order, one perhaps several times; None for all.
+        rows: indices of the images used, in order, possibly repeated; None for all.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Panoramas:
         names: Sequence[str],
         rows: Sequence[int] | ndarray | None = None,
     ):
-        self.images = np.asarray(images) if isinstance(images, np.ndarray) else images  # a plain view of a map is quick
+        self.images = np.asarray(images) if isinstance(images, np.ndarray) else images  # plain views of maps are quick
         self.names = tuple(names)
         self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
         if len(self._rows) != len(self.names):
@@ -55,11 +55,11 @@ class Panoramas:
         return np.asarray(self.images[self._rows[i]])
 
     def level(self, i: int, level: int) -> UInt8[ndarray, "h w 4"]:
-        """Panorama ``i`` halved ``level`` times, padded; computed once and kept while :data:`KEPT_BYTES` last."""
+        """Panorama ``i`` halved ``level`` times and padded; computed once and kept within :data:`KEPT_BYTES`."""
         return self._levels.get((int(self._rows[i]), level), lambda: padded(self._halved(i, level)))
 
     def level_on(self, i: int, level: int, device: "torch.device") -> "UInt8[Tensor, '3 h w']":
-        """The same on a device, channels first; kept there as long."""
+        """The same on a device, channels first; kept there within the same limit."""
         import torch
 
         def moved() -> torch.Tensor:
@@ -70,7 +70,7 @@ class Panoramas:
 
     def _halved(self, i: int, level: int) -> ndarray:
         image = self[i]
-        for _ in range(level):  # levels between are not kept: they are often the larger part, and not asked for
+        for _ in range(level):  # levels between are not kept: they are often the larger part, and not used
             image = halved(image)
         return image
 
@@ -93,7 +93,7 @@ class PanoramaSource(Protocol):
         """The files that ``split`` is read from; nothing is rendered or decoded.
 
         Raises:
-            UserError: they are not there.
+            UserError: the files are missing.
         """
 
     def fingerprint(self) -> str:
@@ -103,7 +103,7 @@ class PanoramaSource(Protocol):
         """The panoramas of a split.
 
         Raises:
-            UserError: a file cannot be read; it is named.
+            UserError: a file cannot be read; the message names it.
         """
 
 
@@ -111,7 +111,7 @@ class TownPanoramaSource(RenderedSource):
     """The rendered panoramas of :class:`~sextant.data.worlds.TownPanoramas`."""
 
     def read(self, split: Split) -> Panoramas:
-        """The panoramas of a split, in a map of the file they lie in."""
+        """The panoramas of a split, memory-mapped from their file."""
         found = self.read_split(split, f"images.{split}=16")
         towns = zip(found.columns["scene"], found.rows, strict=True)
         return Panoramas(found.images, [f"town_{town:02d}__{row:05d}" for town, row in towns], found.rows)
@@ -121,13 +121,13 @@ class PanoramaMix:
     """Several sources joined, split by split.
 
     Args:
-        sources: what is joined, by a name of each: datasets with panoramas, or functions of ``roots`` that make one
+        sources: sources to join, by name: datasets with panoramas, or functions of ``roots`` that make one
             (``_partial_: true`` in a config).
-        repeats: how often the training panoramas of a source are shown in an epoch; once where it is not named.
-        roots: handed to these functions.
+        repeats: how often the training panoramas of a source are shown in an epoch; once for sources not named.
+        roots: passed to these functions.
 
     Raises:
-        UserError: there is no source, ``repeats`` names none, or a number of repeats is below 1.
+        UserError: there is no source, ``repeats`` names an unknown one, or a number of repeats is below 1.
     """
 
     def __init__(
@@ -148,11 +148,11 @@ class PanoramaMix:
         self.name = "+".join(source.name for source in self.sources)
 
     def files(self, split: Split) -> list[Path]:
-        """Those of all sources."""
+        """The files of all sources."""
         return [path for source in self.sources for path in source.files(split)]
 
     def fingerprint(self) -> str:
-        """Hash of those of all sources."""
+        """Hash of the fingerprints of all sources."""
         prints: list[Any] = [source.fingerprint() for source in self.sources]
         if any(count > 1 for count in self.repeats):
             prints.append(self.repeats)
@@ -173,7 +173,7 @@ class PanoramaMix:
 
 
 def panorama_count(source: PanoramaSource, split: Split) -> int | None:
-    """Panoramas of a split, those of training as often as they are shown; None where only reading them shows it."""
+    """Number of panoramas in a split, with the repeats of training; None if only reading them would tell."""
     if isinstance(source, PanoramaMix):
         counts = [panorama_count(part, split) for part in source.sources]
         repeats = source.repeats if split == "train" else [1] * len(counts)
@@ -195,9 +195,9 @@ def as_panorama_source(dataset: Any) -> PanoramaSource:
     """A dataset as a source of panoramas.
 
     Raises:
-        UserError: it has none.
+        UserError: it has no panoramas.
     """
-    if hasattr(dataset, "plan"):  # a rendered world: its modules are loaded then anyway
+    if hasattr(dataset, "plan"):  # a rendered world: its modules are loaded anyway
         from sextant.data.worlds.towns import TownPanoramas
 
         if isinstance(dataset, TownPanoramas):

@@ -1,8 +1,8 @@
-"""Panoramas at halved resolutions, with a border that makes sampling across the seam and over the poles plain.
+"""Panoramas at halved resolutions, with a border that makes sampling across the seam and over the poles simple.
 
-A level is padded by one pixel all around: columns go on around the panorama, and the row beyond a pole is that next to
-it, half a turn away. A fourth channel, without meaning, is there because OpenCV samples four channels 2.6 times as fast
-as three.
+A level is padded by one pixel on all sides: columns wrap around the panorama, and the row beyond a pole is the row next
+to it, shifted by half a turn. A fourth channel, without meaning, is added because OpenCV samples four channels 2.6
+times as fast as three.
 """
 
 from collections import OrderedDict
@@ -30,7 +30,7 @@ def padded(panorama: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h+2 w+2 4"]:
 
 
 def halved(panorama: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h/2 w/2 3"]:
-    """Each pixel the mean of the four that it covers, or of the area that it covers if the size is odd."""
+    """Halve a panorama: each pixel is the mean of the four that it covers, or of its area if the size is odd."""
     import cv2
 
     height, width = panorama.shape[:2]
@@ -43,7 +43,7 @@ def top_level(height: int) -> int:
 
 
 class Kept(Generic[Value]):
-    """Values that were made, by key; the longest unused are forgotten beyond a number of bytes.
+    """A cache of values by key that drops the least recently used ones beyond a number of bytes.
 
     Args:
         most_bytes: of all values.
@@ -57,7 +57,7 @@ class Kept(Generic[Value]):
         self._lock = Lock()
 
     def get(self, key: object, make: Callable[[], Value]) -> Value:
-        """The value of a key, made if it is not there."""
+        """The value of a key, made if it is not cached."""
         with self._lock:
             if key in self._values:
                 self._values.move_to_end(key)

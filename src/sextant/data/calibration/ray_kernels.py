@@ -1,12 +1,12 @@
 r"""Where the rays of a camera meet a panorama, and means of rays, as machine code.
 
-Lengths are in focal lengths. A pixel at distorted radius :math:`r_d` has the undistorted one r with
-:math:`r(1 + k_1 r^2 + k_2 r^4) = r_d`, by Newton's method; its ray :math:`(x r/r_d, y r/r_d, 1)` is turned into the
-panorama's frame, where longitude is ``atan2(x, z)`` and latitude ``atan2(-y, hypot(x, z))``.
+Lengths are in focal lengths. A pixel at distorted radius :math:`r_d` has the undistorted radius r that solves
+:math:`r(1 + k_1 r^2 + k_2 r^4) = r_d`, found by Newton's method; its ray :math:`(x r/r_d, y r/r_d, 1)` is turned into
+the panorama's frame, where longitude is ``atan2(x, z)`` and latitude ``atan2(-y, hypot(x, z))``.
 
 Loops run over one row and have no branches, so that the compiler works on many pixels at a time. The arctangent is a
-polynomial of eight terms, fitted here to an error of 4e-8. All in all a pixel's place in a panorama 8192 columns wide
-is right to 0.001 pixels.
+polynomial of eight terms, fitted here to an error of 4e-8. Overall, a pixel's place in a panorama 8192 columns wide is
+accurate to 0.001 pixels.
 """
 
 from functools import partial

@@ -1,4 +1,4 @@
-"""How many rays a pixel of a crop is the mean of, and in which level of a panorama's pyramid."""
+"""How many rays a pixel of a crop averages, and in which level of a panorama's pyramid."""
 
 import math
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ class Sampling:
 
     @classmethod
     def of(cls, rays: Rays, rows: Int64[ndarray, "b"], width: int, height: int) -> "Sampling":
-        """What averages over the area of the pixels of a crop from a panorama of so many ``rows``.
+        """Sampling that averages over the area of a crop's pixels, given the ``rows`` of the panoramas.
 
-        The level has at least two of its pixels along a pixel of the crop. Measured against 256 rays a pixel in the
-        panorama itself, 3 rays a side err by 0.4 to 1.4 grey levels (root mean square) where one ray errs by 5 to 14;
-        2 would err twice as much, 4 half as much at twice the time.
+        The level has at least two of its pixels along a pixel of the crop. Measured against 256 rays per pixel in the
+        panorama itself, 3 rays per side err by 0.4 to 1.4 grey levels (root mean square) where one ray errs by 5 to 14;
+        2 would err twice as much, and 4 half as much at twice the time.
         """
         # side of a square of the area of the central pixel, in panorama pixels
         size = np.sqrt(4 * rays.lens[:, 0] * rays.lens[:, 1] / (width * height)) * rows / math.pi

@@ -1,6 +1,6 @@
 r"""The rays of a batch of cameras as points in panoramas.
 
-A camera with tilt θ and roll ψ that is turned by ``yaw`` to the right has panorama-from-camera
+A camera with tilt θ and roll ψ that is turned by ``yaw`` to the right has the panorama-from-camera rotation
 :math:`R_y(\mathrm{yaw}) R_x(θ) R_z(ψ)`: its centre sees longitude ``yaw`` and latitude θ. A panorama rendered with
 heading h shows what a camera of heading h - yaw sees, headings being counter-clockwise.
 """
@@ -17,15 +17,15 @@ from torch import Tensor
 from sextant.data.calibration.camera_distributions import CameraDraw
 from sextant.geometry import K2Family, k2_of_k1, rotation_from_tilt_roll
 
-#: after a step of Newton's that is smaller than this share of the radius, single precision is reached
+#: after a Newton step smaller than this share of the radius, single precision is reached
 SMALL = 1e-6
 MOST_STEPS = 40
-#: radii, from the centre to the corner, at which convergence is looked at
+#: radii, from the centre to the corner, at which convergence is checked
 PROBES = np.linspace(1 / 16, 1, 16)
 
 
 def rotation_about_vertical(yaw: Float[Tensor, "*b"]) -> Float[Tensor, "*b 3 3"]:
-    """The turn to the right by ``yaw``, in a frame with x right, y down, z forward."""
+    """The rotation to the right by ``yaw``, in a frame with x right, y down, z forward."""
     c, s, zero = torch.cos(yaw), torch.sin(yaw), torch.zeros_like(yaw)
     return torch.stack([c, zero, s, zero, zero + 1, zero, -s, zero, c], dim=-1).reshape(*yaw.shape, 3, 3)
 
@@ -37,12 +37,12 @@ def centres(count: int) -> Float32[ndarray, "count"]:
 
 @dataclass(frozen=True)
 class Rays:
-    """What the rays of cameras depend on.
+    """The quantities that the rays of cameras depend on.
 
     Attributes:
         lens: half width and half height of the image in focal lengths, k1, k2.
         rotation: panorama from camera, row by row.
-        steps: of Newton's method that undistortion takes.
+        steps: Newton steps that undistortion takes.
     """
 
     lens: Float32[ndarray, "b 4"]
@@ -61,7 +61,7 @@ class Rays:
     def points(
         self, i: int, panorama_width: int, panorama_height: int, width: int, height: int
     ) -> tuple[Float32[ndarray, "height width"], Float32[ndarray, "height width"]]:
-        """Columns and rows, in a padded panorama, that the pixels of an image by camera ``i`` look at.
+        """Columns and rows, in a padded panorama, that the pixels of an image taken by camera ``i`` see.
 
         The panorama's size is that without its border; the centre of the border's first pixel is (0, 0).
         The arrays are overwritten by the next call with the same size in the same thread.
@@ -80,7 +80,7 @@ _kept = threading.local()
 
 
 def _buffers(width: int, height: int) -> tuple[ndarray, ...]:
-    """Places of columns and rows, a scratch row, and room for the points; those of the last size are kept."""
+    """Positions of columns and rows, scratch rows, and arrays for the points; those of the last size are kept."""
     if getattr(_kept, "size", None) != (width, height):
         _kept.size = width, height
         x, y = np.empty((2, height, width), np.float32)
@@ -89,10 +89,10 @@ def _buffers(width: int, height: int) -> tuple[ndarray, ...]:
 
 
 def newton_steps(lens: Float[ndarray, "b 4"]) -> Int64[ndarray, "b"]:
-    """Steps of Newton's method, from the distorted radius, until every pixel's undistorted radius has converged.
+    """Newton steps, starting from the distorted radius, until every pixel's undistorted radius has converged.
 
-    From there it converges on the whole of the rising branch: where the polynomial is concave from below, where it is
-    convex from above.
+    From this start it converges on the whole rising branch: from below where the polynomial is concave, from above
+    where it is convex.
     """
     wanted = np.hypot(lens[:, 0], lens[:, 1]) * PROBES[:, None]
     k1, k2 = lens[:, 2], lens[:, 3]

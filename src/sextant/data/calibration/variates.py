@@ -1,6 +1,6 @@
-"""Distributions of one number by the inverse of their distribution function, cut to an interval.
+"""Univariate distributions, sampled by the inverse of their distribution function and truncated to an interval.
 
-Cutting is exact: a uniform number is mapped to the part of the distribution that lies inside.
+Truncation is exact: a uniform number is mapped to the part of the distribution inside the interval.
 """
 
 from collections.abc import Callable, Mapping
@@ -43,7 +43,7 @@ class Variate:
     ``log_normal``          ``location + scale exp(sigma z)``, z standard normal
     ======================= ==================================================================
 
-    The last three are cut at ``low`` and ``high`` if these are given.
+    The last three are truncated at ``low`` and ``high`` if these are given.
 
     Args:
         kind: see the table.
@@ -109,10 +109,10 @@ class Variate:
         else:
             inside = self._cut(quantile, ndtr, ndtri, self._log_score)
             values = p["location"] + p["scale"] * np.exp(p["sigma"] * inside)
-        return np.clip(values, low, high)  # rounding must not leave the interval
+        return np.clip(values, low, high)  # rounding must not push a value out of the interval
 
     def _cut(self, quantile: ndarray, share: Function, inverse: Function, score: Function) -> ndarray:
-        """The standard value at a quantile of the part between ``low`` and ``high``."""
+        """The standardised value at a quantile of the part between ``low`` and ``high``."""
         below, up_to = (share(score(np.array(end))) for end in (self.low, self.high))
         return inverse(below + (up_to - below) * quantile)
 
@@ -124,7 +124,7 @@ class Variate:
 
 @dataclass(frozen=True)
 class Mixture:
-    """Several variates, one of which is chosen with its weight.
+    """Several variates, one of which is chosen with a probability proportional to its weight.
 
     Args:
         parts: the variates.
@@ -136,7 +136,7 @@ class Mixture:
 
     @classmethod
     def of(cls, entry: Mapping[str, Any] | list[Mapping[str, Any]]) -> "Mixture":
-        """From the keys of one variate, or from a list of such with a ``weight`` each."""
+        """A mixture from the keys of one variate, or from a list of such mappings with a ``weight`` each."""
         entries = [entry] if isinstance(entry, Mapping) else list(entry)
         weights = tuple(float(part.get("weight", 1.0)) for part in entries)
         if not entries or min(weights) < 0 or sum(weights) <= 0:
@@ -145,13 +145,13 @@ class Mixture:
         return cls(tuple(map(Variate.of, stripped)), weights)
 
     def at(self, choice: Float64[ndarray, "n"], quantile: Float64[ndarray, "n"]) -> Float64[ndarray, "n"]:
-        """Numbers from two independent uniform ones: ``choice`` of the part, ``quantile`` in it."""
+        """Numbers from two independent uniform ones: ``choice`` selects the part, ``quantile`` the value in it."""
         which = chosen(self.weights, choice)
         return np.asarray(np.choose(which, [part.at(quantile) for part in self.parts]))
 
 
 def chosen(weights: tuple[float, ...], choice: Float64[ndarray, "n"]) -> ndarray:
-    """Indices that are chosen as often as ``weights`` say, from uniform numbers."""
+    """Indices drawn in proportion to ``weights``, from uniform numbers."""
     ends = np.cumsum(weights) / sum(weights)
     return np.minimum(np.searchsorted(ends, choice, side="right"), len(weights) - 1)
 

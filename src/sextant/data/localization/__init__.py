@@ -1,4 +1,4 @@
-"""Drives to localize: a map of images at known poses, and what robots saw and counted on other drives."""
+"""Drives to localize: a map of images at known poses, and the images and odometry of other drives."""
 
 from sextant.data.localization.drive import Drive
 from sextant.data.localization.drive_settings import DriveSettings

@@ -1,4 +1,4 @@
-"""A camera of this machine: its images as they come, until it is taken away or somebody ends it."""
+"""A camera of this machine: its live images, until it is disconnected or the user stops."""
 
 import re
 import time
@@ -19,11 +19,11 @@ PREFIX = "camera:"
 
 
 class Camera:
-    """Always the newest image: those that come while one is localized are left out.
+    """Yields always the newest image; images that arrive while one is being localized are dropped.
 
     Args:
         number: of the camera, from 0.
-        every: take one of so many images.
+        every: take every k-th image.
     """
 
     def __init__(self, number: int, every: int = 1):
@@ -32,14 +32,14 @@ class Camera:
 
     @property
     def times_s(self) -> Float64[ndarray, "n"]:
-        """Seconds since the first image, of those that came."""
+        """Times of the images taken so far, in seconds since the first."""
         return np.array(self._taken) - (self._taken[0] if self._taken else 0.0)
 
     def read(self, size: Size | None) -> Iterator[Frame]:
-        """The newest image each time, stretched to a size or as it is, until the camera gives no more.
+        """Yield the newest image each time, stretched to a size or as it is, until the camera gives no more.
 
         Raises:
-            UserError: it cannot be opened, or gives nothing.
+            UserError: the camera cannot be opened, or gives no image.
         """
         import cv2
 
@@ -67,7 +67,7 @@ class Camera:
 
 
 class _Newest:
-    """Reads a device as fast as it gives images, and hands out the last one that came."""
+    """Reads a device as fast as it gives images, and hands out the latest one."""
 
     def __init__(self, device: Any, every: int):
         self._device, self._every = device, every
@@ -103,7 +103,7 @@ def find_camera(given: str, every: int) -> Camera | None:
     """The camera that ``input=camera:0`` names; None if it names something else.
 
     Raises:
-        UserError: the number is none.
+        UserError: what follows ``camera:`` is not a number.
     """
     if not given.startswith(PREFIX):
         return None

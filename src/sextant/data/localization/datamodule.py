@@ -1,4 +1,4 @@
-"""The drives of a dataset with their descriptors: what a localizer is fitted and tested on."""
+"""The drives of a dataset with their descriptors, on which a localizer is fitted and tested."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,17 +26,17 @@ class Vectors(Protocol):
 
 
 class LocalizationDataModule(pl.LightningDataModule):
-    """Reads drives once, describes their images once, and serves rows of the map to train the kernel on.
+    """Reads drives once, describes their images once, and serves rows of the map for training the kernel.
 
     Args:
         source: of the drives.
         describer: of images, or vectors by drive.
         cache: folder that descriptors are kept in.
-        images: of the map that one training step looks at; all of them if there are fewer.
-        fixed: the same images in every step, so that a likelihood of them all is climbed; else others in each.
-        steps: in an epoch.
+        images: number of map images in one training step; all of them if there are fewer.
+        fixed: use the same images in every step, so that one likelihood is maximised; otherwise different ones in each.
+        steps: training steps in an epoch.
         seed: of the choice of images.
-        merge_duplicates: images of the map at one pose become one.
+        merge_duplicates: merge map images at the same pose into one.
         show: makes the progress display of one drive.
     """
 
@@ -62,13 +62,13 @@ class LocalizationDataModule(pl.LightningDataModule):
 
     @property
     def drives(self) -> LocalizationData:
-        """All drives, read when they are first asked for."""
+        """All drives, read on first use."""
         if self._data is None:
             self._data = self.source.read()
         return self._data
 
     def descriptors(self, drive: Drive) -> Float32[ndarray, "n d"]:
-        """Descriptors of the images of a drive, or of some frames of one, mapped from the cache."""
+        """Descriptors of the images of a drive, or of some of its frames, memory-mapped from the cache."""
         if not isinstance(self.describer, Describer):
             return self.describer.of(drive, len(drive))
         if self._described is None:
@@ -78,7 +78,7 @@ class LocalizationDataModule(pl.LightningDataModule):
 
     @property
     def dimension(self) -> int:
-        """Numbers of a descriptor."""
+        """Length of a descriptor."""
         return int(self.descriptors(self.drives.map).shape[1])
 
     def train_dataloader(self) -> DataLoader[Tensor]:
@@ -96,7 +96,7 @@ class LocalizationDataModule(pl.LightningDataModule):
         return [np.sort(rng.choice(count, min(self.images, count), replace=False)) for _ in range(self.steps)]
 
     def val_dataloader(self) -> DataLoader[Tensor] | list[Tensor]:
-        """One batch for the whole validation; none while training goes on, where there is nothing to choose by it."""
+        """One batch for the whole validation; none during training, where nothing is selected by it."""
         state = None if self.trainer is None else self.trainer.state.fn
         return [] if state == "fit" else DataLoader(_Rows([np.zeros(1, np.int64)]), batch_size=None)
 

@@ -1,8 +1,8 @@
 """Descriptors of the images of a drive, computed once and kept on disk.
 
-All runs of a sweep look at the same images with the same descriptor. A folder in the cache holds what was described,
-under a name that follows from the descriptor's identity, the dataset's fingerprint and the drive; it is written whole
-or not at all, and mapped into memory.
+All runs of a sweep use the same images with the same descriptor. The descriptors of a drive are a file in the cache,
+named by a hash of the descriptor's identity, the dataset's fingerprint and the drive. It is written whole or not at
+all, and memory-mapped.
 """
 
 import hashlib
@@ -24,9 +24,9 @@ from sextant.errors import UserError
 from sextant.kept_array import keep_array, open_kept
 from sextant.reporter import Advance
 
-#: images read and described at a time: 64x96 pixels in colour are 18 MB
+#: images read and described at a time; in colour at 64x96 pixels they take 18 MB
 BATCH = 1024
-#: makes a progress display for what it is told
+#: makes a progress display with the given title
 Showing = Callable[[str], AbstractContextManager[Advance]]
 
 
@@ -35,13 +35,13 @@ class Describer(Protocol):
     """Gives images their descriptors.
 
     Attributes:
-        identity: changes when descriptors would.
+        identity: changes whenever the descriptors would.
     """
 
     identity: str
 
     def fit(self, images: ImageRows) -> None:
-        """Learn from the images of a map; most learn nothing."""
+        """Learn from the images of a map; most describers learn nothing."""
 
     def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
         """Descriptors of a few images."""
@@ -62,11 +62,11 @@ class DescribedDrives:
         self._fitted = False
 
     def fit(self, drive: Drive) -> None:
-        """Let the describer learn from the images of a map, whenever the first descriptor is asked for."""
+        """Let the describer learn from the images of a map once the first descriptor is requested."""
         self._map, self._fitted = drive, False
 
     def of(self, drive: Drive) -> Float32[ndarray, "n d"]:
-        """Descriptors of all images of a drive, mapped from the cache.
+        """Descriptors of all images of a drive, memory-mapped from the cache.
 
         Raises:
             UserError: the drive has no images, or the cache cannot be written to.

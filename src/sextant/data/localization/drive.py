@@ -1,4 +1,4 @@
-"""One drive: what a robot saw and what its wheels reported, frame by frame, with the truth."""
+"""One drive: a robot's images and odometry, frame by frame, with the ground truth."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -19,18 +19,18 @@ class Drive:
     """One drive under one condition; frames are counted from 0.
 
     Attributes:
-        name: of the drive, unlike that of any other of the dataset.
+        name: of the drive, unique in the dataset.
         condition: season, weather or light.
-        poses: the truth: x, y (metres, or frames along a railway) and heading in rad, counter-clockwise from x.
-        motion: odometry, as increments ``b_from_c`` in the robot's frame: row ``i`` leads from frame ``i - 1``
-            to frame ``i``, row 0 is zero, and a row of nan is missing. None where there is no odometry at all.
-        images: one a frame, read when they are indexed; or None.
+        poses: ground truth: x, y (metres, or frames along a railway) and heading in rad, counter-clockwise from x.
+        motion: odometry, as increments ``b_from_c`` in the robot's frame: row ``i`` leads from frame ``i - 1`` to frame
+            ``i``, row 0 is zero, and a row of nan is missing. None if there is no odometry at all.
+        images: one per frame, read when indexed; or None.
         seen: frames whose image and scan may be used.
-        frames: number of each frame in the drive of the dataset that it is one of: an index into what was computed
-            for all images of that drive. A fault may repeat frames, or put them in another order.
+        frames: number of each frame in its drive of the dataset, which indexes what was computed for all images of that
+            drive. A fault may repeat or reorder frames.
         laser: ranges in metres, or None.
-        times_s: seconds, rising, or None.
-        kidnaps: frames at which the robot stands elsewhere than odometry says, without any sign of it.
+        times_s: increasing times in seconds, or None.
+        kidnaps: frames at which the robot was kidnapped: it is not where odometry says, and nothing reports it.
         odometry: where ``motion`` comes from.
     """
 
@@ -72,15 +72,15 @@ class Drive:
         times_s: Float64[ndarray, "n"] | None = None,
         odometry: Odometry = "none",
     ) -> "Drive":
-        """A drive without faults: all frames are seen, and nobody kidnaps the robot."""
+        """A drive without faults: all frames are seen, and the robot is not kidnapped."""
         seen, frames = np.ones(len(poses), bool), np.arange(len(poses))
         return cls(name, condition, poses, motion, images, seen, frames, laser, times_s, odometry=odometry)
 
     def select(self, start: int = 0, stop: int | None = None, step: int = 1) -> "Drive":
-        """Every ``step``-th frame of a stretch; motions over frames that are left out are composed.
+        """Every ``step``-th frame of a stretch; motions over skipped frames are composed.
 
-        A kidnap between two frames that are kept is at the later one. The first frame that is kept starts the drive:
-        how the robot came there no longer matters.
+        A kidnap between two kept frames is moved to the later one. The first kept frame starts the drive: how the robot
+        came there no longer matters.
 
         Raises:
             ValueError: no frame is left, or ``step`` is less than 1.
@@ -95,9 +95,9 @@ class Drive:
         return replace(self.take(rows), motion=motion, kidnaps=tuple(sorted(kept)))
 
     def take(self, rows: Int64[ndarray, "k"]) -> "Drive":
-        """Frames in any order, repeated or left out at will: without motions and kidnaps, which the order made.
+        """Frames in any order, possibly repeated or left out; without motions and kidnaps, which depend on the order.
 
-        Times are kept where they still rise.
+        Times are kept if they still increase.
         """
         times_s = self.times_s if np.all(np.diff(rows) > 0) else None
         return replace(

@@ -1,4 +1,4 @@
-"""The splits of a dataset to localize in, and how its drives are made."""
+"""The splits of a localization dataset, and how its drives are made."""
 
 import hashlib
 import json
@@ -12,15 +12,15 @@ Split = Literal["map", "validation", "test"]
 
 @dataclass(frozen=True)
 class DriveSettings:
-    """How drives are made of a dataset.
+    """How drives are made from a dataset.
 
     Attributes:
-        odometry_scale: by which the noise of simulated odometry is multiplied; 0 is perfect odometry. Odometry that
-            was measured stays as it is.
+        odometry_scale: factor on the noise of simulated odometry; 0 is perfect odometry. Measured odometry is left
+            unchanged.
         odometry_seed: of simulated odometry.
-        validation_share: part of each drive, from its start, that is for validation, where a dataset has no drives for
-            it; None for the dataset's own.
-        near_map: drives of an office are cut to the longest stretch with images of the map so near, in metres; None
+        validation_share: share of each drive, from its start, used for validation if a dataset has no drives for it;
+            None for the dataset's own share.
+        near_map: office drives are cut to the longest stretch with map images within this distance in metres; None
             leaves them whole.
 
     Raises:

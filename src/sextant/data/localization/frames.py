@@ -1,4 +1,4 @@
-"""The images to localize, one after the other: photos of a folder, or frames of a video."""
+"""The images to localize, one by one: photos of a folder, or frames of a video."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -18,7 +18,7 @@ from sextant.data.unusable_files import reason_alone
 from sextant.errors import UserError
 
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
-#: what is written into the output folder, which may be that of the photos
+#: files written into the output folder, which may be the folder of the photos
 WRITTEN = ("trajectory.png",)
 Size = tuple[int, int, int]
 
@@ -29,8 +29,8 @@ class Frame:
 
     Attributes:
         name: of its file, or its number in the video.
-        image: bytes of the size that was asked for; None if there is none.
-        problem: why there is none.
+        image: bytes of the requested size; None if there is no image.
+        problem: why there is no image.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Photos:
         return len(self.names)
 
     def read(self, size: Size | None) -> Iterator[Frame]:
-        """All images, stretched to a size or in colour as they are; what cannot be decoded is reported."""
+        """Yield all images, stretched to a size or in colour as they are; those that cannot be decoded are reported."""
         for name in self.names:
             path = self.folder / name
             if not path.is_file():
@@ -68,10 +68,10 @@ class Photos:
                 yield Frame(name, None, reason_alone(str(path), str(error)))
 
     def in_order_of(self, names: Sequence[str], given: Path) -> "Photos":
-        """The frames of a table: a row whose file is not there is one that nothing is seen in.
+        """The photos in the order of a table's rows; a row whose file is missing is a frame in which nothing is seen.
 
         Raises:
-            UserError: a photo has no row, or not one row has a photo.
+            UserError: a photo has no row, or times do not increase in the order of the rows.
         """
         listed, there = {Path(name).as_posix() for name in names}, set(self.names)
         if missing := [name for name in self.names if name not in listed]:
@@ -90,7 +90,7 @@ class Photos:
 
 @dataclass(frozen=True, eq=False)
 class Video:
-    """Every so many frames of a video."""
+    """Every ``every``-th frame of a video."""
 
     path: Path
     every: int
@@ -111,7 +111,7 @@ class Video:
         return math.ceil(self.frames / self.every)
 
     def read(self, size: Size | None) -> Iterator[Frame]:
-        """The frames, stretched to a size or as they are; those that cannot be decoded are reported."""
+        """Yield the frames, stretched to a size or as they are; those that cannot be decoded are reported."""
         import cv2
 
         video = cv2.VideoCapture(str(self.path))
@@ -137,7 +137,8 @@ def find_frames(given: str, output: Path, every: int) -> Photos | Video:
     """The photos or the video that ``input=`` names.
 
     Raises:
-        UserError: there is none, the video cannot be opened, photos are out of order, or ``every`` is of no video.
+        UserError: there are none, the video cannot be opened, photos are out of order, or ``every`` is given for
+            photos.
     """
     path = Path(given).expanduser()
     if path.is_file() and path.suffix.lower() in VIDEOS:

@@ -1,4 +1,4 @@
-"""All drives of a dataset: the one that makes the map, and those that are localized in it."""
+"""All drives of a dataset: the one that makes the map, and those localized in it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,13 +17,13 @@ class LocalizationData:
     Attributes:
         map: images at known poses.
         test: drives to localize in ``map``.
-        validation: drives that temperatures and noise are fitted on; no frame of them is in ``test``.
-        validation_map: what ``validation`` is localized in; None where that is ``map``.
+        validation: drives on which temperatures and noise are fitted; none of their frames is in ``test``.
+        validation_map: the map in which ``validation`` is localized; None if that is ``map``.
         unit: of x and y; ``frames`` along a railway, where y and heading are zero.
-        protocol: by which success is judged.
-        scanner: that made the laser scans, or None.
+        protocol: the rules by which success is judged.
+        scanner: the one that made the laser scans, or None.
         other_maps: the route of ``map`` under other conditions. They may be the drives of ``test``.
-        notes: what a reader of results should know: files that were left out, odometry that is missing.
+        notes: what a reader of results should know: files left out, missing odometry.
     """
 
     map: Drive

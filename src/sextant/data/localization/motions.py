@@ -1,7 +1,7 @@
 """Motions between the frames of a drive: increments of SE(2) in the frame of the robot, as NumPy arrays.
 
 Row ``i`` of the motions of a drive is ``b_from_c`` with b the pose of frame ``i - 1`` and c that of frame ``i``, so
-that ``pose[i] = pose[i-1] ∘ motion[i]``; row 0 is zero. A row of nan is a motion that nobody measured.
+that ``pose[i] = pose[i-1] ∘ motion[i]``; row 0 is zero. A row of nan is a motion that was not measured.
 """
 
 import numpy as np
@@ -13,26 +13,26 @@ from sextant.geometry.planar import se2_between, se2_compose
 
 
 def between(a: Float64[ndarray, "n 3"], b: Float64[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
-    """``A⁻¹ B`` of poses: where b stands, seen from a."""
+    """``A⁻¹ B`` of poses: the pose of b relative to a."""
     return _numpy(se2_between(_torch(a), _torch(b)))
 
 
 def compose(a: Float64[ndarray, "n 3"], b: Float64[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
-    """``A B``: the motion a and then the motion b."""
+    """``A B``: the motion a followed by the motion b."""
     return _numpy(se2_compose(_torch(a), _torch(b)))
 
 
 def motions_along(poses: Float64[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
-    """The motions between poses that follow one another; the first is zero."""
+    """The motions between consecutive poses; the first is zero."""
     return np.concatenate([np.zeros((min(1, len(poses)), 3)), between(poses[:-1], poses[1:])])
 
 
 def compose_over(motion: Float64[ndarray, "n 3"], rows: Int64[ndarray, "k"]) -> Float64[ndarray, "k 3"]:
-    """The motions between some of the frames: those of all frames left out between two of them, one after the other.
+    """The motions between some of the frames, composed over the frames left out between them.
 
     Args:
         motion: of a drive.
-        rows: frames that are kept, rising.
+        rows: the frames that are kept, in increasing order.
     """
     before, gap = rows[:-1], np.diff(rows)
     total = motion[before + 1]

@@ -1,4 +1,4 @@
-"""Where a drive can be localized at all: the stretch that leads along images of the map."""
+"""The stretch of a drive that leads along map images, where it can be localized at all."""
 
 import math
 
@@ -10,12 +10,12 @@ from scipy.spatial import cKDTree
 from sextant.data.localization.drive import Drive
 from sextant.errors import ArgumentError
 
-#: an image of the map that looks further aside shows something else
+#: a map image that differs more in heading shows something else
 HEADING = math.radians(45)
 
 
 def along_map(drive: Drive, mapped: Drive, distance: float) -> Bool[ndarray, "n"]:
-    """Which frames have an image of the map within ``distance`` and 45 degrees."""
+    """Which frames have a map image within ``distance`` and 45 degrees of heading."""
     tree = cKDTree(mapped.poses[:, :2])
     found = np.zeros(len(drive), bool)
     for frame, near in enumerate(tree.query_ball_point(drive.poses[:, :2], distance)):
@@ -28,7 +28,7 @@ def longest_along_map(drive: Drive, mapped: Drive, distance: float) -> Drive:
     """The longest stretch of a drive along the map, as a drive of its own.
 
     Raises:
-        UserError: there are no two frames in a row along the map.
+        UserError: there are no two consecutive frames along the map.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], along_map(drive, mapped, distance), [0]]).astype(int)))
     starts, stops = edges[::2], edges[1::2]

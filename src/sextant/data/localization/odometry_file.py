@@ -1,4 +1,4 @@
-"""Odometry of the user's own images: a trajectory in TUM's format, or a table with a row an image."""
+"""Odometry of the user's own images: a trajectory in TUM format, or a table with one row per image."""
 
 import csv
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from sextant.data.localization.pose_formats import read_tum
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
 
-#: widest gap in seconds that poses are interpolated over
+#: widest gap in seconds over which poses are interpolated
 GAP_S = 5.0
 #: an image this near to a pose in time has that pose
 SAME_S = 1e-3
@@ -26,11 +26,11 @@ FIX = (
 
 @dataclass(frozen=True, eq=False)
 class OdometryFile:
-    """Poses in a frame of their own; a row of nan is not known.
+    """Poses in their own frame of reference; a row of nan is unknown.
 
     Attributes:
         poses: x, y, heading.
-        times_s: seconds, rising; None for a table.
+        times_s: increasing times in seconds; None for a table.
         names: the file of each row, if the table has them.
     """
 
@@ -40,10 +40,10 @@ class OdometryFile:
 
 
 def read_odometry(path: Path) -> OdometryFile:
-    """A table if the first line that is no comment has commas, else TUM.
+    """Read a table if the first line that is not a comment has commas, otherwise TUM.
 
     Raises:
-        UserError: it is neither; names the file and the line.
+        UserError: it is neither; the message names the file and the line.
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
@@ -73,20 +73,20 @@ def motions_of(
     every: int = 1,
     frames: int | None = None,
 ) -> tuple[list[Float64[ndarray, "3"] | None], list[str]]:
-    """The motion to each image from the one before, None where it is not known; and what the user should know.
+    """The motion to each image from the one before, None where it is unknown, and remarks for the user.
 
-    With a time in every name, poses of a TUM trajectory are taken at those times; else rows are images, in order.
+    With a time in every name, poses of a TUM trajectory are taken at those times; otherwise rows are images in order.
 
     Args:
-        odometry: see there.
+        odometry: the poses to take motions from.
         names: of the images.
         times_s: of the images, or None.
         given: the file, for messages.
-        every: frames of a video from one image to the next.
-        frames: that the video has.
+        every: video frames from one image to the next.
+        frames: number of frames if the images are from a video; None otherwise.
 
     Raises:
-        UserError: there is another number of rows than images, or no image is within the trajectory.
+        UserError: the numbers of rows and images differ, or no image is within the trajectory.
     """
     remarks: list[str] = []
     poses = odometry.poses
@@ -140,7 +140,7 @@ def motions_of(
 def _at(
     times_s: Float64[ndarray, "n"], poses: Float64[ndarray, "n 3"], wanted_s: Float64[ndarray, "m"]
 ) -> tuple[Float64[ndarray, "m 3"], Bool[ndarray, "m"]]:
-    """Poses at other times, and whether each is known."""
+    """Poses at other times, and which of them are known."""
     after = np.clip(np.searchsorted(times_s, wanted_s), min(1, len(times_s) - 1), len(times_s) - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.minimum(np.abs(wanted_s - times_s[before]), np.abs(wanted_s - times_s[after]))

@@ -16,17 +16,17 @@ from sextant.data.rendered import RenderedSource, open_store
 from sextant.data.rendered.splits import RenderedSplit
 from sextant.worlds.odometry import COLD_WHEELS
 
-#: of the only run, if there is but one
+#: of the run, if there is only one
 VALIDATION_SHARE = 0.25
-#: scale and seed of the odometry that is stored with the pictures
+#: scale and seed of the odometry stored with the pictures
 STORED = (1.0, 0)
 
 
 class OfficeDrives(RenderedSource):
     """The drives of :class:`~sextant.data.worlds.OfficeWalk`.
 
-    The first drive makes the map. Of several runs, the first is for validation, under each condition, and the others
-    for the test; of a single run, the first quarter is for validation. Odometry is the real robot's where a trajectory
+    The first drive makes the map. With several runs, the first is for validation, under each condition, and the others
+    for the test; with a single run, its first quarter is for validation. Odometry is the real robot's if a trajectory
     file has it, and simulated otherwise.
     """
 
@@ -35,7 +35,7 @@ class OfficeDrives(RenderedSource):
         self.settings = settings or DriveSettings()
 
     def conditions(self) -> tuple[str, ...]:
-        """Those of the config, the map's first; nothing is rendered."""
+        """The conditions of the config, the map's first; nothing is rendered."""
         return tuple(self.dataset.plan().condition_names)
 
     def fingerprint(self) -> str:
@@ -43,7 +43,7 @@ class OfficeDrives(RenderedSource):
         return self.settings.identity(super().fingerprint())
 
     def read(self) -> LocalizationData:
-        """All drives, rendered first if need be; pictures stay in the file they lie in."""
+        """All drives, rendered first if necessary; pictures stay in their file."""
         mapped = self.read_split("map", "metres=[160,80,80]")
         driven = self.read_split("run", "metres=[160,80,80]")
         plan = self.dataset.plan()
@@ -56,7 +56,7 @@ class OfficeDrives(RenderedSource):
         first = self._drive(mapped, whole, laser, "map", conditions[0], measured=measured[0])
         for run in np.unique(driven.columns["run"]):
             rows = np.flatnonzero(driven.columns["run"] == run)
-            number = 1 + (int(run) - 1) // len(conditions)  # every drive but the map's is made under each condition
+            number = 1 + (int(run) - 1) // len(conditions)  # every drive except the map's is made under each condition
             condition = conditions[int(driven.columns["condition"][rows[0]])]
             name = f"run{number}/{condition}"
             drive = self._drive(driven, rows, laser, name, condition, measured=measured[number])

@@ -1,4 +1,4 @@
-"""A drive of the user's own: its images one after the other, and how the robot moved between them."""
+"""The user's own drive: its images in order, and the robot's motion between them."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ class OwnDrive:
 
     Attributes:
         frames: the images.
-        motions: dx, dy, dtheta from the image before, in the robot's frame there; None where it is not known. Of a
-            camera, whose images nobody can count, there are none.
-        times_s: seconds of each image: by names, video or bag, by the odometry, or counted.
+        motions: dx, dy, dtheta from the previous image, in the robot's frame there; None where unknown. Empty for a
+            camera, whose number of images is unknown.
+        times_s: time of each image in seconds: from names, video or bag, from the odometry, or its number.
         remarks: what the user should know.
     """
 
@@ -36,22 +36,22 @@ class OwnDrive:
     remarks: list[str]
 
     def __len__(self) -> int:
-        """How many images there are; 0 of a camera, which goes on."""
+        """Number of images; 0 for a camera, which is endless."""
         return len(self.motions)
 
     @property
     def endless(self) -> bool:
-        """Whether it is a camera's."""
+        """Whether the images come from a camera."""
         return isinstance(self.frames, Camera)
 
     def with_motions(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Float64[ndarray, "3"] | None]]:
-        """Each of the drive's images, as it comes, with the motion since the one before."""
+        """Each image of the drive, as it arrives, with the motion since the previous one."""
         if isinstance(self.frames, Camera):
             return zip(frames, repeat(None), strict=False)
         return zip(frames, self.motions, strict=True)
 
     def times_of(self, count: int) -> Float64[ndarray, "count"]:
-        """The times of the first images, once these have come."""
+        """The times of the first images, once they have arrived."""
         return self.frames.times_s[:count] if isinstance(self.frames, Camera) else self.times_s[:count]
 
 
@@ -68,15 +68,15 @@ def open_drive(
 
     Args:
         given: a folder of photos, a video, ``camera:0``, or a ROS bag, whose own odometry is used unless a file is
-            named.
-        odometry: a trajectory in TUM's format or a table.
-        output: folder of the results, none of which is taken for a photo.
-        every: of a video or a bag, take one of so many images.
-        image_topic: of a bag; its only one unless given.
-        odometry_topic: of a bag; its only one unless given.
+            given.
+        odometry: a trajectory in TUM format or a table.
+        output: folder of the results, which are not taken for photos.
+        every: take every k-th image of a video, a bag or a camera.
+        image_topic: image topic of a bag; by default its only one.
+        odometry_topic: odometry topic of a bag; by default its only one.
 
     Raises:
-        UserError: there is no image, or the odometry does not go with them.
+        UserError: there are no images, or the odometry does not match them.
     """
     if (camera := find_camera(given, every)) is not None:
         for key, value in (("odometry", odometry), ("image_topic", image_topic), ("odometry_topic", odometry_topic)):

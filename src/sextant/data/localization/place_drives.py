@@ -12,16 +12,16 @@ from sextant.data.localization.simulated_odometry import CAR_WHEELS, simulated_m
 from sextant.data.places import ImageRows, Nordland, PlaceFolders, PlaceImages
 from sextant.errors import ArgumentError, UserError
 
-#: of each test drive, where there are no drives for validation
+#: of each test drive, if there are no drives for validation
 VALIDATION_SHARE = 0.25
 
 
 class RailwayDrives:
-    """Aligned rides along one line: x is the number of the frame, y and heading are zero.
+    """Aligned traverses of one line: x is the number of the frame, y and heading are zero.
 
-    The test frames of the first condition are the map, those of the other conditions the drives to localize.
-    Validation frames of the other conditions are localized in a map of the training and validation frames of the first.
-    Odometry is simulated: see :data:`~sextant.data.localization.simulated_odometry.FRAME_SIGMA`.
+    The test frames of the first condition are the map, those of the other conditions the drives to localize. Validation
+    frames of the other conditions are localized in a map of the training and validation frames of the first. Odometry
+    is simulated: see :data:`~sextant.data.localization.simulated_odometry.FRAME_SIGMA`.
     """
 
     def __init__(self, dataset: Nordland, settings: DriveSettings | None = None):
@@ -43,7 +43,7 @@ class RailwayDrives:
         return self.settings.identity(self.dataset.fingerprint())
 
     def read(self) -> LocalizationData:
-        """All drives, decoded at the first time.
+        """All drives, decoded the first time.
 
         Raises:
             UserError: frames cannot be read, or there is no condition besides the map's.
@@ -80,7 +80,7 @@ class RailwayDrives:
 
 
 class PlaceFolderDrives:
-    """The user's traverses, where their table has positions and headings.
+    """The user's traverses, if their tables have positions and headings.
 
     The first traverse of the test is the map. Headings of tables are degrees counter-clockwise from x; those of UTM
     names are compass bearings, clockwise from north. Odometry is that of a simulated car.
@@ -111,10 +111,10 @@ class PlaceFolderDrives:
         return self.settings.identity(self.dataset.fingerprint())
 
     def read(self) -> LocalizationData:
-        """All drives, decoded at the first time.
+        """All drives, decoded the first time.
 
         Raises:
-            UserError: files cannot be read, headings are missing, or there is but one traverse.
+            UserError: files cannot be read, headings are missing, or there is only one traverse.
         """
         test = self.dataset.read("test")
         first, *drives = [self._drive(test, name, "test") for name in _several(self.conditions())]

@@ -9,32 +9,33 @@ from numpy import ndarray
 from sextant.data.places.problem_list import problem_list
 from sextant.errors import ArgumentError
 
-#: the two axes of the world that the robot moves along
+#: the two world axes that the robot moves along
 Plane = Literal["xy", "xz", "yz"]
 PLANES: tuple[Plane, ...] = get_args(Plane)
-#: the axis of the posed body that looks ahead: z of a camera, x of a robot
+#: the axis of the posed body that points ahead: z for a camera, x for a robot
 Ahead = Literal["x", "z"]
 AHEAD: tuple[Ahead, ...] = get_args(Ahead)
-#: an axis that is nearer than this to the plane's normal has no heading to speak of
+#: an axis steeper than this to the plane has no meaningful heading
 STEEPEST_DEG = 75.0
 
 
 def to_plane(
     world_from_body: Float64[ndarray, "n 4 4"], plane: Plane, ahead: Ahead, what: str
 ) -> Float64[ndarray, "n 3"]:
-    r"""Positions in a plane, and the heading of the axis that looks ahead.
+    r"""Positions in a plane, and the heading of the axis that points ahead.
 
     With u, v the axes of the plane and :math:`a = R e` the body's axis in the world, the pose is
-    :math:`(t_u, t_v, \operatorname{atan2}(a_v, a_u))`: turns from u to v are positive. Height, roll and tilt are lost.
+    :math:`(t_u, t_v, \operatorname{atan2}(a_v, a_u))`: turns from u to v are positive. Height, roll and tilt are
+    discarded.
 
     Args:
         world_from_body: poses in space.
-        plane: ``xy`` where z is up, ``xz`` where y is down (KITTI) or up.
-        ahead: ``z`` where poses are those of a camera, ``x`` where they are those of a robot.
-        what: the poses, for messages.
+        plane: ``xy`` if z is up, ``xz`` if y is down (KITTI) or up.
+        ahead: ``z`` for poses of a camera, ``x`` for poses of a robot.
+        what: names the poses in messages.
 
     Raises:
-        UserError: an axis is steeper than 75 degrees to the plane, so that its heading means little.
+        UserError: an axis is steeper than 75 degrees to the plane, so that its heading is not meaningful.
     """
     u, v = ("xyz".index(letter) for letter in plane)
     axis = world_from_body[:, :3, "xyz".index(ahead)]

@@ -1,4 +1,4 @@
-"""The user's own drives: a folder of images a drive, and a file of poses in one of the usual formats."""
+"""The user's own drives: a folder of images per drive, and a file of poses in one of the usual formats."""
 
 import copy
 import hashlib
@@ -40,7 +40,7 @@ FILES: dict[PoseFormat, str] = {
     "nerfstudio": "transforms.json",
     "gps": ".",  # the images
 }
-#: of each test drive, where there are no drives for validation
+#: of each test drive, if there are no drives for validation
 VALIDATION_SHARE = 0.25
 
 
@@ -64,39 +64,40 @@ class PoseFolder:
     ``kitti`` lines of 12 numbers, the rows of a 3x4 matrix ``world_from_camera``; the i-th image has the i-th pose
     ========= ==========================================================================================================
 
-    ``colmap`` (``images.bin`` or ``images.txt``), ``opensfm`` and ``nerfstudio`` have poses of images by their names,
-    see :mod:`sextant.data.reconstructions`; their lengths are metres only if the program knew the scale. ``gps`` is the
-    EXIF block of each image, in metres east and north of the first of the map: see
+    ``colmap`` (``images.bin`` or ``images.txt``), ``opensfm`` and ``nerfstudio`` give poses by image name, see
+    :mod:`sextant.data.reconstructions`; their lengths are metres only if the program knew the scale. ``gps`` takes
+    positions from the EXIF block of each image, in metres east and north of the map's first image: see
     :mod:`~sextant.data.places.gps_poses`.
 
-    Images are in the natural order of their names. Poses in space are brought to a plane by
-    :func:`~sextant.data.localization.plane.to_plane`. What is localized is the *camera*: its pose is that of the file
-    followed by ``mounting``.
+    Images are in the natural order of their names. Poses in space are projected to a plane by
+    :func:`~sextant.data.localization.plane.to_plane`. The *camera* is localized: its pose is that of the file composed
+    with ``mounting``.
 
     Args:
-        folder: around the drives, absolute, or relative to the working directory or one of the ``roots``.
+        folder: the folder that contains the drives, absolute, or relative to the working directory or one of the
+            ``roots``.
         map: folder of the drive that makes the map, below ``folder``.
-        test: folder of each drive to localize, by its name; None for the folder ``run``.
+        test: folder of each drive to localize, by name; None for the folder ``run``.
         validation: likewise for fitting temperatures and noise; None takes them from the start of each test drive.
-        poses: format of the files of poses.
+        poses: format of the pose files.
         pose_file: name of that file in each drive's folder; None for ``poses.csv`` or ``poses.txt``.
-        odometry: name of a file of the same format with the poses of odometry, in a frame of its own; None
-            where nothing is known about motion.
-        times: ``names`` (seconds, or whole nano- or microseconds), ``order``, or a file with a line an image; None for
-            ``names`` with TUM poses if all names contain a time, else ``order``.
-        plane: the axes of the world that the robot moves along.
-        ahead: the axis of the posed body that looks ahead, ``z`` for a camera and ``x`` for a robot.
+        odometry: name of a file of the same format with odometry poses in their own frame of reference; None if nothing
+            is known about motion.
+        times: ``names`` (seconds, or whole nano- or microseconds), ``order``, or a file with one line per image; None
+            for ``names`` with TUM poses if all names contain a time, otherwise ``order``.
+        plane: the world axes that the robot moves along.
+        ahead: the axis of the posed body that points ahead, ``z`` for a camera and ``x`` for a robot.
         mounting: where the camera is on the posed body: metres ahead, metres to the left, degrees to the left.
-        protocol: by which success is judged, ``office`` or ``town``.
+        protocol: the rules by which success is judged, ``office`` or ``town``.
         max_gap_s: longest time between two images of a drive, and between the poses around an image; None for any.
         height: rows that images are stretched to.
         width: columns that images are stretched to.
         channels: 3 for colour, 1 for grey.
-        skip_bad: leave out images that cannot be decoded, and those of the map at the very pose of another.
-        roots: folders to look in as well; decoded images are kept in the last.
+        skip_bad: leave out images that cannot be decoded, and map images with exactly the same pose as another.
+        roots: further folders to search; decoded images are kept in the last.
 
     Raises:
-        UserError: an argument has no meaning.
+        UserError: an argument is invalid.
     """
 
     name = "pose_folder"
@@ -163,7 +164,7 @@ class PoseFolder:
 
     @property
     def folder(self) -> Path:
-        """The first of the places looked in that is a folder."""
+        """The first of the searched paths that is a folder."""
         return first_folder(
             self.looked,
             "folder",
@@ -176,7 +177,7 @@ class PoseFolder:
         return ("map", *self.folders["test"])
 
     def files(self, split: Split) -> list[Path]:
-        """The images of a split and their files of poses; nothing is decoded.
+        """The images of a split and their pose files; nothing is decoded.
 
         Raises:
             UserError: a folder or a file is missing, or two drives have files in common.
@@ -188,7 +189,7 @@ class PoseFolder:
         return found
 
     def fingerprint(self) -> str:
-        """Hash of the contents of all images and poses, and of what is made of them."""
+        """Hash of the contents of all images and poses, and of how they are interpreted."""
         files = [[path.name, file_sha256(path)] for split in self.folders for path in self.files(split)]
         meant = [self.poses, self.odometry, self.times, self.plane, self.ahead, self.mounting.tolist(), self.protocol]
         size = [self.size.height, self.size.width, self.size.channels, self.skip_bad, self.max_gap_s]
@@ -196,10 +197,10 @@ class PoseFolder:
         return self.settings.identity(digest)
 
     def read(self) -> LocalizationData:
-        """All drives; images are decoded at the first time and mapped from the cache from then on.
+        """All drives; images are decoded the first time and memory-mapped from the cache afterwards.
 
         Raises:
-            UserError: files are missing, out of order, of different lengths or cannot be read; they are named.
+            UserError: files are missing, out of order, of different lengths or cannot be read; the message names them.
         """
         images = self._images()
         notes: list[str] = []
@@ -217,7 +218,7 @@ class PoseFolder:
         return LocalizationData(first, test, validation, None, "m", self.protocol, notes=tuple(notes))
 
     def mapped_images(self) -> tuple[list[Path], Float64[ndarray, "n 3"], list[str]]:
-        """The images of the map and the poses of their camera, without decoding any; and what a user should know.
+        """The images of the map and their camera poses, with notes for the user; nothing is decoded.
 
         Raises:
             UserError: the folder has no images, or no poses for them.
@@ -232,7 +233,7 @@ class PoseFolder:
         return traverse_files({"map": self.folder / self.folders["map"]["map"]}, "")["map"]
 
     def _images(self) -> dict[str, list[Path]]:
-        """The images of all drives, which have none in common."""
+        """The images of all drives, which must be disjoint."""
         all_folders = {name: self.folder / path for part in self.folders.values() for name, path in part.items()}
         return traverse_files(all_folders, "")
 
@@ -292,7 +293,7 @@ class PoseFolder:
         return _Frames(paths, poses, odometry, own if times is None else times)
 
     def _times(self, folder: Path, paths: list[Path], key: str) -> Float64[ndarray, "n"] | None:
-        """When the images were taken, if anything but the poses says so."""
+        """When the images were taken, if anything other than the poses says so."""
         if self.times is None:
             return times_of_names(paths) if self.poses == "tum" else None
         if self.times == "order":
@@ -364,7 +365,7 @@ class PoseFolder:
         return poses[[row for row in rows if row is not None]]
 
     def _once(self, poses: Float64[ndarray, "n 3"], paths: list[Path], key: str, notes: list[str]) -> ndarray:
-        """The first image of each pose; two images at the very same pose are an error, or left out by ``skip_bad``."""
+        """The first image of each pose; others at exactly the same pose are an error, or left out with ``skip_bad``."""
         _, first, which = np.unique(poses, axis=0, return_index=True, return_inverse=True)
         double = np.flatnonzero(first[which.ravel()] != np.arange(len(poses)))
         named = [f"{paths[i].name} = {paths[first[which.ravel()[i]]].name}" for i in double.tolist()]

@@ -1,4 +1,4 @@
-"""Trajectories in the TUM format: a line a pose, ``timestamp tx ty tz qx qy qz qw``.
+"""Trajectories in the TUM format: one line per pose, ``timestamp tx ty tz qx qy qz qw``.
 
 Seconds, metres, and a unit quaternion whose scalar part comes last; lines that start with # are comments. Source:
 J. Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, and its page of file formats.
@@ -19,12 +19,12 @@ from sextant.data.positions import too_far
 from sextant.errors import UserError
 from sextant.worlds.trajectories import load_kitti_poses
 
-#: quaternions of files are rounded: their length may differ from 1 by this
+#: quaternions in files are rounded: their norm may differ from 1 by this
 LENGTH_TOLERANCE = 1e-2
 
 
 def read_tum(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[ndarray, "n 3"]]:
-    """Seconds, and poses in the plane z = 0 with the heading of the body's x axis: what :func:`write_tum` wrote.
+    """Read seconds, and poses in the plane z = 0 with the heading of the body's x axis; see :func:`write_tum`.
 
     Raises:
         UserError: see :func:`read_tum_matrices`; or the x axis points straight up or down.
@@ -34,7 +34,7 @@ def read_tum(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[ndarray, 
 
 
 def write_tum(path: Path | str, times_s: Float64[ndarray, "n"], poses: Float64[ndarray, "n 3"]) -> None:
-    """Write poses in the plane (x, y in metres, heading in rad), all digits of them, as poses in space with z = 0.
+    """Write poses in the plane (x, y in metres, heading in rad) at full precision, as poses in space with z = 0.
 
     Raises:
         ValueError: the lengths differ.
@@ -50,11 +50,12 @@ def write_tum(path: Path | str, times_s: Float64[ndarray, "n"], poses: Float64[n
 
 
 def read_tum_matrices(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[ndarray, "n 4 4"]]:
-    """Seconds and ``world_from_body``.
+    """Read seconds and ``world_from_body``.
 
     Raises:
-        UserError: there is no such file, it has no poses, a line has not 8 finite numbers, a quaternion is no rotation,
-            a position is further away than any robot goes, or times do not rise; names the file and the lines.
+        UserError: the file does not exist or has no poses, a line does not have 8 finite numbers, a quaternion is not a
+            rotation, a position is implausibly far away, or times do not increase; the message names the file and the
+            lines.
     """
     try:
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
@@ -90,10 +91,10 @@ def read_tum_matrices(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[
 
 
 def read_kitti(path: Path | str) -> Float64[ndarray, "n 4 4"]:
-    """``world_from_body`` of a file of KITTI; see :func:`~sextant.worlds.trajectories.load_kitti_poses`.
+    """Read ``world_from_body`` from a KITTI file; see :func:`~sextant.worlds.trajectories.load_kitti_poses`.
 
     Raises:
-        UserError: as there, or a position is further away than any robot goes; names the line.
+        UserError: as there, or a position is implausibly far away; the message names the line.
     """
     poses = load_kitti_poses(path)
     for number, position in enumerate(poses[:, :3, 3].tolist(), start=1):
@@ -111,7 +112,7 @@ def _floats(words: list[str]) -> list[float] | None:
 
 
 def pose_matrices(position: Float64[ndarray, "n 3"], quaternion: Float64[ndarray, "n 4"]) -> Float64[ndarray, "n 4 4"]:
-    """Poses of positions and quaternions (x, y, z, w) of any length but 0."""
+    """Pose matrices from positions and quaternions (x, y, z, w) of any non-zero norm."""
     poses = np.tile(np.eye(4), (len(position), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(quaternion).as_matrix()
     poses[:, :3, 3] = position

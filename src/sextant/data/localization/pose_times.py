@@ -26,16 +26,16 @@ def time_in_name(name: str) -> float | None:
 
 
 def times_of_names(paths: Sequence[Path]) -> Float64[ndarray, "n"] | None:
-    """Seconds in the names of images, or None if some name contains none, or all the same: ``cam1.0_0001.png``."""
+    """Seconds in the names of images; None if a name has none, or all have the same, as in ``cam1.0_0001.png``."""
     times = [time_in_name(path.name) for path in paths]
     return None if None in times or len(set(times)) == 1 < len(times) else np.array(times, np.float64)
 
 
 def times_of_file(path: Path, count: int) -> Float64[ndarray, "n"]:
-    """Seconds in a file, a line an image.
+    """Seconds in a file with one line per image.
 
     Raises:
-        UserError: it cannot be read, or has not ``count`` finite numbers.
+        UserError: the file cannot be read, or does not have ``count`` finite numbers.
     """
     try:
         times = np.array([float(line) for line in path.read_text().split()])
@@ -47,7 +47,7 @@ def times_of_file(path: Path, count: int) -> Float64[ndarray, "n"]:
 
 
 def check_rising(times_s: Float64[ndarray, "n"], names: Sequence[str], key: str) -> None:
-    """Raise a ``UserError`` that names the first two images whose order in time is another than that of their names."""
+    """Raise a ``UserError`` that names the first two images whose order in time differs from that of their names."""
     back = np.flatnonzero(np.diff(times_s) <= 0)
     if len(back):
         i = int(back[0])
@@ -79,18 +79,18 @@ def poses_at(
     max_gap_s: float | None,
     key: str,
 ) -> Float64[ndarray, "m 3"]:
-    """Poses in the plane at other times: linear between the two around, the heading the shorter way round.
+    """Poses in the plane at other times, interpolated linearly; the heading turns the shorter way round.
 
     Args:
-        times_s: of the poses, rising.
+        times_s: of the poses, increasing.
         poses: of the trajectory.
         wanted_s: times of the images.
         names: of the images, for messages.
-        max_gap_s: widest gap of the trajectory that an image may lie in; None for any.
-        key: of the config, and the trajectory, for messages.
+        max_gap_s: widest gap of the trajectory in which an image may lie; None for any.
+        key: config key and trajectory, for messages.
 
     Raises:
-        UserError: an image is before the first pose, after the last, or in a wider gap; they are named.
+        UserError: an image is before the first pose, after the last, or in a wider gap; the message names such images.
     """
     after = np.clip(np.searchsorted(times_s, wanted_s), 1, max(1, len(times_s) - 1))
     before = after - 1

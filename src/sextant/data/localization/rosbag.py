@@ -1,9 +1,9 @@
-"""Recordings of robots: images and odometry of a ROS bag, of ROS 1 or 2, read without ROS by the package ``rosbags``.
+"""Robot recordings: images and odometry of a ROS 1 or ROS 2 bag, read without ROS by the package ``rosbags``.
 
-Messages are read by the definitions that come with ``rosbags``, never by those that a bag brings along. Images are
+Messages are read by the definitions that come with ``rosbags``, never by those stored in a bag. Images are
 ``sensor_msgs/Image`` or ``sensor_msgs/CompressedImage``, odometry is ``nav_msgs/Odometry``: REP 105's base in its
-odometry frame, x ahead. Times are those of the headers; where one of a topic has none, or they do not rise, those of
-the recording.
+odometry frame, x ahead. Times are those of the headers; if a header of the topic has none, or they do not increase,
+those of the recording.
 """
 
 import io
@@ -28,7 +28,7 @@ from sextant.data.localization.plane import to_plane
 from sextant.data.localization.pose_formats import pose_matrices
 from sextant.errors import ArgumentError, UserError
 
-#: of a file of ROS 1, and the file by which a folder is a bag of ROS 2
+#: suffix of a ROS 1 bag, and the file that makes a folder a ROS 2 bag
 FIRST, METADATA = ".bag", "metadata.yaml"
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 ODOMETRY = ("nav_msgs/msg/Odometry",)
@@ -45,20 +45,20 @@ ENCODINGS: dict[str, tuple[int, tuple[int, ...] | None]] = {
 
 
 def is_rosbag(path: Path) -> bool:
-    """Whether a path is a bag by its name: a file of ROS 1, or a folder that ROS 2 recorded."""
+    """Whether a path is a bag by its name: a ROS 1 file, or a folder recorded by ROS 2."""
     return (path.suffix.lower() == FIRST and path.is_file()) or os.path.isfile(path / METADATA)
 
 
 @dataclass(frozen=True, eq=False)
 class Bag:
-    """Every so many images of a bag.
+    """Every ``every``-th image of a bag.
 
     Attributes:
         path: file or folder.
         topic: of the images.
         times_s: of the images, as read by :meth:`read`.
-        odometry: of its odometry topic; None without one.
-        every: images from one to the next.
+        odometry: from its odometry topic; None without one.
+        every: step from one image to the next.
     """
 
     path: Path
@@ -76,7 +76,7 @@ class Bag:
         return len(self.times_s)
 
     def read(self, size: Size | None) -> Iterator[Frame]:
-        """The images, stretched to a size or as they are; those that cannot be decoded are reported."""
+        """Yield the images, stretched to a size or as they are; those that cannot be decoded are reported."""
         with _opened(self.path) as bag:
             for number, (kind, _, raw) in enumerate(bag.messages(self.topic)):
                 if number % self.every:
@@ -92,16 +92,16 @@ class Bag:
 
 
 def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str | None = None, every: int = 1) -> Bag:
-    """What a bag has.
+    """Open a bag and find its images and odometry.
 
     Args:
-        path: a file of ROS 1, or a folder of ROS 2.
-        image_topic: of the images; the only one unless given.
-        odometry_topic: of the odometry; the only one unless given.
-        every: take one of so many images.
+        path: a ROS 1 file, or a ROS 2 folder.
+        image_topic: topic of the images; by default the only one.
+        odometry_topic: topic of the odometry; by default the only one.
+        every: take every k-th image.
 
     Raises:
-        UserError: it cannot be read, it has no images, or several topics and none was chosen.
+        UserError: the bag cannot be read, has no images, or has several topics of which none was chosen.
     """
     with _opened(path) as bag:
         images = _topic(bag, IMAGES, "image_topic", image_topic)
@@ -114,7 +114,7 @@ def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str 
 
 
 class _Opened:
-    """A reader of either version, and the messages that it finds."""
+    """A reader for either version, and the messages that it finds."""
 
     def __init__(self, path: Path):
         from rosbags import rosbag1, rosbag2
@@ -127,7 +127,7 @@ class _Opened:
         self._first = first
 
     def topics(self, kinds: tuple[str, ...]) -> list[str]:
-        """Those with messages of some types."""
+        """Topics with messages of the given types."""
         found = [link.topic for link in self.reader.connections if link.msgtype in kinds and link.msgcount]
         return sorted(dict.fromkeys(found))
 
@@ -136,13 +136,13 @@ class _Opened:
         return ", ".join(sorted(f"{link.topic} ({link.msgtype})" for link in self.reader.connections)) or "none"
 
     def messages(self, topic: str) -> Iterator[tuple[str, float, bytes]]:
-        """Type, seconds of the recording and bytes of each message."""
+        """Type, recording time in seconds, and bytes of each message."""
         links = [link for link in self.reader.connections if link.topic == topic]
         for link, taken, raw in self.reader.messages(connections=links):
             yield link.msgtype, taken * 1e-9, raw
 
     def stamps(self, topic: str) -> Iterator[tuple[str, bytes, float, float]]:
-        """Type, bytes, seconds of the recording and of the header of each message, which is not decoded."""
+        """Type, bytes, and times in seconds of the recording and of the header, of each message; nothing is decoded."""
         for kind, taken, raw in self.messages(topic):
             order = "<" if self._first or raw[1] & 1 else ">"
             seconds, nanoseconds = struct.unpack_from(f"{order}II", raw, 4)  # after seq, or after CDR's own header
@@ -159,7 +159,7 @@ def _opened(path: Path) -> Iterator[_Opened]:
             yield bag
     except UserError:
         raise
-    except Exception as error:  # its readers raise errors of their own, of sqlite and of YAML
+    except Exception as error:  # the readers raise their own errors, and those of sqlite and YAML
         told = str(error).splitlines()[0] if str(error) else repr(error)
         raise UserError(
             f"{path} cannot be read as a ROS bag: {told}", "Was its recording ended? ros2 bag reindex"
@@ -181,7 +181,7 @@ def _topic(bag: _Opened, kinds: tuple[str, ...], argument: str, chosen: str | No
 
 
 def _times(found: list[tuple[float, float]]) -> Float64[ndarray, "n"]:
-    """Those of the headers, if all have one and they rise; else those of the recording."""
+    """The times of the headers, if all have one and they increase; otherwise those of the recording."""
     stamps, taken = np.array(found, np.float64).reshape(-1, 2).T
     rise = (stamps > 0).all() and (np.diff(stamps) > 0).all()
     return np.ascontiguousarray(stamps if rise else np.maximum.accumulate(taken))
@@ -199,11 +199,11 @@ def _odometry(bag: _Opened, topic: str) -> OdometryFile:
 
 
 def picture_of(message: Any, kind: str) -> Image.Image:
-    """The picture in a message of ROS, whichever library read it.
+    """The picture in a ROS message, whichever library read it.
 
     Args:
         message: ``sensor_msgs/Image`` or ``sensor_msgs/CompressedImage``.
-        kind: which, as ``sensor_msgs/msg/Image``.
+        kind: which of the two, written as ``sensor_msgs/msg/Image``.
 
     Raises:
         ValueError: its encoding is not read here, or its data do not fit its size.

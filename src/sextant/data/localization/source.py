@@ -1,4 +1,4 @@
-"""What a dataset is that a robot can be localized in."""
+"""The interface of localization datasets."""
 
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -13,7 +13,7 @@ class LocalizationSource(Protocol):
     """A dataset with a map and drives to localize in it.
 
     Attributes:
-        name: of the dataset in messages.
+        name: name of the dataset in messages.
     """
 
     name: str
@@ -25,7 +25,7 @@ class LocalizationSource(Protocol):
         """The files that a split is read from; nothing is rendered or decoded.
 
         Raises:
-            UserError: they are not there.
+            UserError: the files are missing.
         """
 
     def fingerprint(self) -> str:
@@ -35,7 +35,7 @@ class LocalizationSource(Protocol):
         """All drives.
 
         Raises:
-            UserError: a file cannot be read; it is named.
+            UserError: a file cannot be read; the message names it.
         """
 
 
@@ -43,14 +43,14 @@ def as_localization_source(dataset: Any, settings: DriveSettings | None = None) 
     """A dataset as a source of drives with poses.
 
     Args:
-        dataset: as a config builds it.
-        settings: how drives are made of it; None for the usual.
+        dataset: a dataset as built from a config.
+        settings: how drives are made from it; None for the defaults.
 
     Raises:
-        UserError: it has no drives, or none whose poses are known.
+        UserError: the dataset has no drives, or none with known poses.
     """
     settings = settings or DriveSettings()
-    # a rendered world: its modules are loaded then anyway
+    # a rendered world: its modules are loaded anyway
     source = _rendered(dataset, settings) if hasattr(dataset, "plan") else _of_files(dataset, settings)
     if source is None:
         name = getattr(dataset, "name", type(dataset).__name__)

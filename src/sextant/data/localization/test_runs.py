@@ -1,4 +1,4 @@
-"""Many runs along one drive, each from a frame of its own, with a fault put into each."""
+"""Many runs along one drive, each from its own start frame and with its own fault."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,15 +13,15 @@ from sextant.data.localization.faults import Fault
 
 @dataclass(frozen=True, eq=False)
 class TestRuns:
-    """Runs side by side, step by step. A run that ends before the last step stands still there, unseen.
+    """Runs side by side, step by step. A run that ends before the last step stays at its end, unseen.
 
     Attributes:
-        frames: of the drive, which index descriptors and scans.
-        poses: the truth.
+        frames: frames of the drive, which index descriptors and scans.
+        poses: ground truth.
         motion: odometry; nan where it is missing.
-        seen: whether the frame may be looked at.
-        lengths: steps of each run.
-        kidnapped_at: the step at which each run stands elsewhere; -1 for none.
+        seen: whether the frame may be used.
+        lengths: number of steps of each run.
+        kidnapped_at: the step at which each run is kidnapped; -1 for none.
     """
 
     __test__ = False  # not a test of pytest's
@@ -40,14 +40,14 @@ class TestRuns:
 
 
 def lay_out_runs(drive: Drive, fault: Fault, starts: int, horizon: int, every: int, seed: int) -> TestRuns:
-    """Runs that start at frames spread evenly over a drive.
+    """Runs that start at frames evenly spaced over a drive.
 
     Args:
-        drive: to localize.
+        drive: the drive to localize.
         fault: put into each run, with random numbers of its own.
-        starts: runs.
-        horizon: steps of each; shorter where the drive ends, but the last one starts early enough for ``horizon`` steps
-            if the drive has so many.
+        starts: number of runs.
+        horizon: steps of each run, or fewer if the drive ends. The last run starts early enough for ``horizon`` steps
+            if the drive has that many.
         every: frames from one step to the next.
         seed: of the faults.
     """
@@ -77,7 +77,7 @@ def _motion(run: Drive) -> ndarray:
 
 
 def _side_by_side(columns: Sequence[ndarray], steps: int, last: object = None) -> ndarray:
-    """Columns next to one another; those that are shorter go on with their last value, or with ``last``."""
+    """Stack columns side by side; shorter ones are padded with their last value, or with ``last``."""
     padded = []
     for column in columns:
         rest = np.repeat(column[-1:], steps - len(column), axis=0)

@@ -1,4 +1,4 @@
-"""Drives through a town under seasons, and through a city that is mapped in all directions."""
+"""Drives through a town under several seasons, and through a city mapped in all directions."""
 
 from typing import Any
 
@@ -19,14 +19,14 @@ VALIDATION_SHARE = 0.2
 
 
 class _TownSource(RenderedSource):
-    """A rendered town whose drives get the odometry of a car."""
+    """A rendered town whose drives get a car's odometry."""
 
     def __init__(self, dataset: Any, settings: DriveSettings | None = None):
         super().__init__(dataset)
         self.settings = settings or DriveSettings()
 
     def conditions(self) -> tuple[str, ...]:
-        """Those of the config, the map's first; nothing is rendered."""
+        """The conditions of the config, the map's first; nothing is rendered."""
         return tuple(self.dataset.plan().condition_names)
 
     def fingerprint(self) -> str:
@@ -49,12 +49,12 @@ class _TownSource(RenderedSource):
 class TownSeasonsDrives(_TownSource):
     """The traverses of :class:`~sextant.data.worlds.TownSeasons`: the first condition's drive of a town is its map.
 
-    The drives of the test town under the other conditions are for the test, those of the validation town, which have a
-    map of their own, for validation.
+    The drives of the test town under the other conditions are for the test. Those of the validation town, which has its
+    own map, are for validation.
     """
 
     def read(self) -> LocalizationData:
-        """All drives, rendered first if need be.
+        """All drives, rendered first if necessary.
 
         Raises:
             UserError: there is no condition besides the map's.
@@ -88,7 +88,7 @@ class TownCityDrives(_TownSource):
     """
 
     def read(self) -> LocalizationData:
-        """All drives, rendered first if need be; pictures stay in the file they lie in."""
+        """All drives, rendered first if necessary; pictures stay in their file."""
         mapped = self.read_split("map", "images=172000")
         queries = self.read_split("query", "query_frames=1000")
         conditions = self.conditions()

@@ -1,8 +1,8 @@
-"""A person's photo: decoded whatever its format, cut for the network, and straightened.
+"""A user's photo: decoded from any common format, cropped for the network, and undistorted.
 
-Pixels are those of the *upright original*: columns and rows after the EXIF orientation, from the top left corner, with
-centres at + 0.5. A photo with more than 64 megapixels is decoded at a half, a third, ... of its size, so that memory is
-bounded; all lengths are still in pixels of the original.
+Pixels are those of the *upright original*: columns and rows after applying the EXIF orientation, from the top left
+corner, with centres at + 0.5. A photo with more than 64 megapixels is decoded at a half, a third, ... of its size to
+bound memory; all lengths are still in pixels of the original.
 """
 
 from sextant.data.photos.exif import exif_focal_px

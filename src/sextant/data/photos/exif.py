@@ -12,11 +12,11 @@ from PIL import Image
 FULL_FRAME_DIAGONAL = math.hypot(36, 24)
 EXIF_BLOCK, FOCAL_LENGTH, FOCAL_35MM = 0x8769, 0x920A, 0xA405
 PLANE_X_RESOLUTION, PLANE_UNIT, PIXELS_X, PIXELS_Y = 0xA20E, 0xA210, 0xA002, 0xA003
-MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # of the unit of the focal plane's resolution
+MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # per unit of the focal plane resolution
 
 
 def exif_numbers(image: Image.Image) -> dict[int, float]:
-    """Numbers of the EXIF block, without those that are not finite; empty where it is broken."""
+    """Finite positive numbers of the EXIF block; empty if the block is broken."""
     found: dict[int, float] = {}
     try:
         block = image.getexif().get_ifd(EXIF_BLOCK)
@@ -30,10 +30,11 @@ def exif_numbers(image: Image.Image) -> dict[int, float]:
 
 
 def exif_focal_px(exif: dict[int, float], width: int, height: int) -> float | None:
-    """Focal length in pixels of a picture of ``width`` x ``height`` by numbers of its EXIF block, or None.
+    """Focal length in pixels of a ``width`` x ``height`` picture from its EXIF numbers, or None.
 
-    From the 35-mm equivalent, or else from the focal length and the resolution of the focal plane. None too where the
-    block describes another shape than the picture has (it was cropped since), or a field of view that no lens has.
+    It is computed from the 35-mm equivalent, or else from the focal length and the resolution of the focal plane. It is
+    also None if the block describes a different shape than the picture's (it was cropped since), or a field of view
+    that no lens has.
     """
     long = max(width, height)
     if was_cropped(exif, width, height):
@@ -49,7 +50,7 @@ def exif_focal_px(exif: dict[int, float], width: int, height: int) -> float | No
 
 
 def was_cropped(exif: dict[int, float], width: int, height: int) -> bool:
-    """Whether the EXIF block describes a picture of another shape than ``width`` x ``height``, upright or not."""
+    """Whether the EXIF block describes a picture of a different shape than ``width`` x ``height``, upright or not."""
     short, long = sorted(_recorded(exif, width, height))
     return abs(long / short / (max(width, height) / min(width, height)) - 1) > 0.02
 

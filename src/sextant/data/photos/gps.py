@@ -1,4 +1,4 @@
-"""Where a photo was taken, by its EXIF block. Source: Exif 2.32, section 4.6.6, "GPS Attribute Information"."""
+"""Where a photo was taken, from its EXIF block. Source: Exif 2.32, section 4.6.6, "GPS Attribute Information"."""
 
 import math
 from pathlib import Path
@@ -19,9 +19,9 @@ class GpsPosition(NamedTuple):
     Attributes:
         latitude_deg: north of the equator.
         longitude_deg: east of Greenwich.
-        altitude_m: above sea level, None where the block does not say.
-        direction_deg: that the camera looks in, clockwise from north, in [0, 360); None where the block does not say.
-        magnetic: that north is the compass's, which differs from the true one by the declination of the place.
+        altitude_m: above sea level; None if the block does not say.
+        direction_deg: viewing direction, clockwise from north, in [0, 360); None if the block does not say.
+        magnetic: whether that north is magnetic, which differs from true north by the local declination.
     """
 
     latitude_deg: float
@@ -32,18 +32,16 @@ class GpsPosition(NamedTuple):
 
 
 def photo_gps(path: Path) -> GpsPosition | None:
-    """The position of a photo, of which only the header is read; None too where it cannot be read."""
+    """The position of a photo, of which only the header is read; also None if it cannot be read."""
     try:
         with without_pillow_limit(), Image.open(path, formats=known_formats()) as image:
             return gps_position(image.getexif())
-    except Exception:  # who decodes the photo says what is wrong with it
+    except Exception:  # decoding the photo reports what is wrong with it
         return None
 
 
 def gps_position(exif: Image.Exif) -> GpsPosition | None:
-    """The position, or None where there is none, it is broken or no place on Earth; (0, 0) is what cameras without a
-    fix write.
-    """
+    """The position, or None if it is missing, broken, not on Earth, or (0, 0), which cameras without a fix write."""
     try:
         block: dict[int, Any] = dict(exif.get_ifd(GPS_BLOCK))
         latitude = _degrees(block[LATITUDE], block.get(LATITUDE_REF), "S")

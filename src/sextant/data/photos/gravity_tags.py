@@ -1,12 +1,12 @@
-r"""Whether a photo's metadata says which way is down, and which way, where a phone's accelerometer says so.
+r"""Whether a photo's metadata tells the vertical, and gravity itself where a phone's accelerometer recorded it.
 
 Apple's maker note has the accelerometer's vector (tag 8 of its directory), Mapillary's app writes it into the image
 description, DJI writes the gimbal's pitch and Google the pose of a panorama into XMP, and Exif 2.32 has the camera's
 elevation angle. Sources: ExifTool's tables "Apple", "DJI" and "XMP-GPano"; Exif 2.32, tag 0x9405.
 
-Apple's vector :math:`a` is in g, in the axes of Core Motion: right, up and out of the screen, as one looks at it; of a
-phone at rest it points down. The camera's sensor lies with its right side to the phone's lower end, so that in the
-picture as it is stored gravity is :math:`(-a_2, -a_1, -a_3)` to the right, down and forward.
+Apple's vector :math:`a` is in g, in the axes of Core Motion: right, up and out of the screen, as seen by the viewer;
+for a phone at rest it points down. The right side of the camera's sensor is at the phone's lower end, so that in the
+stored picture gravity is :math:`(-a_2, -a_1, -a_3)` to the right, down and forward.
 """
 
 import math
@@ -26,12 +26,12 @@ GRAVITY_TAGS: tuple[GravityTag, ...] = get_args(GravityTag)
 DESCRIPTION, MAKER_NOTE, ELEVATION_ANGLE = 0x010E, 0x927C, 0x9405
 APPLE, APPLE_ACCELERATION = b"Apple iOS\0", 0x0008
 LENS_MODEL, SIGNED_FRACTION = 0xA434, 10
-#: how far the accelerometer's reading may be from 1 g: beyond, the phone was shaken
+#: how far the accelerometer's reading may be from 1 g; beyond this, the phone was shaken
 AT_REST = 0.1
 
 
 def gravity_tag(exif: Image.Exif, xmp: bytes) -> GravityTag | None:
-    """What of the metadata tells the vertical, None where nothing does or it is broken."""
+    """The metadata that tells the vertical; None if nothing does or the metadata is broken."""
     apple, mapillary, gimbal, panorama, elevation = GRAVITY_TAGS
     try:
         block = exif.get_ifd(EXIF_BLOCK)
@@ -50,16 +50,16 @@ def gravity_tag(exif: Image.Exif, xmp: bytes) -> GravityTag | None:
 
 
 def apple_gravity(exif: Image.Exif, width: int, height: int, orientation: int) -> tuple[float, float, float] | None:
-    """Gravity by the accelerometer in Apple's maker note: right, down, forward of the upright picture, of unit length.
+    """Gravity from Apple's maker note: right, down, forward in the upright picture, of unit length.
 
     Args:
         exif: of the file.
-        width, height: of the picture as it is stored, pixels.
+        width, height: of the picture as stored, pixels.
         orientation: of the file by EXIF, 1 to 8.
 
     Returns:
-        None where nothing tells it: there is no such note, the phone was shaken, the camera is the one above the
-        screen, or the picture is stored upright, turned by a program that may not have turned the note with it.
+        None if gravity is unknown: there is no such note, the phone was shaken, the camera is the front one, or the
+        picture is stored upright, rotated by a program that may not have rotated the note with it.
     """
     try:
         block = exif.get_ifd(EXIF_BLOCK)

@@ -1,4 +1,4 @@
-"""What a photo's header says of it: nothing is decoded, so that thousands are read in seconds."""
+"""Reading photo headers: no pixels are decoded, so that thousands are read in seconds."""
 
 import mmap
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ class PhotoHeader:
 
     Attributes:
         path: of the file.
-        bytes: that it has.
+        bytes: size of the file.
         width, height: upright, pixels.
-        camera: make and model by EXIF; "" where it has none.
-        focal_px: focal length by EXIF, pixels.
-        taken_s: when it was taken by EXIF, seconds since 1970 on the camera's clock.
-        gps: where it was taken by EXIF.
-        gravity: which metadata tell the vertical.
-        tagged_panorama: its metadata call it a panorama of 360 degrees.
+        camera: make and model from EXIF; "" if it has none.
+        focal_px: focal length from EXIF, pixels.
+        taken_s: when it was taken, from EXIF, seconds since 1970 on the camera's clock.
+        gps: where it was taken, from EXIF.
+        gravity: which metadata tells the vertical.
+        tagged_panorama: whether its metadata call it a 360-degree panorama.
     """
 
     path: Path
@@ -48,12 +48,12 @@ class PhotoHeader:
 
 
 def read_header(path: Path) -> PhotoHeader:
-    """Read the header of a photo; JPEG and PNG are also looked at for their end.
+    """Read the header of a photo; JPEG and PNG files are also checked for their end marker.
 
-    Pillow's limit of pixels should be lifted, see :func:`~sextant.data.photos.reading.without_pillow_limit`.
+    Pillow's pixel limit should be lifted, see :func:`~sextant.data.photos.reading.without_pillow_limit`.
 
     Raises:
-        UnreadableImageError: there is no such file, it is empty, no picture of a format known here, or ends too early.
+        UnreadableImageError: the file does not exist, is empty, is not a picture in a known format, or is truncated.
     """
     if not path.is_file():
         raise UnreadableImageError("is a link to nothing" if path.is_symlink() else "is no file")
@@ -102,7 +102,7 @@ def _taken(exif: Image.Exif) -> float | None:
 
 
 def _is_whole(path: Path, kind: str, size: int) -> bool:
-    """Whether a file has the end that its format asks for; some programs write more after it."""
+    """Whether a file has the end marker of its format; some programs write more after it."""
     if kind not in ("JPEG", "MPO", "PNG"):
         return True
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
@@ -114,7 +114,7 @@ def _is_whole(path: Path, kind: str, size: int) -> bool:
 
 
 def _first_scan(content: mmap.mmap, size: int) -> int:
-    """Where the compressed picture begins; what lies before may hold the end of a preview."""
+    """Offset of the compressed picture; the bytes before it may hold the end marker of a preview."""
     at = 2
     while at + 4 <= size and content[at : at + 2] != SCAN:
         at += 2 + int.from_bytes(content[at + 2 : at + 4], "big")

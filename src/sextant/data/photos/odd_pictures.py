@@ -1,4 +1,4 @@
-"""What is given as a photo and is none that a camera took through a lens: each is found by its own mark."""
+"""Detect pictures given as photos that no camera took through a lens, each kind by its own mark."""
 
 import cv2
 import numpy as np
@@ -7,18 +7,19 @@ from numpy import ndarray
 
 from sextant.errors import UserError
 
-#: longer side that pictures are looked at
+#: longer side at which pictures are examined
 SIDE = 512
 #: a strip: longer side over shorter
 STRIP = 3.5
-#: difference to a neighbour, of 255, from which a pixel shows something; the share of such pixels in a blank picture
+#: difference to a neighbour, of 255, above which a pixel shows something; largest share of such pixels in a blank
+#: picture
 SHOWS, BLANK = 6, 0.004
-#: share of pixels that equal those to the right and below, from which a picture was drawn and not taken
+#: share of pixels equal to those to the right and below, above which a picture was drawn, not taken
 DRAWN = 0.65
 DARK = 16  # of 255
-#: standard deviation along the first or last row of a panorama, all of which is the zenith or nadir
+#: standard deviation along the first or last row of a panorama, which is all zenith or nadir
 POLE = 12
-#: standard deviation along an edge without texture; how far a circle's radius varies, of itself
+#: standard deviation along an edge without texture; largest variation of a circle's radius, relative to it
 PLAIN, ROUND = 8, 0.08
 
 
@@ -33,16 +34,16 @@ def check_no_panorama(image: UInt8[ndarray, "h w 3"], name: str) -> None:
 
 
 def is_panorama(image: UInt8[ndarray, "h w 3"]) -> bool:
-    """Whether a picture is a full panorama: 2:1, closed around, and one colour at a pole.
+    """Whether a picture is a full panorama: 2:1, continuous across its edges, and one colour at a pole.
 
-    Two edges without texture are alike whatever lies between them: before a plain backdrop, or in a frame.
+    Edges without texture do not count: before a plain backdrop, or in a frame, they are alike whatever lies between.
     """
     edge = cv2.blur(image[:, :1].astype(np.float32), (1, 9))
     return closed_around(image) and float(np.std(edge, axis=0).mean()) > PLAIN
 
 
 def closed_around(image: UInt8[ndarray, "h w 3"]) -> bool:
-    """Whether a picture is 2:1, its left edge goes on from its right, and it is one colour at a pole."""
+    """Whether a picture is 2:1, its left edge continues its right, and it is one colour at a pole."""
     rows, columns = image.shape[:2]
     if abs(columns / rows - 2) > 0.01:
         return False
@@ -55,7 +56,7 @@ def closed_around(image: UInt8[ndarray, "h w 3"]) -> bool:
 
 
 def odd_picture(image: UInt8[ndarray, "h w 3"]) -> str | None:
-    """Why a picture is none that a lens of the model took; None where nothing speaks against it."""
+    """Why no lens of the model can have taken a picture; None if nothing speaks against it."""
     rows, columns = image.shape[:2]
     longer, shorter = max(rows, columns), min(rows, columns)
     if longer / shorter > STRIP:
@@ -73,7 +74,7 @@ def odd_picture(image: UInt8[ndarray, "h w 3"]) -> str | None:
 
 
 def _in_a_circle(grey: ndarray) -> bool:
-    """Whether all four corners are dark, and the dark ends at one distance from the middle all around."""
+    """Whether all four corners are dark, and the dark ends at the same distance from the middle all around."""
     rows, columns = grey.shape
     dark = cv2.blur((grey < DARK).astype(np.float32), (5, 5)) > 0.5
     angles = np.linspace(0, 2 * np.pi, 96, endpoint=False)[:, None]

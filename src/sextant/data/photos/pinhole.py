@@ -1,10 +1,10 @@
-r"""A photo as a camera without distortion, held without roll at a chosen tilt, would have taken it from the same place.
+r"""Re-projection of a photo to a camera without distortion or roll, at a chosen tilt, from the same place.
 
 The ray of a pixel of that picture is, with x right, y down and z forward in the chosen camera's frame,
 :math:`d = ((c - W/2)/F, (r - H/2)/F, 1)`; the photo's camera sees it in the direction
 :math:`R_z(\psi)^\top R_x(\theta)^\top R_x(\theta_0)\, d`, with tilt θ and roll ψ of the photo and tilt :math:`\theta_0`
-of the picture, at a pixel that the distortion tells without any inversion. So pictures by two cameras, however they
-were held, become pictures by one: what is left between them is where they were taken, and when.
+of the picture, at a pixel that the distortion gives without any inversion. Pictures by two cameras, however they were
+held, thus become pictures by one: they then differ only in where and when they were taken.
 """
 
 import math
@@ -21,12 +21,12 @@ from sextant.geometry import max_radius, rotation_from_tilt_roll
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A camera without distortion and roll.
+    """A camera without distortion or roll.
 
     Args:
         width, height: of its pictures, pixels.
         focal: focal length, pixels.
-        tilt: of the camera, radians, positive looks up.
+        tilt: of the camera, radians, positive upward.
 
     Raises:
         UserError: a value is out of range.
@@ -65,17 +65,17 @@ def through_pinhole(
     tilt: float = 0.0,
     roll: float = 0.0,
 ) -> tuple[UInt8[ndarray, "vh vw 3"], float]:
-    """A photo as another camera would have taken it, and the share of that picture which the photo does not show.
+    """The picture that another camera would have taken, and the share of it that the photo does not show.
 
-    What it does not show takes the colour of the photo's nearest edge. A photo that is finer than the picture is
-    averaged over areas first, so that it is not aliased.
+    What the photo does not show takes the colour of its nearest edge. A photo of higher resolution than the picture is
+    first averaged over areas to avoid aliasing.
 
     Args:
         image: the photo.
-        view: the camera that is wanted.
+        view: the other camera.
         focal: of the photo, in its pixels.
         k1, k2: its distortion.
-        tilt, roll: how its camera was held, radians.
+        tilt, roll: of its camera, radians.
     """
     import cv2
 
@@ -96,7 +96,7 @@ def through_pinhole(
 def _seen_at(
     view: Pinhole, k1: float, k2: float, tilt: float, roll: float
 ) -> tuple[Float64[ndarray, "h w 2"], Float64[ndarray, "h w"]]:
-    """Where in a photo, in its focal lengths from its centre, the rays of a view are seen, and whether they are."""
+    """Where the rays of a view are seen in a photo, in focal lengths from its centre, and whether they are seen."""
     x = (np.arange(view.width) + 0.5 - view.width / 2) / view.focal
     y = (np.arange(view.height) + 0.5 - view.height / 2) / view.focal
     rays = np.stack([*np.meshgrid(x, y), np.ones((view.height, view.width))], axis=-1)

@@ -11,11 +11,12 @@ ALPHA_BACKGROUND = 128
 def rgb_bytes(image: Image.Image, factor: int) -> Image.Image:
     """A loaded picture of any mode as RGB, averaged over squares of ``factor`` pixels.
 
-    More than 8 bits become 8 by the fewest that hold the largest value; what is transparent becomes mid grey.
+    More than 8 bits become 8, scaled from the fewest bits that hold the largest value; transparent pixels become mid
+    grey.
     """
     if image.mode.startswith("I") or image.mode == "F":
         image = Image.fromarray(_eight_bits(np.asarray(image)))
-    if image.mode in ("P", "1", "PA"):  # numbers that cannot be averaged
+    if image.mode in ("P", "1", "PA"):  # their numbers cannot be averaged
         image = image.convert("RGBA" if _has_alpha(image) else "RGB")
     elif "transparency" in image.info and image.mode in ("RGB", "L"):
         image = image.convert("RGBA")
@@ -34,7 +35,7 @@ def _has_alpha(image: Image.Image) -> bool:
 
 
 def _eight_bits(values: ndarray) -> UInt8[ndarray, "h w"]:
-    """Values of more than 8 bits in 8, by the fewest bits that hold the largest; floats of at most 1 are shares."""
+    """Reduce values to 8 bits from the fewest bits that hold the largest; floats of at most 1 are taken as shares."""
     if values.dtype.kind == "f":
         finite = np.nan_to_num(values, nan=0, posinf=0, neginf=0).clip(min=0)
         top = finite.max()

@@ -19,25 +19,25 @@ from sextant.data.photos.pixels import rgb_bytes
 from sextant.data.upright import TURN, exif_orientation
 from sextant.errors import UserError
 
-#: what is decoded; no format whose decoder runs another program (EPS) is among them
+#: formats that are decoded; none whose decoder runs another program, as that of EPS does
 FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "JPEG2000", "AVIF")
 SMALLEST_SIDE = 32
 LARGEST_DECODED = 64_000_000  # pixels that are kept
 LARGEST_SIDE = 32_000  # of what is kept: cv2.remap counts in 16 bits
 LARGEST_FILE = 512_000_000  # pixels of a JPEG, which can be decoded at 1/2, 1/4 or 1/8
 END_OF_CODESTREAM = b"\xff\xd9"  # of JPEG 2000, whose data never hold it
-LARGEST_WHOLE = 256_000_000  # pixels of formats that are decoded whole: 1 GiB at Pillow's four bytes
-_pillow = threading.Lock()  # its limit of pixels is a global variable
+LARGEST_WHOLE = 256_000_000  # pixels of formats that are decoded whole: 1 GiB at Pillow's four bytes per pixel
+_pillow = threading.Lock()  # its pixel limit is a global variable
 
 
 def read_photo(path: Path) -> Photo:
-    """Decode a photo: upright, RGB, 8 bits; of a file with several pictures the first.
+    """Decode a photo as upright 8-bit RGB; of a file with several pictures, the first.
 
-    Grey becomes three equal channels; 10, 12, 14 and 16 bits become 8, by the fewest that hold the largest value; CMYK
-    and palettes become RGB; what is transparent becomes mid grey (128). Colour profiles are not applied.
+    Grey becomes three equal channels. 10, 12, 14 and 16 bits become 8, scaled from the fewest that hold the largest
+    value. CMYK and palettes become RGB; transparent pixels become mid grey (128). Colour profiles are not applied.
 
     Raises:
-        UserError: the file is missing, empty, truncated, not a picture of a format known here, smaller than 32 pixels a
+        UserError: the file is missing, empty, truncated, not a picture in a known format, smaller than 32 pixels per
             side, or larger than 512 megapixels (JPEG) or 256 (formats that can only be decoded whole).
     """
     if path.is_dir():
@@ -58,14 +58,14 @@ def read_photo(path: Path) -> Photo:
 
 
 def photo_of_array(image: ndarray, name: str) -> Photo:
-    """A photo that was decoded elsewhere.
+    """Wrap a photo that was decoded elsewhere.
 
     Args:
         image: upright RGB bytes, ``(h, w, 3)``.
-        name: of it, for messages.
+        name: of the photo, for messages.
 
     Raises:
-        UserError: it is no such array, or smaller than 32 pixels a side.
+        UserError: it is not such an array, or smaller than 32 pixels per side.
     """
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         shape = "x".join(map(str, image.shape))
@@ -76,14 +76,14 @@ def photo_of_array(image: ndarray, name: str) -> Photo:
 
 
 def known_formats() -> list[str]:
-    """Those of :data:`FORMATS` that Pillow reads here."""
+    """Those of :data:`FORMATS` that the installed Pillow reads."""
     Image.init()
     return [name for name in FORMATS if name in Image.OPEN]
 
 
 @contextmanager
 def without_pillow_limit() -> Iterator[None]:
-    """Pillow's own limit warns, or raises, long before ours; and its warnings about odd metadata help nobody here."""
+    """Lift Pillow's pixel limit, which warns or raises long before ours, and its warnings about odd metadata."""
     with _pillow, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
@@ -107,7 +107,7 @@ def _decode(image: Image.Image, path: Path) -> Photo:
         image.draft("RGB", (width // factor, height // factor))  # a JPEG at 1/2, 1/4 or 1/8; others ignore it
     image.load()
     if image.format == "JPEG2000" and END_OF_CODESTREAM not in path.read_bytes():
-        raise ValueError("it is truncated: its codestream has no end")  # OpenJPEG gives grey for what is missing
+        raise ValueError("it is truncated: its codestream has no end")  # OpenJPEG fills what is missing with grey
     turn = exif_orientation(image)  # Pillow has turned a TIFF by now, and its size was the upright one from the start
     rgb = rgb_bytes(image, max(1, math.ceil(factor * image.width / width - 0.01)))
     if turn in TURN:

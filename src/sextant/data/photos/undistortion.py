@@ -1,6 +1,6 @@
-r"""A photo as a lens without distortion would have taken it.
+r"""Undistortion: the photo that a lens without distortion would have taken.
 
-Straightening needs no inversion: a pixel at the normalised point p of the straight picture is seen at
+Undistortion needs no inversion: a pixel at the normalised point p of the undistorted picture is seen at
 :math:`f (1 + k_1 |p|^2 + k_2 |p|^4) p` from the centre of the photo.
 """
 
@@ -14,22 +14,22 @@ from numpy import ndarray
 
 from sextant.geometry import max_radius, undistort_radius
 
-STRIP = 256  # rows that are straightened at a time
+STRIP = 256  # rows undistorted at a time
 Keep = Literal["crop", "all"]
 
 
 def undistort_photo(
     image: UInt8[ndarray, "h w 3"], focal: float, k1: float, k2: float, keep: Keep = "crop"
 ) -> tuple[UInt8[ndarray, "h w 3"], float]:
-    """The picture that a lens without distortion would have taken, of the same size, and its focal length in pixels.
+    """Undistort a photo, at the same size; also returns the focal length of the result in pixels.
 
     Args:
         image: the photo.
         focal: its focal length in pixels of ``image``.
         k1: first coefficient of its distortion.
         k2: second coefficient.
-        keep: ``crop`` leaves out what would leave a border without picture; ``all`` keeps every pixel, with black
-            borders (as far as the lens model reaches: no ray is seen beyond its fold).
+        keep: ``crop`` crops so that no empty border is left; ``all`` keeps every pixel, with black borders (as far as
+            the lens model reaches: no ray is seen beyond its fold).
     """
     import cv2
 
@@ -54,11 +54,11 @@ def undistort_photo(
 
 
 def straight_focal(width: int, height: int, focal: float, k1: float, k2: float, keep: Keep) -> float:
-    """Focal length (pixels) of the straight picture of the same size that has no borders, or that has everything.
+    """Focal length (pixels) of the undistorted picture of the same size that has no borders, or keeps everything.
 
-    In the direction of a point of the photo's edge at R pixels from the centre the lens sees up to the radius
-    ``r = undistort(R / f)``, and a straight picture of the same size with focal length g up to ``R / g``. So g is the
-    largest (``crop``) or smallest (``all``) of ``R / r`` along the edge.
+    Towards a point of the photo's edge at R pixels from the centre, the lens sees up to the radius
+    ``r = undistort(R / f)``, and an undistorted picture of the same size with focal length g sees up to ``R / g``. So g
+    is the largest (``crop``) or smallest (``all``) of ``R / r`` along the edge.
     """
     radius = torch.linspace(min(width, height) / 2, math.hypot(width, height) / 2, 4096, dtype=torch.float64)
     coefficients = (torch.tensor(value, dtype=torch.float64) for value in (k1, k2))

@@ -19,10 +19,10 @@ class NetworkView:
     """The part of a photo that the network sees.
 
     Attributes:
-        image: RGB bytes of the network's size; squashed unless that has the aspect of the part.
+        image: RGB bytes of the network's size; squashed unless that size has the aspect of the part.
         aspect: of the part, width over height.
         left, top, width, height: the part in pixels of the upright original; its centre is that of the photo.
-        share: of the photo's area.
+        share: of the photo's area that the part covers.
     """
 
     image: UInt8[ndarray, "h w 3"]
@@ -39,13 +39,13 @@ def network_view(
 ) -> NetworkView:
     """The largest centred part of a photo with one of the ``aspects`` that a network was trained on.
 
-    Of the aspects, the one whose part covers most of the photo. A portrait photo is so cut to the full width. The part
-    is averaged over areas to ``width`` x ``height``, or interpolated where it has fewer pixels. Because it has the
-    photo's centre, a camera found for it is that of the photo: tilt, roll and k1 are the same, and the focal length in
-    pixels of the original is the one in image heights times the part's height.
+    The aspect whose part covers most of the photo is chosen, so a portrait photo keeps its full width. The part is
+    averaged over areas to ``width`` x ``height``, or interpolated if it has fewer pixels. Because it has the photo's
+    centre, a camera found for it is that of the photo: tilt, roll and k1 are the same, and the focal length in pixels
+    of the original is that in image heights times the part's height.
 
-    With ``canvas`` the part may have any aspect between the ends of ``aspects``, and lies in the middle of a black
-    square of ``width`` pixels a side.
+    With ``canvas``, the part may have any aspect between the smallest and largest of ``aspects``, and lies in the
+    middle of a black square with sides of ``width`` pixels.
     """
     shape = photo.width / photo.height
     if canvas:
@@ -71,7 +71,7 @@ def network_view(
 def _area_mean(
     image: UInt8[ndarray, "h w 3"], box: tuple[float, float, float, float], width: int, height: int
 ) -> UInt8[ndarray, "height width 3"]:
-    """Means over the areas of a grid on ``box``, borders of areas inside a pixel included (Pillow's round them)."""
+    """Means over the cells of a grid on ``box``, whose borders may lie inside pixels (Pillow rounds them)."""
     rows = np.stack(
         [
             np.tensordot(weights, image[first : first + len(weights)].astype(np.float32), 1)
@@ -87,7 +87,7 @@ def _area_mean(
 
 
 def _overlaps(start: float, end: float, count: int, size: int) -> Iterator[tuple[int, Float[ndarray, "n"]]]:
-    """For each of ``count`` equal parts of a line its first pixel, and the share of it that each from there on has."""
+    """For each of ``count`` equal parts of a line: its first pixel, and the shares of the pixels from there on."""
     edges = np.clip(np.linspace(start, end, count + 1), 0, size)
     for low, high in pairwise(edges):
         first, last = int(low), min(math.ceil(high), size)

@@ -1,6 +1,6 @@
-"""Images of places under changing conditions: where they come from, who is at whose place, and batches for training.
+"""Images of places under changing conditions: their sources, which show the same place, and batches for training.
 
-What needs torch (batches, augmentation) is imported from its own module: sources do not.
+What needs torch (batches, augmentation) is imported from its own module; sources do not need it.
 """
 
 from sextant.data.places.image_rows import ImageRows

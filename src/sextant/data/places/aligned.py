@@ -1,4 +1,4 @@
-"""Rides whose frames correspond: by equal names, or by their order."""
+"""Traverses whose frames correspond, by equal names or by their order."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class AlignedRides:
 
     Attributes:
         files: path by frame number, for each traverse.
-        count: of frames, those included that a traverse lacks.
+        count: number of frames, including those that a traverse lacks.
         missing: frames that a traverse lacks, as ``traverse/name``.
     """
 
@@ -26,7 +26,7 @@ class AlignedRides:
 
 
 def traverse_files(traverses: Mapping[str, Path], key: str) -> dict[str, list[Path]]:
-    """The images of each traverse's folder in natural order of their names.
+    """The images of each traverse's folder in the natural order of their names.
 
     Args:
         traverses: folder by name.
@@ -34,7 +34,7 @@ def traverse_files(traverses: Mapping[str, Path], key: str) -> dict[str, list[Pa
 
     Raises:
         MissingDataError: a folder does not exist, or has no images.
-        UserError: two traverses have one folder, or one lies in the other.
+        UserError: two traverses have the same folder, or one folder lies in the other.
     """
     resolved = {name: folder.resolve() for name, folder in traverses.items()}
     within = f"{key}." if key else ""
@@ -62,16 +62,16 @@ def traverse_files(traverses: Mapping[str, Path], key: str) -> dict[str, list[Pa
 def align_by_name(
     files: Mapping[str, Sequence[Path]], traverses: Mapping[str, Path], key: str, *, skip_missing: bool
 ) -> AlignedRides:
-    """Frames of one name (without its suffix) are one place; numbers follow the natural order of all names.
+    """Align frames by name (without suffix): equal names are one place, numbered in the natural order of all names.
 
     Args:
         files: by traverse.
         traverses: folder of each; names are relative to it.
         key: of the config, for messages.
-        skip_missing: let a traverse lack frames that another has; else that is an error.
+        skip_missing: let a traverse lack frames that another has; otherwise that is an error.
 
     Raises:
-        UserError: a traverse lacks frames (they are named), or has two of one name.
+        UserError: a traverse lacks frames (the message names them), or has two of the same name.
     """
     named: dict[str, dict[str, Path]] = {}
     for name, paths in files.items():
@@ -99,7 +99,7 @@ def align_by_name(
 
 
 def align_by_order(files: Mapping[str, Sequence[Path]], key: str) -> AlignedRides:
-    """The i-th files of all traverses are one place.
+    """Align frames by order: the i-th files of all traverses are one place.
 
     Raises:
         UserError: the traverses differ in length.

@@ -1,14 +1,14 @@
-r"""Training images in another light and a little aside: what does not change which place is seen.
+r"""Training images with changed light and small shifts, which do not change the place that is seen.
 
 An image with values x in [0, 1] and the mean μ becomes
 
 .. math:: c\,(x(u + s) - \mu) + b\,\mu ,
 
-moved by a shift s of whole pixels, evenly from the disc of radius ``shift`` times the image's height (its border is
-repeated), with contrast :math:`\log c` and brightness :math:`\log b` evenly in :math:`\pm` ``contrast`` and
-:math:`\pm` ``brightness``. A street in the mirror is another place: ``mirror`` shows the places of every other epoch as
-their mirror images, which doubles them. ``augmix`` then mixes the image with chains of simple operations, none of which
-is a corruption that models are tested under; see :class:`.AugMix`.
+with a shift s of whole pixels, uniform in the disc of radius ``shift`` times the image's height (the border is
+repeated), and with log contrast :math:`\log c` and log brightness :math:`\log b` uniform in :math:`\pm` ``contrast``
+and :math:`\pm` ``brightness``. A mirrored street is another place: ``mirror`` mirrors all places in every other epoch,
+which doubles their number. ``augmix`` then mixes the image with chains of simple operations, none of which is a
+corruption that models are tested under; see :class:`.AugMix`.
 
 What an image gets is a function of (seed, number of the image) alone, whatever the batch it is in.
 """
@@ -31,10 +31,10 @@ class PlaceAugmentation:
 
     Attributes:
         brightness: largest logarithm of the factor on the mean.
-        contrast: largest logarithm of the factor on what differs from the mean.
+        contrast: largest logarithm of the factor on differences from the mean.
         shift: largest shift as a share of the height.
         mirror: mirror every image of epochs 1, 3, 5, ...; done where the epoch is known, by ``PlaceBatchImages``.
-        augmix: severity of AugMix, 1 to 10; None goes without.
+        augmix: severity of AugMix, 1 to 10; None for no AugMix.
     """
 
     brightness: float = 0.3
@@ -50,7 +50,7 @@ class PlaceAugmentation:
     def __call__(
         self, images: UInt8[Tensor, "b c h w"], numbers: Int64[ndarray, "b"], seed: int
     ) -> UInt8[Tensor, "b c h w"]:
-        """Images changed as the module says.
+        """Augment images as the module describes.
 
         Args:
             images: bytes.
@@ -74,7 +74,7 @@ class PlaceAugmentation:
 def shifted(
     images: UInt8[Tensor, "b c h w"], down: Int64[Tensor, "b"], right: Int64[Tensor, "b"]
 ) -> UInt8[Tensor, "b c h w"]:
-    """Each image moved by whole pixels down and to the right, its border repeated."""
+    """Shift each image by whole pixels down and to the right, repeating its border."""
     height, width = images.shape[-2:]
     rows = (torch.arange(height) - down[:, None]).clamp(0, height - 1)
     columns = (torch.arange(width) - right[:, None]).clamp(0, width - 1)

@@ -1,4 +1,4 @@
-"""Images of places by the batch, and batches of places for training, each a function of (seed, epoch)."""
+"""Batches of images of places, and batches of places for training, each a function of (seed, epoch)."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from sextant.data.places.tolerance import PlaceTolerance
 from sextant.data.share import WHOLE, Share
 from sextant.errors import ArgumentError
 
-#: how many times the places of a batch are looked ahead to find some that are far apart
+#: how many times the places of a batch are searched ahead for places that are far apart
 LOOKAHEAD = 16
 
 
@@ -27,13 +27,13 @@ class PlaceBatch:
     """A batch of images with the place of each.
 
     Attributes:
-        images: bytes, ``(b, c, h, w)``, channels last in memory; where processes share a batch, of this one's share.
+        images: bytes, ``(b, c, h, w)``, channels last in memory; if processes share a batch, only this one's share.
         position_m: x and y in metres, float64 (UTM coordinates need it), or None.
         heading_deg: in degrees, float64, or None.
-        frame: number along the traverse.
+        frame: frame number along the traverse.
         condition: number of the traverse.
         rows: indices of the images in their split.
-        indices: numbers of the images, which seed corruptions: the row, and in training another in every epoch.
+        indices: numbers of the images, which seed corruptions: the row, and in training a new number in every epoch.
     """
 
     images: UInt8[Tensor, "b c h w"]
@@ -64,9 +64,9 @@ class PlaceBatchImages(Dataset[PlaceBatch]):
 
     Args:
         places: the images.
-        augmentation: changes them; None leaves them as they are.
+        augmentation: changes the images; None leaves them as they are.
         seed: of the augmentation.
-        share: of the images that this process reads; where they were taken is given of all.
+        share: of the images that this process reads; poses are given for all images.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class PlaceBatchImages(Dataset[PlaceBatch]):
         images = torch.from_numpy(self.places.images[chosen % len(self.places)]).permute(0, 3, 1, 2)
         if self.augmentation is not None:
             images = self.augmentation(images, chosen, self.seed)
-            if self.augmentation.mirror:  # a whole epoch, so that a batch holds no place beside its mirror image
+            if self.augmentation.mirror:  # whole epochs, so that no batch holds a place beside its mirror image
                 mirrored = torch.from_numpy(chosen // len(self.places) % 2 == 1)
                 images[mirrored] = images[mirrored].flip(-1)
         return images
@@ -111,30 +111,31 @@ class PlaceBatchImages(Dataset[PlaceBatch]):
 class PlaceBatches(Sampler[Tensor]):
     """Batches of P places under C conditions each.
 
-    *Places* are images of the first traverse, and those of further traverses that are at no place of the ones before:
-    about 1,600 for a ride of 1,600 frames, however many seasons it has. A place without any positive is left out. An
-    epoch takes the places in an order of its own and makes ``places // P`` batches of P of them, at least one; the
-    remainder, fewer than P, is left out of that epoch.
+    *Places* are images of the first traverse, and those of further traverses that are at none of the previous places:
+    about 1,600 for a traverse of 1,600 frames, however many seasons there are. A place without any positive is left
+    out. An epoch shuffles the places and makes ``places // P`` batches of P of them, at least one; the remainder, fewer
+    than P, is left out of that epoch.
 
-    The places of a batch are at least the negative tolerance apart, so that images of two places are negatives. Where
-    no such place is left near the head of the order, one that is nearer is taken: the ring is ignored by the relations.
+    The places of a batch are at least the negative tolerance apart, so that images of two places are negatives. If no
+    such place is left near the head of the order, a nearer one is taken; pairs in the ring between the tolerances are
+    ignored.
 
-    The images of a place are positives of one another: up to C images of different traverses, where ``jitter`` chooses
-    among all within the tolerance, and else the nearest to the place is taken. A place seen under fewer traverses is
-    filled up with further images; one with fewer images than C gives as many as it has.
+    The images of a place are positives of one another: up to C images of different traverses. With ``jitter`` they are
+    chosen among all within the tolerance; otherwise the nearest to the place is taken. A place seen under fewer
+    traverses is filled up with further images; one with fewer than C images gives as many as it has.
 
-    A batch is a function of (seed, epoch, its number). It gives the number ``row + epoch * n`` for each image.
+    A batch is a function of (seed, epoch, its number). It yields the number ``row + epoch * n`` for each image.
 
     Args:
         places: images with their places.
-        tolerance: of one place.
+        tolerance: within which images show the same place.
         batch_places: P, places in a batch.
         batch_conditions: C, images of each place, at least 2.
-        seed: of order and choice.
+        seed: of the order and the choice of images.
         jitter: choose among all images within the tolerance, not the nearest.
 
     Raises:
-        UserError: no image has a positive, or the tolerance does not fit how places are known.
+        UserError: no image has a positive, or the tolerance does not fit the way places are known.
         ValueError: P is below 1 or C below 2.
     """
 
@@ -199,7 +200,7 @@ class PlaceBatches(Sampler[Tensor]):
             yield self.anchors[taken]
 
     def _cover(self) -> Int64[ndarray, "a"]:
-        """Images that every image with a positive is a positive of, or is itself; traverse by traverse."""
+        """Anchors, traverse by traverse: every image with a positive is an anchor or a positive of one."""
         lonely = np.diff(self._positives.indptr) == 0
         covered, anchors = lonely.copy(), []
         for traverse in range(len(self._places.conditions)):
@@ -210,7 +211,7 @@ class PlaceBatches(Sampler[Tensor]):
         return np.concatenate(anchors)
 
     def _images_of(self, anchor: int, rng: np.random.Generator) -> Int64[ndarray, "k"]:
-        """Images of one place, no two alike, each a positive of all others."""
+        """Distinct images of one place, each a positive of all others."""
         candidates = np.union1d(pairs_of(self._positives, anchor), [anchor]).astype(np.int64)
         traverses = self._places.traverse[candidates]
         chosen: list[int] = []
@@ -223,7 +224,7 @@ class PlaceBatches(Sampler[Tensor]):
         return np.array(chosen)
 
     def _choose(self, chosen: list[int], candidates: ndarray, anchor: int, rng: np.random.Generator) -> bool:
-        """Add one of the candidates that are positives of all that were chosen, if there is one."""
+        """Add one of the candidates that are positives of all chosen images, if there is one."""
         for image in chosen:
             candidates = np.intersect1d(candidates, pairs_of(self._positives, image), assume_unique=True)
         if not len(candidates):

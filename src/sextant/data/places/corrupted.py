@@ -1,4 +1,4 @@
-"""Queries in bad pictures: the drives of a test once more, corrupted."""
+"""Corrupted queries: the test drives once more, with image corruptions."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,18 +20,18 @@ BATCH = 256
 
 
 class CorruptedQueries:
-    """A source whose test shows every drive but the map's twice: as it is, and corrupted, as ``<condition>_corrupted``.
+    """A source whose test has each drive but the map's twice: as it is, and corrupted, as ``<condition>_corrupted``.
 
-    Image k of a corrupted drive, in the order of its frames, is under condition k modulo n of the suite's n (a
-    corruption at a severity). So its recall estimates the mean over the suite, at the cost of one more drive, if the
-    drive is much longer than n; and which queries are flat or stopped is as for the clean drive. Training, validation
-    and the map stay clean.
+    Image k of a corrupted drive, in frame order, gets condition k modulo n of the suite's n conditions (a corruption at
+    a severity). If the drive is much longer than n, its recall estimates the mean over the suite at the cost of one
+    more drive. Which queries are flat or still is taken from the clean drive. Training, validation and the map stay
+    clean.
 
-    The images of the test split are held in memory, and corrupted once.
+    The images of the test split are held in memory and corrupted once.
 
     Args:
         source: of the clean images.
-        suite: the corruptions, of which every run sees the same.
+        suite: the corruptions, the same for every run.
     """
 
     def __init__(self, source: PlaceSource, suite: CorruptionSuite):
@@ -40,10 +40,10 @@ class CorruptedQueries:
         self.name, self.place_unit = source.name, source.place_unit
 
     def conditions(self, split: Split) -> tuple[str, ...]:
-        """Those of the source, and in the test the corrupted ones.
+        """The conditions of the source, and in the test the corrupted ones.
 
         Raises:
-            UserError: what the source raises.
+            UserError: whatever the source raises.
         """
         clean = self.source.conditions(split)
         if split != "test":
@@ -54,22 +54,22 @@ class CorruptedQueries:
         return (*clean, *copies)
 
     def files(self, split: Split) -> list[Path]:
-        """Those of the source.
+        """The files of the source.
 
         Raises:
-            UserError: what the source raises.
+            UserError: whatever the source raises.
         """
         return self.source.files(split)
 
     def fingerprint(self) -> str:
-        """That of the source: the suite is part of the run's config."""
+        """The fingerprint of the source: the suite is part of the run's config."""
         return self.source.fingerprint()
 
     def read(self, split: Split) -> PlaceImages:
-        """The images of a split, corrupted ones of the test behind the clean.
+        """The images of a split; in the test, corrupted images follow the clean ones.
 
         Raises:
-            UserError: what the source raises.
+            UserError: whatever the source raises.
         """
         if split != "test":
             return self.source.read(split)
@@ -96,7 +96,7 @@ class CorruptedQueries:
         )  # fmt: skip
 
     def _corrupted(self, images: UInt8[ndarray, "n h w c"], numbers: Int64[ndarray, "n"]) -> UInt8[ndarray, "n h w c"]:
-        """A drive, each image under the next condition; ``numbers`` are of its images in the split, and seed them."""
+        """A drive with each image under the next condition; ``numbers``, of its images in the split, are the seeds."""
         found, under = images.copy(), self.suite.conditions()[1:]
         for first, condition in enumerate(under):
             for some in np.split(mine := np.arange(first, len(images), len(under)), range(BATCH, len(mine), BATCH)):

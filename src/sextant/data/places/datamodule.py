@@ -22,15 +22,15 @@ class PlaceData(pl.LightningDataModule):
 
     Args:
         source: of the images.
-        tolerance: of one place in training.
-        test_tolerance: of one place in validation and test; None for that of training.
+        tolerance: within which images show the same place in training.
+        test_tolerance: the same for validation and test; None for that of training.
         batch_places: places in a training batch.
-        batch_conditions: images of each of them.
+        batch_conditions: images of each place.
         eval_batch_size: images in a validation or test batch.
         seed: of the training batches and their augmentation.
         workers: processes that read training batches; 0 reads them in the training process.
         augmentation: changes training images; None leaves them as they are.
-        jitter: show places from anywhere within the tolerance, not from the nearest frame.
+        jitter: show places from anywhere within the tolerance, instead of the nearest frame.
     """
 
     def __init__(
@@ -60,17 +60,17 @@ class PlaceData(pl.LightningDataModule):
         """Read the splits that ``stage`` needs: training and validation for ``fit``, test for ``test``.
 
         Raises:
-            UserError: a split cannot be read or searched; says which key or file is to blame.
+            UserError: a split cannot be read or searched; the message names the key or file at fault.
         """
         for split in STAGES.get(stage, ()):
             self.read(split)
 
     def read(self, split: Split) -> None:
-        """Read a split unless that was done.
+        """Read a split unless it has been read.
 
         Raises:
             MissingDataError: there is no such split.
-            UserError: it cannot be read or searched; says which key or file is to blame.
+            UserError: it cannot be read or searched; the message names the key or file at fault.
         """
         if split not in self._splits:
             images = self.source.read(split)
@@ -79,10 +79,10 @@ class PlaceData(pl.LightningDataModule):
             self._splits[split] = images
 
     def check(self) -> None:
-        """Read all splits, so that what is wrong with any of them is reported before anything is trained.
+        """Read all splits, so that problems with any of them are reported before training starts.
 
         Raises:
-            UserError: as :meth:`setup`, or the training split has no places or fewer than a batch shall have.
+            UserError: as :meth:`setup`, or the training split has no places, or fewer than a batch needs.
         """
         self.read("train")
         check_training(self._training_batches())
@@ -104,11 +104,11 @@ class PlaceData(pl.LightningDataModule):
         return dict(self._splits)
 
     def split(self, name: str) -> PlaceImages:
-        """The images of ``train``, ``val`` or ``test``, once they were read by :meth:`setup`."""
+        """The images of ``train``, ``val`` or ``test``, once :meth:`setup` has read them."""
         return self._splits[name]
 
     def train_dataloader(self) -> DataLoader[PlaceBatch]:
-        """Places anew in every epoch, a function of (seed, epoch)."""
+        """New batches of places in every epoch, a function of (seed, epoch)."""
         places, batches, trainer = self._splits["train"], self._training_batches(), self.trainer
         if trainer is not None:
             # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
@@ -125,7 +125,7 @@ class PlaceData(pl.LightningDataModule):
         return self.in_order("test")
 
     def in_order(self, name: str) -> DataLoader[PlaceBatch]:
-        """All images of a split in order, unchanged; of training for what is fitted to it or mined from it."""
+        """All images of a split in order, unchanged; those of training serve fitting and mining."""
         places = self._splits[name]
         return self._loader(PlaceBatchImages(places), EpochBatches(len(places), self.eval_batch_size), 0)
 

@@ -1,4 +1,4 @@
-"""Decoded images, kept in the cache so that each file is decoded once; never more than a few hundred in memory."""
+"""Decoded images, cached so that each file is decoded once; never more than a few hundred are in memory."""
 
 import hashlib
 import json
@@ -43,11 +43,11 @@ class ImageSize:
 
 @dataclass(frozen=True)
 class DecodedImages:
-    """Images that could be decoded.
+    """The images that could be decoded.
 
     Attributes:
         images: one for each of ``kept``.
-        kept: indices into the paths that were given.
+        kept: indices into the given paths.
         bad: paths that could not be decoded, each with the reason.
     """
 
@@ -59,17 +59,17 @@ class DecodedImages:
 def read_images(
     paths: Sequence[Path], size: ImageSize, cache: Path | None, *, what: str, skip_bad: bool
 ) -> DecodedImages:
-    """Decode images, or map them from the cache if these files were decoded before.
+    """Decode images, or memory-map them from the cache if these files were decoded before.
 
     Args:
         paths: of the files.
         size: of the images.
         cache: folder of decoded images; None keeps them in memory.
-        what: the files, in messages: ``test frames of dataset=nordland``.
-        skip_bad: leave out files that cannot be decoded; else they are an error.
+        what: names the files in messages: ``test frames of dataset=nordland``.
+        skip_bad: leave out files that cannot be decoded; otherwise they are an error.
 
     Raises:
-        UserError: files cannot be decoded; they are named. The cache cannot be written to.
+        UserError: files cannot be decoded (the message names them), or the cache cannot be written to.
     """
     if cache is None:
         images = np.empty((len(paths), size.height, size.width, size.channels), np.uint8)
@@ -91,7 +91,7 @@ def read_images(
 
 
 def _kept(paths: Sequence[Path], size: ImageSize, cache: Path, what: str) -> tuple[ndarray, dict[int, str]]:
-    """Decoded images from the cache, put there first if need be."""
+    """Decoded images from the cache, written there first if necessary."""
     files = [file_sha256(path) for path in paths]
     digest = hashlib.sha256(json.dumps([DECODER, size.height, size.width, size.channels, files]).encode()).hexdigest()
     folder = cache / f"decoded_places-{digest[:16]}"
@@ -125,7 +125,7 @@ def _writing(paths: Sequence[Path], size: ImageSize, what: str, bad: dict[int, s
 def _decoded_chunks(
     paths: Sequence[Path], size: ImageSize, what: str, bad: dict[int, str]
 ) -> Iterator[tuple[int, UInt8[ndarray, "k h w c"]]]:
-    """Images chunk by chunk, each with the index of its first; those that cannot be decoded are black, and noted."""
+    """Images by chunk, with the index of the first; those that cannot be decoded are black and noted in ``bad``."""
     notify = notify_every(5.0, f"decoding {what}")
 
     def decode(i: int) -> ndarray:

@@ -1,11 +1,12 @@
-r"""Images that no method can be expected to place: without content, or of a standing train. Flagged, never dropped.
+r"""Images that no method can be expected to place: without content, or from a stopped train. Flagged, never dropped.
 
 An image is *flat* if the standard deviation of its intensities (the mean of its channels, 0 to 255) is below
 :data:`FLAT_SD`. The threshold lies in the gap of the training frames 0 to 1,599 of Nordland at 64 x 32 pixels: summer
 has 60 frames below 8 (dark tunnels), none from 8 to 14 and 1,540 above; winter has 35 below 10.
 
-An image is *still* if it differs from the one before it in its traverse by a mean absolute difference below
-:data:`STILL_DIFFERENCE`: of the 1,599 steps of these frames about 250 are below 2 and 1,310 above 8; between lie few.
+An image is *still* if its mean absolute difference from the previous image of its traverse is below
+:data:`STILL_DIFFERENCE`. Of the 1,599 steps between these frames, about 250 are below 2 and 1,310 above 8; few lie
+between.
 """
 
 import numpy as np
@@ -27,7 +28,7 @@ def flat_frames(images: ImageRows) -> Bool[ndarray, "n"]:
 
 
 def still_frames(images: ImageRows, traverse: Int64[ndarray, "n"], frame: Int64[ndarray, "n"]) -> Bool[ndarray, "n"]:
-    """Whether each image is *still*: False where the frame before it in its traverse is not there."""
+    """Whether each image is *still*; False if the previous frame of its traverse is missing."""
     order = np.lexsort([frame, traverse])
     before, after = order[:-1], order[1:]
     follows = (traverse[before] == traverse[after]) & (frame[before] + 1 == frame[after])

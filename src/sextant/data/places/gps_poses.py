@@ -1,10 +1,10 @@
-r"""Where images were taken, by GPS in their EXIF blocks: metres in a local frame, x to the east and y to the north.
+r"""Where images were taken, from GPS in their EXIF blocks: metres in a local frame, x to the east and y to the north.
 
-Of the geocentric positions (`sextant.data.geodesy`), those relative to the first image are taken along its axes
-east, north and up; only east and north are kept. Heights are those of the EXIF block, 0 where it has none.
+Geocentric positions (`sextant.data.geodesy`) relative to the first image are resolved along its axes east, north and
+up; only east and north are kept. Heights are those of the EXIF block, 0 if it has none.
 
-A heading is the direction that the block says the camera looks in, taken as true even if it is that of a compass. Where
-images lack it, headings are those of the way from image to image, which suppose that the camera looks ahead.
+A heading is the viewing direction in the block, taken as relative to true north even if it is a compass direction. If
+images lack it, headings are those of the course from image to image, which assumes that the camera looks ahead.
 """
 
 import math
@@ -24,7 +24,7 @@ from sextant.errors import ArgumentError
 if TYPE_CHECKING:
     from sextant.data.photos.gps import GpsPosition
 
-#: metres between images whose way from one to the other is a heading: GPS is about that exact
+#: metres between images from which a heading is derived: about the accuracy of GPS
 STEP_M = 3.0
 
 
@@ -36,7 +36,7 @@ def gps_poses(paths: Sequence[Path], key: str) -> list[Pose]:
         key: of the argument that names them, for messages.
 
     Raises:
-        ArgumentError: images have no position; they are named.
+        ArgumentError: images have no position; the message names them.
     """
     return local_poses(_positions(paths, key))
 
@@ -76,13 +76,13 @@ def local_poses(positions: "Sequence[GpsPosition]") -> list[Pose]:
 
 
 def drive_by_gps(paths: Sequence[Path], first: Path, key: str, notes: list[str]) -> Float64[ndarray, "n 3"]:
-    """x, y and heading in radians of the images of a drive, in the frame of an image.
+    """x, y and heading in radians of the images of a drive, in the frame of a given image.
 
     Args:
         paths: of the images, in the order of the drive.
-        first: the image whose place is the origin.
+        first: the image whose position is the origin.
         key: as for :func:`gps_poses`.
-        notes: to which is added that headings are those of the way.
+        notes: receives a note if headings are those of the course.
 
     Raises:
         ArgumentError: images have no position, or no direction and the drive does not move.
@@ -102,9 +102,9 @@ def drive_by_gps(paths: Sequence[Path], first: Path, key: str, notes: list[str])
 
 
 def course_deg(positions: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n"] | None:
-    """Headings of the way along positions, degrees counter-clockwise from x; None where they never move.
+    """Course along positions, in degrees counter-clockwise from x; None if they never move.
 
-    At every third metre it is the way from the position before to the one after; between, it is interpolated.
+    At positions every 3 m, it is the direction from the previous to the next of these; in between, it is interpolated.
     """
     kept = [0]
     for i, place in enumerate(positions):

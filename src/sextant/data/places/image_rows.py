@@ -1,4 +1,4 @@
-"""Some images of an array, read only when they are asked for."""
+"""Some images of an array, read only on demand."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from numpy import ndarray
 
 
 class ImageRows:
-    """Some images of an array that may be a map of a file: only those that are asked for are read.
+    """Some images of an array that may be memory-mapped: only those requested are read.
 
     Args:
         images: ``(n, h, w, c)`` bytes.
@@ -16,7 +16,7 @@ class ImageRows:
     """
 
     def __init__(self, images: UInt8[ndarray, "n h w c"], rows: Int64[ndarray, "m"] | None = None):
-        self._images = np.asarray(images)  # a plain view of a map is quick to index
+        self._images = np.asarray(images)  # a plain view of a memory map is quick to index
         self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
 
     def __len__(self) -> int:
@@ -24,7 +24,7 @@ class ImageRows:
 
     @property
     def rows(self) -> Int64[ndarray, "m"]:
-        """Which images of the array these are."""
+        """Indices of these images in the array."""
         return self._rows
 
     @property

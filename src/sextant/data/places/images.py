@@ -22,22 +22,23 @@ if TYPE_CHECKING:
 class PlaceImages:
     """Images of one split with the place of each.
 
-    A *traverse* is one drive under one condition. Places are known by position, by frame number along rides that are
-    aligned, or by both.
+    A *traverse* is one drive under one condition. Places are known by position, by frame number along aligned
+    traverses, or by both.
 
     Attributes:
-        images: bytes ``(n, h, w, c)``, read when they are indexed.
+        images: bytes ``(n, h, w, c)``, read when indexed.
         traverse: traverse of each image.
         conditions: a name for each traverse.
         frame: number of each image along its traverse.
-        names: a name for each image: its file, where it has one.
+        names: a name for each image: its file, if it has one.
         position_m: x and y in metres, or None.
-        heading_deg: direction of view in degrees, from and to any side so long as it is the same for all; nan where it
-            is not known, or None.
+        heading_deg: viewing direction in degrees, from any origin and in either sense as long as both are the same for
+            all; nan where unknown, or None.
         aligned: equal frames of two traverses show one place.
-        skipped: files that were left out because they cannot be used, each with the reason.
-        copies: conditions whose images are those of another, changed: for their own recall, not for that of pairs.
-        content: whether each image is flat and whether it is still, where its own pixels are not to be asked, or None.
+        skipped: files left out because they cannot be used, each with the reason.
+        copies: conditions whose images are altered copies of another's: they count for their own recall, not for that
+            of pairs.
+        content: whether each image is flat and whether it is still, if not to be judged by its own pixels; or None.
     """
 
     images: ImageRows
@@ -77,7 +78,7 @@ class PlaceImages:
         return rows[np.argsort(self.frame[rows], kind="stable")]
 
     def select(self, rows: Int64[ndarray, "k"]) -> "PlaceImages":
-        """Some of the images, with the names of all conditions kept."""
+        """A subset of the images; the names of all conditions are kept."""
 
         def part(column: ndarray | None) -> ndarray | None:
             return None if column is None else column[rows]
@@ -107,18 +108,18 @@ class PlaceImages:
     def positives(
         self, queries: Int64[ndarray, "q"], references: Int64[ndarray, "r"], tolerance: PlaceTolerance
     ) -> "csr_array":
-        """Who is at whose place: a sparse boolean matrix ``(q, r)`` by the positive tolerance.
+        """Which images show the same place: a sparse boolean matrix ``(q, r)`` by the positive tolerance.
 
-        An image is no positive of itself. A query without any has an empty row: count these by
+        An image is not a positive of itself. A query without positives has an empty row: count these by
         ``np.diff(matrix.indptr) == 0``. The columns of a row are sorted; memory grows with the number of positives.
 
         Args:
             queries: indices of images.
             references: indices of images.
-            tolerance: of one place.
+            tolerance: within which images show the same place.
 
         Raises:
-            UserError: places are not known in the tolerance's unit, or headings are not known.
+            UserError: places are not known in the tolerance's unit, or headings are unknown.
         """
         from sextant.data.places.nearby import heading_difference_deg, keep_pairs
 
@@ -139,9 +140,9 @@ class PlaceImages:
     def not_negatives(
         self, queries: Int64[ndarray, "q"], references: Int64[ndarray, "r"], tolerance: PlaceTolerance
     ) -> "csr_array":
-        """Pairs nearer than the negative tolerance, whatever their headings: positives, the ring, and the image itself.
+        """Pairs within the negative tolerance, whatever their headings: positives, the ring, and the image itself.
 
-        All other pairs are negatives; of these, those that are no :meth:`positives` are ignored.
+        All other pairs are negatives; of the pairs here, those that are not :meth:`positives` are ignored.
         """
         return self._within(queries, references, tolerance, tolerance.negative, strict=True)
 
@@ -176,7 +177,7 @@ class PlaceImages:
 
     @cached_property
     def still(self) -> Bool[ndarray, "n"]:
-        """Images like the one before, such as at a stop; see :func:`~sextant.data.places.flat_frames.still_frames`."""
+        """Images like the one before, as at a stop; see :func:`~sextant.data.places.flat_frames.still_frames`."""
         return still_frames(self.images, self.traverse, self.frame) if self.content is None else self.content[1]
 
 

@@ -1,8 +1,8 @@
-r"""Which of many places are near which others, in memory that grows with the number of such pairs.
+r"""Pairs of nearby places, in memory that grows with the number of such pairs.
 
 Distances are :math:`d_{ij} = \lVert p_i - q_j \rVert`, compared in float64 exactly as written; the k-d tree only
-proposes. Source of the tree: J. L. Bentley, "Multidimensional binary search trees used for associative searching",
-CACM 18(9), 1975.
+proposes candidates. Source of the tree: J. L. Bentley, "Multidimensional binary search trees used for associative
+searching", CACM 18(9), 1975.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy import ndarray
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-#: queries that are looked up at a time, and pairs that may be proposed for them, of 24 bytes each
+#: queries looked up at a time, and pairs that may be proposed for them, of 24 bytes each
 CHUNK, PROPOSED = 512, 2_000_000
 
 
@@ -24,7 +24,7 @@ def within_distance(
         queries: positions.
         references: positions.
         distance: in the unit of the positions.
-        strict: less than ``distance``, not at most.
+        strict: less than ``distance`` instead of at most.
 
     Raises:
         ValueError: a position is not finite.
@@ -48,7 +48,7 @@ def within_distance(
 
 
 def _proposed(tree: cKDTree, part: Float64[ndarray, "k 2"], reach: float) -> tuple[ndarray, ndarray]:
-    """Pairs that may be near, row by row in order: those of the tree, or all where these would be many."""
+    """Pairs that may be near, in row order: those proposed by the tree, or all pairs if these would be many."""
     if 20 * tree.query_ball_point(part, reach, return_length=True).sum() > len(part) * tree.n:
         row, column = np.indices((len(part), tree.n)).reshape(2, -1)
         return row, column
@@ -73,7 +73,7 @@ def within_frames(
 
 
 def keep_pairs(matrix: csr_array, keep: ndarray) -> csr_array:
-    """Those pairs of a matrix, in the order they are stored, for which ``keep`` is true."""
+    """The pairs of a matrix for which ``keep``, in storage order, is true."""
     rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     return _matrix(matrix.indices[keep], np.bincount(rows[keep], minlength=matrix.shape[0]), matrix.shape[1])
 
@@ -84,7 +84,7 @@ def pairs_of(matrix: csr_array, row: int) -> Int64[ndarray, "k"]:
 
 
 def heading_difference_deg(a: Float64[ndarray, "n"], b: Float64[ndarray, "n"]) -> Float64[ndarray, "n"]:
-    """Angle between headings in degrees, 0 to 180, whatever turns they were counted with."""
+    """Angle between headings in degrees, 0 to 180, modulo full turns."""
     return np.asarray(np.abs((a - b + 180) % 360 - 180))
 
 

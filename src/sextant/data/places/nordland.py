@@ -1,4 +1,4 @@
-"""Nordland: one railway line filmed in several seasons, frame-aligned; or any other rides in a folder a season.
+"""Nordland: one railway line filmed in several seasons, frame-aligned; or any other traverses with a folder per season.
 
 Source: N. Sünderhauf, P. Neubert, P. Protzel, "Are we there yet? Challenging SeqSLAM on a 3000 km journey across all
 four seasons", ICRA Workshop on Long-Term Autonomy, 2013. Filmed by NRK.
@@ -29,17 +29,17 @@ class Nordland:
     are flagged by :attr:`PlaceImages.flat <sextant.data.places.PlaceImages.flat>` and ``still``.
 
     Args:
-        conditions: the seasons' folders; the first is the map by custom.
+        conditions: the seasons' folders; by convention the first is the map.
         frames: by split, the first frame and the one after the last (None: to the end).
         height: rows of the images.
         width: columns of the images.
         channels: 3 for colour, 1 for grey.
-        folder: that holds the seasons, absolute or below one of the ``roots``.
-        skip_bad: leave out frames that cannot be decoded, and let a season lack frames; else these are errors.
-        roots: folders to look in; decoded images are kept in the last.
+        folder: the folder that holds the seasons, absolute or below one of the ``roots``.
+        skip_bad: leave out frames that cannot be decoded, and let a season lack frames; otherwise these are errors.
+        roots: folders to search; decoded images are kept in the last.
 
     Raises:
-        UserError: an argument has no meaning.
+        UserError: an argument is invalid.
     """
 
     name = "nordland"
@@ -70,7 +70,7 @@ class Nordland:
 
     @cached_property
     def folder(self) -> Path:
-        """The first of the places looked in that is a folder."""
+        """The first of the searched paths that is a folder."""
         return first_folder(
             self.looked,
             f"dataset={self.name}",
@@ -84,7 +84,7 @@ class Nordland:
         """The files of all seasons by frame number.
 
         Raises:
-            UserError: a season is not there, has no images, or lacks frames (these are named).
+            UserError: a season is missing, has no images, or lacks frames (the message names them).
         """
         traverses = {name: self.folder / name for name in self.seasons}
         there = sorted(path.name for path in self.folder.iterdir() if path.is_dir())
@@ -130,10 +130,10 @@ class Nordland:
         return hashlib.sha256(json.dumps([entries, self.seasons, size]).encode()).hexdigest()
 
     def read(self, split: Split) -> PlaceImages:
-        """The frames of a split, decoded at the first time and mapped from the cache from then on.
+        """The frames of a split, decoded the first time and memory-mapped from the cache afterwards.
 
         Raises:
-            UserError: frames are missing or cannot be decoded; they are named.
+            UserError: frames are missing or cannot be decoded; the message names them.
         """
         entries = self._entries(split)
         decoded = read_images(

@@ -1,4 +1,4 @@
-"""The user's own places: a folder of images a traverse, placed by poses or by their order."""
+"""The user's own places: a folder of images per traverse, placed by poses or by their order."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ from sextant.errors import ArgumentError
 
 Places = Literal["csv", "utm", "gps", "order", "name"]
 PLACES: tuple[Places, ...] = get_args(Places)
-#: traverses of a test that names none, map first
+#: traverses of a test that does not name any, map first
 REFERENCE_AND_QUERY = {"reference": "reference", "query": "query"}
 
 
@@ -49,22 +49,24 @@ class PlaceFolders:
     Tables and names are described in :mod:`~sextant.data.places.pose_files`.
 
     Args:
-        folder: around the traverses, absolute, or relative to the working directory or one of the ``roots``.
-        train: folder of each traverse below ``folder``, by the name of its condition; None if there is no such split.
+        folder: the folder that contains the traverses, absolute, or relative to the working directory or one of the
+            ``roots``.
+        train: folder of each traverse below ``folder``, keyed by the name of its condition; None if there is no such
+            split.
         val: likewise.
         test: likewise, the map first; None for the folders ``reference`` and ``query``.
         places: how places are known, see above.
-        csv: name of the tables.
+        csv: file name of the tables.
         height: rows that images are stretched to.
         width: columns that images are stretched to.
         channels: 3 for colour, 1 for grey.
         skip_bad: leave out files that cannot be decoded, and for ``places=name`` those without a partner.
-        allow_duplicates: let a split have files of equal content, or files of another split.
+        allow_duplicates: allow files of equal content within a split, or shared with another split.
         name: of the dataset, in results; None for ``place_folders``.
-        roots: folders to look in as well; decoded images are kept in the last.
+        roots: further folders to search; decoded images are kept in the last.
 
     Raises:
-        UserError: an argument has no meaning.
+        UserError: an argument is invalid.
     """
 
     def __init__(
@@ -97,12 +99,12 @@ class PlaceFolders:
 
     @property
     def place_unit(self) -> Literal["m", "frames"]:
-        """Metres where there are poses, frames where there is an order."""
+        """Metres if there are poses, frames if there is an order."""
         return "m" if self.places in ("csv", "utm", "gps") else "frames"
 
     @property
     def folder(self) -> Path:
-        """The first of the places looked in that is a folder."""
+        """The first of the searched paths that is a folder."""
         return first_folder(
             self.looked,
             "folder",
@@ -138,10 +140,10 @@ class PlaceFolders:
         return hashlib.sha256(json.dumps([self.places, entries, conditions, size]).encode()).hexdigest()
 
     def read(self, split: Split) -> PlaceImages:
-        """The images of a split, decoded at the first time and mapped from the cache from then on.
+        """The images of a split, decoded the first time and memory-mapped from the cache afterwards.
 
         Raises:
-            UserError: files or poses are missing, double or cannot be read; they are named.
+            UserError: files or poses are missing, duplicated or cannot be read; the message names them.
         """
         entries, missing = self._entries(split)
         if not self.allow_duplicates:
@@ -177,7 +179,7 @@ class PlaceFolders:
 
         Raises:
             MissingDataError: the split has none.
-            UserError: another split has one of them.
+            UserError: another split has one of these folders.
         """
         chosen = self.splits[split]
         if not chosen:
@@ -197,7 +199,7 @@ class PlaceFolders:
         return traverses
 
     def _aligned(self, split: Split) -> tuple[list[_Entry], tuple[str, ...]]:
-        """Images with their frames, not yet placed; and the frames that are missing."""
+        """Images with their frames, not yet placed, and the missing frames."""
         traverses, key = self._traverses(split), split
         files = traverse_files(traverses, key)
         if self.places == "name":
@@ -210,7 +212,7 @@ class PlaceFolders:
         return entries, rides.missing
 
     def _entries(self, split: Split) -> tuple[list[_Entry], tuple[str, ...]]:
-        """Images with their places, and the frames that are missing."""
+        """Images with their places, and the missing frames."""
         entries, missing = self._aligned(split)
         if self.place_unit == "frames":
             return entries, missing
@@ -230,9 +232,9 @@ class PlaceFolders:
         return placed, missing
 
     def _refuse_duplicates(self, split: Split, paths: Sequence[Path]) -> None:
-        """Raise a ``UserError`` that names files of equal content, within the split or in it and an earlier one.
+        """Raise a ``UserError`` that names files of equal content, within the split or shared with an earlier one.
 
-        A query that is in the map too takes no skill to find, nor one that was learnt from.
+        Finding a query that is also in the map takes no skill, nor does finding one that was trained on.
         """
         earlier = [other for other in SPLITS[: SPLITS.index(split)] if self.splits[other]]
         first = {file_sha256(entry.path): entry.path for other in earlier for entry in self._aligned(other)[0]}
@@ -255,7 +257,7 @@ class PlaceFolders:
         return (path.relative_to(around) if path.is_relative_to(around) else path).as_posix()
 
     def _table(self, folder: Path, key: str) -> Path:
-        """The table of a traverse: in its folder, or else in the folder around all."""
+        """The table of a traverse: in its folder, or else in the folder around all traverses."""
         for path in (folder / self.csv, self.folder / self.csv):
             if path.is_file():
                 return path
@@ -267,12 +269,12 @@ class PlaceFolders:
 
 
 def _overlap(first: Path, second: Path) -> bool:
-    """Whether two folders are one, or one lies in the other."""
+    """Whether two folders are the same, or one lies in the other."""
     return first == second or first in second.parents or second in first.parents
 
 
 def _columns(poses: Sequence[Pose]) -> tuple[Float64[ndarray, "n 2"] | None, Float64[ndarray, "n"] | None]:
-    """Positions, and headings with nan for those that are not known; None where no image has one."""
+    """Positions, and headings with nan where unknown; each is None if no image has one."""
     if not poses:
         return None, None
     heading = np.array([np.nan if pose.heading_deg is None else pose.heading_deg for pose in poses])

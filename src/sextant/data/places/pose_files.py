@@ -1,17 +1,17 @@
-"""Where images were taken, by a table or by their names.
+"""Where images were taken, from a table or from their names.
 
-*Tables* are CSV files with a header: ``file``, ``x``, ``y`` in metres, and ``heading`` in degrees, a column that may be
-left out. Other columns are ignored. ``file`` is the path below the folder that the table lies in.
+*Tables* are CSV files with a header: ``file``, ``x``, ``y`` in metres, and optionally ``heading`` in degrees. Other
+columns are ignored. ``file`` is the path relative to the table's folder.
 
-*Names* are those of the VPR community, fields set apart by ``@``::
+*Names* follow the VPR community's convention, with fields separated by ``@``::
 
     @ UTM_east @ UTM_north @ UTM_zone_number @ UTM_zone_letter @ latitude @ longitude @ pano_id @ tile_num @ heading
     @ pitch @ roll @ height @ timestamp @ note @ extension
 
-of which only the first two are required and others may be empty. Source: README of gmberton/VPR-datasets-downloader;
-G. Berton et al., "Deep visual geo-localization benchmark", CVPR 2022. UTM coordinates of another zone are moved
-:data:`ZONE_M` metres east for each zone, and those of the southern hemisphere (zone letters below N) by their false
-northing, so that images far apart are far apart; distances across a zone's border are not true.
+Only the first two are required; the others may be empty. Source: README of gmberton/VPR-datasets-downloader; G. Berton
+et al., "Deep visual geo-localization benchmark", CVPR 2022. UTM coordinates are shifted :data:`ZONE_M` metres east per
+zone number, and those of the southern hemisphere (zone letters below N) by their false northing, so that images far
+apart stay far apart; distances across a zone's border are not true.
 """
 
 import csv
@@ -41,11 +41,11 @@ class Pose(NamedTuple):
 
 
 def read_pose_table(path: Path) -> dict[str, Pose]:
-    """Poses by file name.
+    """Read poses by file name.
 
     Raises:
-        UserError: the table cannot be read, lacks a column, names a file twice, or has a value that is no finite
-            number; names the file, the rows and the values.
+        UserError: the table cannot be read, lacks a column, lists a file twice, or has a value that is not a finite
+            number; the message names the file, the rows and the values.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -106,7 +106,7 @@ def _rows(path: Path, text: str) -> tuple[list[list[str]], list[int]]:
 
 
 def parse_utm_name(name: str) -> Pose | None:
-    """The pose that a file's name contains, or None if it does not follow the convention."""
+    """The pose in a file's name, or None if the name does not follow the convention."""
     fields = Path(name).stem.split("@")
     if len(fields) <= NORTH or fields[0]:
         return None
@@ -122,10 +122,10 @@ def parse_utm_name(name: str) -> Pose | None:
 
 
 def utm_poses(paths: Sequence[Path], key: str) -> list[Pose]:
-    """The poses that the names of files contain.
+    """The poses in the names of files.
 
     Raises:
-        UserError: names do not follow the convention; they are named.
+        UserError: names do not follow the convention; the message lists them.
     """
     poses = [parse_utm_name(path.name) for path in paths]
     wrong = [path.name for path, pose in zip(paths, poses, strict=True) if pose is None]
@@ -140,16 +140,16 @@ def utm_poses(paths: Sequence[Path], key: str) -> list[Pose]:
 
 
 def table_poses(paths: Sequence[Path], folder: Path, table: Path, key: str) -> list[Pose]:
-    """The poses of files by a table that lies in a folder around them.
+    """The poses of files from a table in a folder around them.
 
     Args:
-        paths: of the images, below the folder with its links followed.
-        folder: of the traverse: rows of files below it that are not there are an error.
+        paths: of the images, below the folder with links resolved.
+        folder: of the traverse; rows for missing files below it are an error.
         table: the CSV file.
         key: of the config, for messages.
 
     Raises:
-        UserError: an image has no row, or a row no image; they are named.
+        UserError: an image has no row, or a row no image; the message names them.
     """
     poses, root = read_pose_table(table), folder.resolve()
     inside = Path(os.path.relpath(folder, table.parent))  # as it was named: folders and files may be links

@@ -1,4 +1,4 @@
-"""From images of places to what :func:`sextant.retrieval.relations` asks: where each was taken, in which unit."""
+"""Convert images of places to what :func:`sextant.retrieval.relations` needs: where each was taken, in which unit."""
 
 import torch
 

@@ -1,4 +1,4 @@
-"""Which places of a drive are scenes: far enough apart, seen under every condition, none of them twice."""
+"""Which places of a drive are scenes: far enough apart, seen under every condition, and no place twice."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from numpy import ndarray
 from sextant.data.places.images import PlaceImages
 from sextant.data.places.tolerance import PlaceTolerance
 
-#: a spacing is too small from this share of scenes on that lie too close to the one before
+#: a spacing is too small if more than this share of scenes lie too close to the one before
 CROWDED = 0.1
 
 
@@ -20,7 +20,7 @@ class LaidScenes:
     Attributes:
         centres: the image of each scene under each condition, references first.
         examples: training images of each scene.
-        left_out: places that are no scenes, each with the reason.
+        left_out: places that are not scenes, each with the reason.
     """
 
     centres: Int64[ndarray, "s c"]
@@ -40,8 +40,8 @@ class SceneDrive:
         images: of a split.
         references: conditions of training images.
         queries: conditions of test images.
-        neighbours: frames to either side that are training images too.
-        tolerance: of one place.
+        neighbours: number of frames to either side that are training images too.
+        tolerance: within which images show the same place.
 
     Attributes:
         along: the images of the drive.
@@ -62,7 +62,7 @@ class SceneDrive:
         self.centres = np.stack([self._counterparts(images.rows_of(name)) for name in self.names], 1)
 
     def lay_out(self, spacing: int) -> LaidScenes | None:
-        """Scenes so many frames apart; None if too many are too close to the one before."""
+        """Lay out scenes ``spacing`` frames apart; None if too many are too close to the one before."""
         chosen = np.arange(self.neighbours, len(self.along) - self.neighbours, spacing)
         left_out, complete = [], []
         for index in chosen.tolist():
@@ -89,7 +89,7 @@ class SceneDrive:
         return self.images.names[int(self.along[index])]
 
     def _counterparts(self, rows: Int64[ndarray, "k"]) -> Int64[ndarray, "n"]:
-        """For each place of the drive its image among ``rows``, a traverse; -1 where there is none."""
+        """For each place of the drive, its image among ``rows`` of a traverse; -1 if there is none."""
         images, along = self.images, self.along
         if not len(rows) or images.traverse[rows[0]] == images.traverse[along[0]]:
             return along if len(rows) else np.full(len(along), -1)

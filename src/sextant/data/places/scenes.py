@@ -1,4 +1,4 @@
-"""Places as classes: which scene is it, known by one image or by many, seen under another condition."""
+"""Places as classes: recognise a scene, known from one image or many, under another condition."""
 
 import hashlib
 import json
@@ -19,33 +19,33 @@ from sextant.data.places.tolerance import PlaceTolerance
 from sextant.data.source import ImageSource, ImageSpec, LabelledImages, Split, channels_first
 from sextant.errors import UserError
 
-#: of one place where none is given, by the unit that places are known in
+#: default tolerance by the unit in which places are known
 TOLERANCE = {"m": PlaceTolerance("m", 5.0, 25.0), "frames": PlaceTolerance("frames", 1.0, 10.0)}
 
 
 class Scenes(ImageSource):
-    """Scenes of a source of places as labelled images: references to learn from, queries to test on.
+    """Scenes of a source of places as labelled images: references for training, queries for the test.
 
-    A scene is every ``spacing``-th place along the drive under the first reference condition, from the first that has
-    all its neighbours on. Its training images are those of the place under each reference condition and of
-    ``neighbours`` frames to either side; its test images are those of the place under each query condition, one each.
+    Every ``spacing``-th place along the drive under the first reference condition is a scene, starting at the first
+    with all its neighbours. Its training images are those of the place and of ``neighbours`` frames to either side,
+    under each reference condition. Its test images are those of the place, one under each query condition.
 
     No image of one scene lies within the positive tolerance of the place of another. So ``spacing`` must be large
-    enough: with frames above ``tolerance.positive + neighbours``; with metres so that at most a tenth of the scenes lie
-    too close to the one before. These, where the car turned back or stood, and places that the drive comes to again
-    later are no new scenes: they are left out, as is a place without an image under a condition.
+    enough. With frames it must exceed ``tolerance.positive + neighbours``; with metres at most a tenth of the scenes
+    may lie too close to the one before. These, where the car turned back or stopped, and places revisited later are not
+    new scenes: they are left out, as is a place without an image under a condition.
 
     Args:
         source: of places.
         references: conditions of the training images.
         queries: conditions of the test images, none of them a reference.
         spacing: frames between two scenes.
-        neighbours: frames to either side that are training images too; 0 is one image a scene and condition.
-        split: of the source, that scenes are taken from.
-        tolerance: of one place; None is 5 m, or 1 frame, and looks at no heading.
+        neighbours: frames to either side that are training images too; 0 gives one image per scene and condition.
+        split: the source's split that scenes are taken from.
+        tolerance: within which images show the same place; None is 5 m, or 1 frame, and ignores headings.
 
     Raises:
-        UserError: an argument has no meaning, or a condition is both reference and query.
+        UserError: an argument is invalid, or a condition is both reference and query.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Scenes(ImageSource):
             )
 
     def of(self, split: PlaceSplit) -> "Scenes":
-        """Scenes of another split of the source, made in the same way: those of ``val`` to choose constants by."""
+        """Scenes of another split of the source, made in the same way; those of ``val`` serve to choose constants."""
         return Scenes(
             self.source,
             references=self.references,
@@ -93,18 +93,18 @@ class Scenes(ImageSource):
         """The files of the source's split, whichever of them are scenes; nothing is rendered or decoded.
 
         Raises:
-            UserError: they are not there, or there is no such condition.
+            UserError: files are missing, or there is no such condition.
         """
         self._check_conditions()
         return self.source.files(self.split)
 
     def fingerprint(self) -> str:
-        """Hash that changes when the source does, or what is made of it."""
+        """Hash that changes when the source does, or the way scenes are made from it."""
         made = [self.references, self.queries, self.spacing, self.neighbours, self.split, asdict(self.tolerance)]
         return hashlib.sha256(json.dumps([self.source.fingerprint(), made]).encode()).hexdigest()
 
     def spec(self) -> ImageSpec:
-        """Image shape; classes are called after the frames of their places.
+        """Image shape; classes are named after the frames of their places.
 
         Raises:
             UserError: as :meth:`read`.
@@ -117,14 +117,14 @@ class Scenes(ImageSource):
         """Training or test images of all scenes, scene by scene; labels count scenes along the drive.
 
         Raises:
-            UserError: there is no such condition, scenes are too close together (names the least spacing that works),
-                there are fewer than two, or the source cannot be read.
+            UserError: there is no such condition, scenes are too close together (the message gives the smallest spacing
+                that works), there are fewer than two, or the source cannot be read.
         """
         rows, labels = self._rows(split)
         return LabelledImages(channels_first(self._images.images[rows]), labels)
 
     def conditions(self, split: Split) -> tuple[tuple[str, ...], Int64[ndarray, "n"]]:
-        """The conditions of a split, and which of them each image is of.
+        """The conditions of a split, and the index of each image's condition.
 
         Raises:
             UserError: as :meth:`read`.
@@ -135,7 +135,7 @@ class Scenes(ImageSource):
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Places that are no scenes, each with the reason.
+        """Places that are not scenes, each with the reason.
 
         Raises:
             UserError: as :meth:`read`.

@@ -1,4 +1,4 @@
-"""What a dataset of places is to the rest of Sextant."""
+"""The interface of place datasets."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
@@ -14,11 +14,11 @@ from sextant.data.places.split import Split
 
 @runtime_checkable
 class PlaceSource(Protocol):
-    """A dataset of places in three splits that share none.
+    """A dataset of places in three splits that share no place.
 
     Attributes:
-        name: of the dataset in messages.
-        place_unit: ``m`` if places are known by position, ``frames`` if by order alone.
+        name: name of the dataset in messages.
+        place_unit: ``m`` if places are known by position, ``frames`` if only by order.
     """
 
     name: str
@@ -35,7 +35,7 @@ class PlaceSource(Protocol):
         """The files that ``split`` is read from; nothing is rendered or decoded.
 
         Raises:
-            UserError: they are not there.
+            UserError: the files are missing.
         """
 
     def fingerprint(self) -> str:
@@ -45,7 +45,7 @@ class PlaceSource(Protocol):
         """The images of a split with their places.
 
         Raises:
-            UserError: a file cannot be read; it is named.
+            UserError: a file cannot be read; the message names it.
         """
 
 
@@ -53,9 +53,9 @@ def as_place_source(dataset: Any) -> PlaceSource:
     """A dataset as a source of places.
 
     Raises:
-        UserError: it has none.
+        UserError: it has no places.
     """
-    if hasattr(dataset, "plan"):  # a rendered world: its modules are loaded then anyway
+    if hasattr(dataset, "plan"):  # a rendered world: its modules are loaded anyway
         from sextant.data.places.town_seasons import TownSeasonsSource
         from sextant.data.worlds.towns import TownSeasons
 

@@ -1,4 +1,4 @@
-"""Whether a split can be learnt from or searched, reported in the terms of the config before anything is trained."""
+"""Check that a split can be trained on or searched, and report problems in terms of the config before training."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ from sextant.data.places.problem_list import problem_list
 from sextant.data.places.tolerance import PlaceTolerance
 from sextant.errors import ArgumentError
 
-#: the part that the arguments are of
+#: the class that the arguments belong to
 PARENT = "PlaceDataModule"
 
 
 def check_headings(images: PlaceImages, split: str, tolerance: PlaceTolerance, key: str) -> None:
-    """Raise a ``UserError`` that names images without a heading if the tolerance looks at headings.
+    """Raise a ``UserError`` that names images without a heading if the tolerance takes headings into account.
 
     Args:
         images: of the split.
@@ -36,12 +36,12 @@ def check_headings(images: PlaceImages, split: str, tolerance: PlaceTolerance, k
 def check_search(images: PlaceImages, split: str, tolerance: PlaceTolerance) -> None:
     """Raise a ``UserError`` unless images of one condition can be looked up in those of another.
 
-    Queries without a positive are no mistake so long as one has: metrics count them.
+    Queries without a positive are not an error as long as one has a positive: metrics count them.
 
     Args:
         images: of the split.
         split: its name.
-        tolerance: of one place in validation and test.
+        tolerance: within which images show the same place in validation and test.
     """
     key = "test_tolerance"
     check_headings(images, split, tolerance, key)
@@ -65,7 +65,7 @@ def check_search(images: PlaceImages, split: str, tolerance: PlaceTolerance) -> 
 
 
 def check_training(batches: PlaceBatches) -> None:
-    """Raise a ``UserError`` if there are fewer places to learn from than a batch shall have."""
+    """Raise a ``UserError`` if there are fewer training places than a batch needs."""
     there = len(batches.anchors)
     if batches.batch_places > there:
         raise ArgumentError(

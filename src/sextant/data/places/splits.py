@@ -1,4 +1,4 @@
-"""What training and test may share: splits by place and by condition, as objects that refuse what overlaps."""
+"""What training and test may share: splits by place and by condition, as objects that refuse overlaps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from sextant.errors import ArgumentError
 
 @dataclass(frozen=True)
 class FrameRanges:
-    """Splits of aligned rides by frame number, none of which has a frame of another.
+    """Disjoint splits of aligned traverses by frame number.
 
-    Frames are counted from 0 in the order of their names. Neighbouring ranges touch: the last frame of one and the
-    first of the next are as alike as any two in a row, unless some frames are left out between them.
+    Frames are counted from 0 in the order of their names. Adjacent ranges touch: the last frame of one and the first of
+    the next are as alike as any consecutive two, unless some frames are left out between them.
 
     Args:
         train: first frame, and the one after the last; None for the end.
@@ -50,7 +50,7 @@ class FrameRanges:
 
     @classmethod
     def of(cls, ranges: Mapping[str, Sequence[int | None]]) -> "FrameRanges":
-        """From a config: ``{train: [0, 1600], val: [1600, 1650], test: [1650, 2400]}``.
+        """Ranges from a config: ``{train: [0, 1600], val: [1600, 1650], test: [1650, 2400]}``.
 
         Raises:
             UserError: a split is missing or not of two numbers.
@@ -63,7 +63,7 @@ class FrameRanges:
         return cls(**{split: (int(entry[0] or 0), entry[1]) for split, entry in ranges.items()})
 
     def of_split(self, split: Split, count: int) -> range:
-        """The frames of a split, of ``count`` in all.
+        """The frames of a split, out of ``count`` in all.
 
         Raises:
             UserError: the range goes beyond the last frame.
@@ -79,12 +79,12 @@ class FrameRanges:
 
 @dataclass(frozen=True)
 class ConditionSplit:
-    """Conditions seen in training and validation, and those of the test.
+    """Conditions of training and validation, and those of the test.
 
     Args:
         train: names; None for all.
         test: names; None for all.
-        shared: the conditions of both that may be: the map that test images are looked up in, mostly.
+        shared: conditions that both may have, usually that of the map in which test images are looked up.
 
     Raises:
         UserError: both are given and share a condition that is not ``shared``, or one is empty.
@@ -111,7 +111,7 @@ class ConditionSplit:
             )
 
     def of_split(self, split: Split) -> tuple[str, ...] | None:
-        """The conditions of a split; validation has those of training, so that nothing is chosen by the test's."""
+        """The conditions of a split; validation has those of training, so that nothing is tuned on the test's."""
         return self.test if split == "test" else self.train
 
 
@@ -119,7 +119,7 @@ class ConditionSplitSource:
     """A source of places whose splits also differ in condition.
 
     Args:
-        source: what is split.
+        source: the source to split.
         choice: conditions of each split.
     """
 
@@ -128,7 +128,7 @@ class ConditionSplitSource:
         self.name, self.place_unit = source.name, source.place_unit
 
     def conditions(self, split: Split) -> tuple[str, ...]:
-        """Those chosen for the split.
+        """The conditions chosen for the split.
 
         Raises:
             UserError: the source has no such condition.
@@ -150,20 +150,20 @@ class ConditionSplitSource:
         """Those of the source.
 
         Raises:
-            UserError: as :meth:`conditions`, and what the source raises.
+            UserError: as :meth:`conditions`, and whatever the source raises.
         """
         self.conditions(split)
         return self.source.files(split)
 
     def fingerprint(self) -> str:
-        """That of the source: what is chosen of it is part of the run's config."""
+        """The fingerprint of the source: the choice of conditions is part of the run's config."""
         return self.source.fingerprint()
 
     def read(self, split: Split) -> PlaceImages:
         """The images of a split under its conditions.
 
         Raises:
-            UserError: as :meth:`conditions`, and what the source raises.
+            UserError: as :meth:`conditions`, and whatever the source raises.
         """
         chosen, images = self.conditions(split), self.source.read(split)
         return images if chosen == images.conditions else images.only_conditions(chosen)

@@ -1,4 +1,4 @@
-"""When two images count as one place, and when as two."""
+"""When two images count as the same place, and when as different places."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -13,18 +13,19 @@ UNITS: tuple[Unit, ...] = get_args(Unit)
 class PlaceTolerance:
     r"""Which pairs of images are positives, negatives, or neither.
 
-    With the distance :math:`d` of two images, in metres or in frames along an aligned ride, and the angle α between
+    With the distance :math:`d` of two images, in metres or in frames along aligned traverses, and the angle α between
     their headings: a pair is *positive* if :math:`d \le` ``positive`` and :math:`\alpha \le` ``heading_deg``,
-    *negative* if :math:`d \ge` ``negative``, and else *ignored*: the ring between the two, and what looks another way.
+    *negative* if :math:`d \ge` ``negative``, and otherwise *ignored*: pairs in the ring between the two, and near pairs
+    that look in different directions.
 
     Args:
         unit: ``m`` or ``frames``.
-        positive: largest distance of one place.
-        negative: smallest distance of two places, above ``positive``.
-        heading_deg: largest angle between the headings of one place, in (0, 180]; None looks at no heading.
+        positive: largest distance between images of the same place.
+        negative: smallest distance between images of different places, above ``positive``.
+        heading_deg: largest angle between headings at the same place, in (0, 180]; None ignores headings.
 
     Raises:
-        UserError: an argument has no meaning.
+        UserError: an argument is invalid.
     """
 
     unit: Unit

@@ -13,18 +13,18 @@ from sextant.data.rendered import RenderedSource
 class TownSeasonsSource(RenderedSource):
     """The traverses of :class:`~sextant.data.worlds.TownSeasons`.
 
-    Each split is a town of its own. Frame ``i`` of every traverse is about the same place, and places that a drive
-    comes to again have other frames but the same position: metres are the better unit.
+    Each split is a different town. Frame ``i`` of every traverse is about the same place, and places that a drive
+    revisits have other frames but the same position: metres are the better unit.
     """
 
     place_unit: Literal["m", "frames"] = "m"
 
     def conditions(self, split: Split) -> tuple[str, ...]:
-        """Those of the config, the map's first; nothing is rendered."""
+        """The conditions of the config, the map's first; nothing is rendered."""
         return tuple(self.dataset.plan().condition_names)
 
     def read(self, split: Split) -> PlaceImages:
-        """The images of a split, in a map of the file they lie in, with positions and headings."""
+        """The images of a split, memory-mapped from their file, with positions and headings."""
         found = self.read_split(split, f"frames.{split}=300")
         traverse, frame = (found.columns[name].astype(np.int64) for name in ("condition", "place"))
         conditions = tuple(found.facts["conditions"])

@@ -29,7 +29,7 @@ POINT_BYTES = 24
 
 
 class _Bytes:
-    """A file that is read from its beginning."""
+    """A file read sequentially from its beginning."""
 
     def __init__(self, path: Path):
         self.path, self.at = path, 0
@@ -39,7 +39,7 @@ class _Bytes:
             raise UserError(f"{path} cannot be read: {error.strerror}", FIX) from None
 
     def take(self, layout: str) -> tuple[float, ...]:
-        """Numbers of a layout of :mod:`struct`."""
+        """Read numbers in a layout of :mod:`struct`."""
         try:
             found = struct.unpack_from(f"<{layout}", self.content, self.at)
         except struct.error:
@@ -48,7 +48,7 @@ class _Bytes:
         return found
 
     def text(self) -> str:
-        """Up to the next zero byte."""
+        """Read text up to the next zero byte."""
         end = self.content.find(b"\0", self.at)
         if end < 0:
             raise self.truncated()
@@ -57,21 +57,21 @@ class _Bytes:
         return name
 
     def skip(self, count: int) -> None:
-        """Leave out bytes, which must be there."""
+        """Skip bytes, which must exist."""
         self.at += count
         if self.at > len(self.content):
             raise self.truncated()
 
     def truncated(self) -> UserError:
-        """The mistake of a file that ends too early."""
+        """The error for a file that ends too early."""
         return UserError(f"{self.path} is truncated, or no file of COLMAP ({len(self.content):,} bytes)", FIX)
 
 
 def read_colmap_binary(path: Path) -> Reconstruction:
-    """The images of ``images.bin``; lenses are those of ``cameras.bin`` beside it, if it is there.
+    """Read the images of ``images.bin``; lenses are those of ``cameras.bin`` beside it, if it exists.
 
     Raises:
-        UserError: a file cannot be read, is truncated, or has what is no pose; it is named.
+        UserError: a file cannot be read, is truncated, or has an invalid pose; the message names it.
     """
     cameras = path.with_name("cameras.bin")
     lenses = _lenses(cameras) if cameras.is_file() else {}
@@ -98,7 +98,7 @@ def _lenses(path: Path) -> dict[int, Lens]:
     found: dict[int, Lens] = {}
     for _ in range(int(file.take("Q")[0])):
         number, model, width, height = (int(value) for value in file.take("IiQQ"))
-        if model not in MODELS:  # of how many parameters?
+        if model not in MODELS:  # the number of its parameters is unknown
             raise UserError(
                 f"{path}: camera {number} has the model {model}, which is not known here; known are "
                 f"{', '.join(name for name, _ in MODELS.values())}",

@@ -1,12 +1,12 @@
 """The camera models of COLMAP: their numbers, names and parameters.
 
-Source: COLMAP 4.2, ``src/colmap/sensor/models.h``; the first parameter is a focal length in pixels, except that a
-panorama's (EQUIRECTANGULAR) are its sides.
+Source: COLMAP 4.2, ``src/colmap/sensor/models.h``; the first parameter is a focal length in pixels, except for a
+panorama (EQUIRECTANGULAR), whose parameters are its sides.
 """
 
 from sextant.data.reconstructions.reconstruction import Lens
 
-#: number in binary files -> name, and how many parameters it has
+#: number in binary files -> name and number of parameters
 MODELS = {
     0: ("SIMPLE_PINHOLE", 3),
     1: ("PINHOLE", 4),

@@ -1,9 +1,9 @@
 """COLMAP's ``images.txt`` and ``cameras.txt``.
 
-An image is two lines, ``IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`` and its points, a line that may be empty; the
+An image takes two lines, ``IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`` and its points, a line that may be empty; the
 quaternion and the translation are ``camera_from_world``, with x right, y down and z forward. A camera is a line
-``CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]``. Lines that start with # are comments. Source: COLMAP's documentation,
-"Output Format".
+``CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]``. Lines that start with # are comments. Source: COLMAP's documentation, "Output
+Format".
 """
 
 from pathlib import Path
@@ -25,10 +25,10 @@ FIX = "Export the model as text again: colmap model_converter --output_type TXT"
 
 
 def read_colmap_text(path: Path) -> Reconstruction:
-    """The images of ``images.txt``; lenses are those of ``cameras.txt`` beside it, if it is there.
+    """Read the images of ``images.txt``; lenses are those of ``cameras.txt`` beside it, if it exists.
 
     Raises:
-        UserError: a file cannot be read, or a line is none of this format; it is named.
+        UserError: a file cannot be read, or a line is not of this format; the message names it.
     """
     cameras = path.with_name("cameras.txt")
     lenses = _lenses(cameras) if cameras.is_file() else {}

@@ -1,4 +1,4 @@
-"""JSON of other programs."""
+"""JSON written by other programs."""
 
 import json
 from pathlib import Path
@@ -8,10 +8,10 @@ from sextant.errors import UserError
 
 
 def read_foreign_json(path: Path, fix: str) -> Any:
-    """The content of a file that may hold anything.
+    """Read the content of a file that may hold anything.
 
     Raises:
-        UserError: it cannot be read, or is no JSON.
+        UserError: it cannot be read, or is not JSON.
     """
     try:
         return json.loads(path.read_text(encoding="utf-8-sig"))

@@ -1,9 +1,9 @@
-"""nerfstudio's ``transforms.json``, which instant-ngp and NeRF's synthetic scenes have too.
+"""nerfstudio's ``transforms.json``, also used by instant-ngp and NeRF's synthetic scenes.
 
 Each of ``frames`` has a ``file_path`` and a ``transform_matrix``, 4x4, ``world_from_camera`` of a camera whose x points
-right, y *up* and z *backward* (OpenGL); it is turned here into x right, y down, z forward. The world's z points up.
-``fl_x`` is the focal length in pixels, of a frame or of all; NeRF's files have ``camera_angle_x``, the horizontal field
-of view in radians, instead. Source: nerfstudio's documentation, "Data conventions".
+right, y *up* and z *backward* (OpenGL); it is converted here to x right, y down, z forward. The world's z points up.
+``fl_x`` is the focal length in pixels, of one frame or of all; NeRF's files have ``camera_angle_x``, the horizontal
+field of view in radians, instead. Source: nerfstudio's documentation, "Data conventions".
 """
 
 import math
@@ -31,10 +31,10 @@ DOWN_FORWARD = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def read_nerfstudio(path: Path) -> Reconstruction:
-    """The images of the file, in nerfstudio's world.
+    """Read the images of the file, in nerfstudio's world frame.
 
     Raises:
-        UserError: the file cannot be read, is of another layout, or has what is no pose; it is named.
+        UserError: the file cannot be read, has a different layout, or has an invalid pose; the message names it.
     """
     content = read_foreign_json(path, FIX)
     frames = content.get("frames") if isinstance(content, dict) else None

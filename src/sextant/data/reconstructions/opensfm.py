@@ -1,8 +1,8 @@
-"""OpenSfM's ``reconstruction.json``: a list of reconstructions, each in a frame of its own.
+"""OpenSfM's ``reconstruction.json``: a list of reconstructions, each in its own frame of reference.
 
 ``shots`` has for each image an angle-axis ``rotation`` and a ``translation`` that are ``camera_from_world``, with x
 right, y down and z forward; ``cameras`` has focal lengths in units of the longer side. The world's z points up, and
-lengths are metres, where images had GPS. Source: OpenSfM's documentation, "Dataset Structure".
+lengths are metres if images had GPS. Source: OpenSfM's documentation, "Dataset Structure".
 """
 
 from collections.abc import Mapping
@@ -28,10 +28,10 @@ FIX = "It is the reconstruction.json that opensfm reconstruct or align_submodels
 
 
 def read_opensfm(path: Path) -> Reconstruction:
-    """The images of the largest reconstruction in the file.
+    """Read the images of the largest reconstruction in the file.
 
     Raises:
-        UserError: the file cannot be read, is of another layout, or has what is no pose; it is named.
+        UserError: the file cannot be read, has a different layout, or has an invalid pose; the message names it.
     """
     content = read_foreign_json(path, FIX)
     whole = [each for each in content if isinstance(each, dict)] if isinstance(content, list) else []

@@ -1,4 +1,4 @@
-"""Which program's file it is, and its poses."""
+"""Detect which program wrote a file, and read its poses."""
 
 from pathlib import Path
 from typing import Literal, get_args
@@ -9,23 +9,23 @@ from sextant.data.reconstructions.nerfstudio import read_nerfstudio
 from sextant.data.reconstructions.opensfm import read_opensfm
 from sextant.data.reconstructions.reconstruction import Reconstruction
 
-#: formats in which poses are of named images
+#: formats whose poses belong to named images
 NamedFormat = Literal["colmap", "opensfm", "nerfstudio"]
 NAMED_FORMATS: tuple[NamedFormat, ...] = get_args(NamedFormat)
-#: bytes that tell one JSON from the other
+#: bytes that suffice to tell one JSON format from the other
 HEAD = 4096
 
 
 def read_reconstruction(path: Path, format: NamedFormat) -> Reconstruction:
-    """The posed images of a file.
+    """Read the posed images of a file.
 
     Args:
         path: ``images.txt`` or ``images.bin`` of COLMAP, ``reconstruction.json`` of OpenSfM, ``transforms.json`` of
             nerfstudio.
-        format: of it, see :func:`named_format`.
+        format: of the file, see :func:`named_format`.
 
     Raises:
-        UserError: it cannot be read, or has what is no pose.
+        UserError: it cannot be read, or has an invalid pose.
     """
     if format == "colmap":
         return read_colmap_binary(path) if path.suffix == ".bin" else read_colmap_text(path)
@@ -33,7 +33,7 @@ def read_reconstruction(path: Path, format: NamedFormat) -> Reconstruction:
 
 
 def named_format(path: Path) -> NamedFormat | None:
-    """The format of a file of named poses, by its name and beginning; None where it is none, or cannot be read."""
+    """The format of a file of named poses, by its name and beginning; None if it is none of them or unreadable."""
     try:
         with path.open("rb") as file:
             head = file.read(HEAD).decode("utf-8-sig", "replace").lstrip()

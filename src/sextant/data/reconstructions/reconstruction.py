@@ -1,4 +1,4 @@
-"""Posed images, whichever program found their poses."""
+"""Posed images, from whichever program."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -17,18 +17,18 @@ from sextant.data.places.problem_list import problem_list
 from sextant.data.positions import too_far
 from sextant.errors import UserError
 
-#: numbers of files are rounded: a matrix that differs more from a rotation is none
+#: numbers in files are rounded: a matrix that differs more than this from a rotation is not one
 ROTATION_TOLERANCE = 1e-2
 
 
 @dataclass(frozen=True)
 class Lens:
-    """The lens that a file states for an image.
+    """The lens that a file gives for an image.
 
     Attributes:
         model: name of the camera model, as the program writes it.
-        width, height: of the images, pixels; 0 where the file does not say.
-        focal_px: focal length in pixels, the first where there are two; None where the file does not say.
+        width, height: of the images, pixels; 0 if the file does not say.
+        focal_px: focal length in pixels, the first if there are two; None if the file does not say.
     """
 
     model: str
@@ -42,9 +42,9 @@ class PosedImage:
     """One image of a reconstruction.
 
     Attributes:
-        name: as the file writes it.
+        name: as written in the file.
         world_from_camera: x right, y down, z forward.
-        lens: None where the file states none.
+        lens: None if the file gives none.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Reconstruction:
 
     Attributes:
         images: each with its pose and its lens.
-        remarks: what a reader should know of the file.
+        remarks: what a user should know about the file.
     """
 
     images: tuple[PosedImage, ...]
@@ -66,7 +66,7 @@ class Reconstruction:
 
     @property
     def names(self) -> list[str]:
-        """Of the images."""
+        """The names of the images."""
         return [image.name for image in self.images]
 
     @property
@@ -75,10 +75,10 @@ class Reconstruction:
         return np.stack([image.world_from_camera for image in self.images])
 
     def rows_of(self, files: Sequence[str]) -> list[int | None]:
-        """Which image each file is, or None.
+        """The index of the image that each file is, or None.
 
-        A file and an image are one if the ends of their paths are the same and no other's: programs write paths below
-        different folders, or none. nerfstudio's may lack the suffix.
+        A file matches an image if their paths share an ending that no others have: programs write paths relative to
+        different folders, or file names alone. nerfstudio's may lack the suffix.
 
         Args:
             files: paths relative to some folder, written with ``/``.
@@ -93,10 +93,10 @@ class Reconstruction:
 
 
 def reconstruction_of(path: Path, images: Iterable[PosedImage], remarks: Sequence[str] = ()) -> Reconstruction:
-    """The images of a file in their order.
+    """The reconstruction of a file's images, in order.
 
     Raises:
-        UserError: there is none, two have one name, or one is further away than any camera goes.
+        UserError: there are no images, two have the same name, or one is implausibly far away.
     """
     found = sorted(images, key=lambda image: natural_key(image.name))
     if not found:
@@ -119,7 +119,7 @@ def inverted(rotation: Float64[ndarray, "3 3"], translation: Float64[ndarray, "3
 
 
 def rotation_of(quaternion: Float64[ndarray, "4"]) -> Float64[ndarray, "3 3"] | None:
-    """The rotation of (w, x, y, z), or None where its length is not 1."""
+    """The rotation of the quaternion (w, x, y, z), or None if its norm is not 1."""
     length = math.hypot(*quaternion.tolist())
     if not abs(length - 1) <= ROTATION_TOLERANCE:
         return None
@@ -128,7 +128,7 @@ def rotation_of(quaternion: Float64[ndarray, "4"]) -> Float64[ndarray, "3 3"] | 
 
 
 def finite(value: Any, *shape: int) -> Float64[ndarray, "..."] | None:
-    """Finite numbers of a shape, or None where ``value`` is anything else."""
+    """``value`` as finite numbers of a given shape, or None if it is anything else."""
     try:
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -137,7 +137,7 @@ def finite(value: Any, *shape: int) -> Float64[ndarray, "..."] | None:
 
 
 def unusable(path: Path, problems: Sequence[str], what: str) -> UserError:
-    """The mistake of a file with images that cannot be used."""
+    """The error for a file with images that cannot be used."""
     return UserError(f"{path}: {len(problems)} images cannot be used\n{problem_list(problems)}", what)
 
 

@@ -1,4 +1,4 @@
-"""Rendered datasets: a plan says what to render, a store keeps it on disk, chunk by chunk."""
+"""Rendered datasets: a plan defines what to render, a store keeps it on disk, chunk by chunk."""
 
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import ArraySpec, RenderPlan

@@ -1,4 +1,4 @@
-"""Laying a store out on disk, before anything is rendered."""
+"""Laying out a store on disk, before anything is rendered."""
 
 import hashlib
 from collections.abc import Mapping
@@ -19,9 +19,9 @@ from sextant.data.rendered.plan import RenderPlan, check_plan
 
 
 def create_store(directory: Path, plan: RenderPlan, notify: Notify) -> None:
-    """Write columns, empty arrays and last the manifest, unless another process does.
+    """Write columns, empty arrays and finally the manifest, unless another process does.
 
-    Rendered chunks that are there already, from before the manifest was lost, are kept.
+    Chunks rendered before the manifest was lost are kept.
 
     Raises:
         UserError: the folder cannot be written to, or the disk is full.
@@ -37,7 +37,7 @@ def create_store(directory: Path, plan: RenderPlan, notify: Notify) -> None:
 
 def _lay_out(layout: StoreLayout, manifest: Manifest, columns: Mapping[str, ndarray]) -> None:
     (layout.path / "columns").mkdir(parents=True, exist_ok=True)
-    for leftover in layout.path.rglob(".*.tmp"):  # of a process that was killed while it wrote
+    for leftover in layout.path.rglob(".*.tmp"):  # left by a process killed while writing
         leftover.unlink(missing_ok=True)
     hashes = _write_columns(layout, columns)
     kept = make_arrays(layout, manifest.arrays, manifest.count)

@@ -1,4 +1,4 @@
-"""Writes that are on disk when they return, and what is reported when the disk refuses them."""
+"""Writes that are on disk when they return, and the errors reported when the disk refuses them."""
 
 import errno
 import hashlib
@@ -12,16 +12,16 @@ from numpy import ndarray
 
 from sextant.errors import UserError
 
-#: What a write says on a full disk, over a quota, or above the process's file size limit.
+#: Error numbers of writes on a full disk, over a quota, or above the process's file size limit.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class DiskFullError(UserError):
-    """There is no room for what is to be rendered."""
+    """There is no disk space for what is to be rendered."""
 
     @classmethod
     def at(cls, folder: Path, needed: int) -> "DiskFullError":
-        """The error for a folder that should take ``needed`` more bytes."""
+        """The error for a folder that needs ``needed`` more bytes."""
         return cls(
             f"the disk is full: {folder} needs {readable(needed)} more, {readable(free_bytes(folder))} is free",
             "What was rendered is kept. Free some space and repeat the command: it resumes. "
@@ -30,9 +30,9 @@ class DiskFullError(UserError):
 
 
 def write_at(path: Path, offset: int, values: ndarray) -> str:
-    """Overwrite a part of a file and return the SHA-256 of what was written; it is on disk then.
+    """Overwrite part of a file, flushed to disk, and return the SHA-256 of what was written.
 
-    Never through a memory map: there a full disk kills the process (SIGBUS) instead of raising.
+    It never uses a memory map, where a full disk kills the process (SIGBUS) instead of raising.
 
     Raises:
         OSError: the disk refused; the part may be half written.
@@ -47,7 +47,7 @@ def write_at(path: Path, offset: int, values: ndarray) -> str:
 
 
 def free_bytes(folder: Path) -> int:
-    """Bytes that can still be written below ``folder``, which need not be there yet."""
+    """Bytes that can still be written below ``folder``, which need not exist yet."""
     for path in (folder, *folder.parents):
         with suppress(OSError):
             return shutil.disk_usage(path).free
@@ -55,7 +55,7 @@ def free_bytes(folder: Path) -> int:
 
 
 def allocated_bytes(paths: Iterable[Path]) -> int:
-    """Bytes that files take on disk: less than their sizes where they have holes."""
+    """Bytes that files take on disk: less than their sizes if they are sparse."""
     total = 0
     for path in paths:
         with suppress(OSError):
@@ -66,10 +66,10 @@ def allocated_bytes(paths: Iterable[Path]) -> int:
 
 @contextmanager
 def reporting_disk_errors(folder: Path, needed: Callable[[], int]) -> Iterator[None]:
-    """Turn what the disk refuses inside into one message.
+    """Turn disk errors raised inside the context into one message.
 
     Raises:
-        DiskFullError: it is full; ``needed`` is asked how much more is to be written.
+        DiskFullError: the disk is full; ``needed`` returns how many more bytes are to be written.
         UserError: ``folder`` cannot be written to.
     """
     try:
@@ -84,7 +84,7 @@ def reporting_disk_errors(folder: Path, needed: Callable[[], int]) -> Iterator[N
 
 
 def readable(size: int) -> str:
-    """A number of bytes for people: ``3.2 GB``."""
+    """A number of bytes in human-readable form: ``3.2 GB``."""
     value = float(size)
     for unit in ("bytes", "kB", "MB", "GB"):
         if value < 1000:

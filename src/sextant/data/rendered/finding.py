@@ -1,4 +1,4 @@
-"""The stores of a folder, and the one that somebody means."""
+"""Finding the stores of a folder, and the one that a name refers to."""
 
 from pathlib import Path
 
@@ -7,15 +7,15 @@ from sextant.errors import UserError
 
 
 def stores_in(cache: Path) -> list[Path]:
-    """The stores of a folder, damaged ones too, in the order of their names."""
+    """The stores of a folder, including damaged ones, in the order of their names."""
     return sorted(path for path in cache.glob("*") if is_store(path))
 
 
 def find_store(name: str, cache: Path) -> Path:
-    """The store that ``name`` means: its folder, the name of its folder, or of its dataset if there is one of these.
+    """The store that ``name`` refers to: its path, the name of its folder, or of its dataset if that has one store.
 
     Raises:
-        UserError: there is none, or several; names those in ``cache``.
+        UserError: there is none, or several; the message names those in ``cache``.
     """
     for path in (Path(name).expanduser(), cache / name):
         if is_store(path):

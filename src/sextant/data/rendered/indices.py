@@ -1,4 +1,4 @@
-"""Which items an index means."""
+"""Normalising indices of items."""
 
 from collections.abc import Sequence
 from typing import TypeAlias
@@ -14,7 +14,7 @@ def chosen_items(indices: Indices, count: int) -> ndarray:
     """Indices as an array, each from 0 to ``count - 1``; of dimension 0 for a single one.
 
     Raises:
-        IndexError: an index is out of range or no whole number.
+        IndexError: an index is out of range or not an integer.
     """
     if isinstance(indices, slice):
         return np.arange(count)[indices]

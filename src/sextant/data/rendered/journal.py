@@ -16,7 +16,7 @@ from sextant.atomic_files import write_atomically
 
 @dataclass(frozen=True)
 class ChunkRecord:
-    """One rendered chunk: the items from ``start`` up to ``stop``, and the SHA-256 of each array's part."""
+    """One rendered chunk: the items from ``start`` up to ``stop`` (exclusive), and the SHA-256 of each array's part."""
 
     chunk: int
     start: int
@@ -26,14 +26,14 @@ class ChunkRecord:
 
 @dataclass(frozen=True)
 class Grid:
-    """How a store's items are cut into chunks."""
+    """How a store's items are divided into chunks."""
 
     count: int
     chunk: int
 
     @property
     def chunks(self) -> int:
-        """Number of chunks; the last one may be short."""
+        """Number of chunks; the last one may be shorter."""
         return -(-self.count // self.chunk)
 
     def span(self, chunk: int) -> tuple[int, int]:
@@ -42,10 +42,10 @@ class Grid:
 
 
 class Journal:
-    """An append-only file with a line for every chunk, written once the chunk is on disk.
+    """An append-only file with one line per chunk, written once the chunk is on disk.
 
-    A process that is killed while it appends leaves a torn last line: it is ignored, and cut before the next append.
-    Only the process that holds the store's lock writes.
+    A process killed while appending leaves a torn last line, which is ignored and cut before the next append. Only the
+    process that holds the store's lock writes.
     """
 
     def __init__(self, path: Path, grid: Grid):
@@ -55,13 +55,13 @@ class Journal:
         self._forget()
 
     def records(self) -> dict[int, ChunkRecord]:
-        """The rendered chunks; lines that are not understood are passed over."""
+        """The rendered chunks; lines that cannot be parsed are skipped."""
         with self._lock:
             self._catch_up()
             return dict(self._records)
 
     def on_disk(self) -> ndarray:
-        """For each chunk whether it is rendered."""
+        """For each chunk, whether it is rendered."""
         with self._lock:
             self._catch_up()
             return self._on_disk
@@ -72,7 +72,7 @@ class Journal:
         self._on_disk = np.zeros(self.grid.chunks, dtype=bool)
 
     def _catch_up(self) -> None:
-        """Read the lines that were appended since the last call; all of them if the file was replaced."""
+        """Read the lines appended since the last call; all lines if the file was replaced."""
         try:
             status = self.path.stat()
         except OSError:
@@ -94,10 +94,10 @@ class Journal:
                 self._on_disk[record.chunk] = True
 
     def append(self, record: ChunkRecord) -> None:
-        """Note a chunk; the note is on disk when this returns.
+        """Record a chunk; the record is on disk when this returns.
 
         Raises:
-            OSError: the disk refused; the journal is as it was.
+            OSError: the disk refused; the journal is unchanged.
         """
         with self.path.open("ab") as file:
             before = file.tell()
@@ -111,7 +111,7 @@ class Journal:
                 raise
 
     def cut_torn_line(self) -> None:
-        """Cut what follows the last whole line.
+        """Cut off what follows the last complete line.
 
         Raises:
             OSError: the disk refused.
@@ -124,10 +124,10 @@ class Journal:
             os.truncate(self.path, whole)
 
     def keep(self, records: Mapping[int, ChunkRecord]) -> None:
-        """Rewrite the journal with these chunks alone, atomically.
+        """Rewrite the journal atomically with only these chunks.
 
         Raises:
-            OSError: the disk refused; the journal is as it was.
+            OSError: the disk refused; the journal is unchanged.
         """
         content = b"".join(_line(records[chunk]) for chunk in sorted(records))
         write_atomically(self.path, lambda file: file.write(content))

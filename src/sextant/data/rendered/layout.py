@@ -1,4 +1,4 @@
-"""Where the files of a store lie, and the array files themselves."""
+"""Paths of a store's files, and the array files themselves."""
 
 import hashlib
 from collections.abc import Mapping
@@ -39,16 +39,16 @@ class StoreLayout:
 
     @property
     def manifest(self) -> Path:
-        """What the store holds; written last when a store is laid out."""
+        """The description of what the store holds; written last when a store is laid out."""
         return self.path / "manifest.json"
 
     @property
     def journal(self) -> Path:
-        """The chunks that are rendered, one JSON object a line."""
+        """The rendered chunks, one JSON object per line."""
         return self.path / "journal.jsonl"
 
     def array(self, name: str) -> Path:
-        """The file of an array, which has its full size from the beginning."""
+        """The file of an array, which has its full size from the start."""
         return self.path / f"{name}.npy"
 
     def column(self, name: str) -> Path:
@@ -57,7 +57,7 @@ class StoreLayout:
 
 
 def create_array(path: Path, spec: ArraySpec, count: int) -> None:
-    """Write an array of zeros that takes no space: a header, then a hole.
+    """Write an array of zeros as a sparse file: a header, followed by a hole.
 
     Raises:
         OSError: the disk refused.
@@ -75,7 +75,7 @@ def array_offset(path: Path, spec: ArraySpec, count: int) -> int:
     """Where the items of an array file begin.
 
     Raises:
-        DamagedStoreError: the file is not there, or its header is of another array.
+        DamagedStoreError: the file is missing, or its header describes a different array.
     """
     expected = ((count, *spec.shape), False, np.dtype(spec.dtype))
     try:
@@ -95,10 +95,10 @@ def array_offset(path: Path, spec: ArraySpec, count: int) -> int:
 
 
 def check_array(path: Path, spec: ArraySpec, count: int) -> int:
-    """Where the items of an array file begin, if the file is as long as it should be.
+    """Offset of the items in an array file, after checking the file's length.
 
     Raises:
-        DamagedStoreError: it is missing, of another array, or of another length.
+        DamagedStoreError: it is missing, holds a different array, or has the wrong length.
     """
     offset = array_offset(path, spec, count)
     found, expected = path.stat().st_size, offset + count * spec.item_bytes
@@ -108,7 +108,7 @@ def check_array(path: Path, spec: ArraySpec, count: int) -> int:
 
 
 def part_sha256(path: Path, start: int, length: int) -> str:
-    """SHA-256 of a part of a file, read in blocks; what lies beyond its end is left out.
+    """SHA-256 of a part of a file, read in blocks; anything beyond the end of the file is ignored.
 
     Raises:
         OSError: it cannot be read.
@@ -123,7 +123,7 @@ def part_sha256(path: Path, start: int, length: int) -> str:
 
 
 def sound_items(path: Path, spec: ArraySpec, count: int) -> int:
-    """How many items a file can hold at its present length; a file that is not this array can hold none."""
+    """Number of items that a file holds at its present length; 0 if the file is not this array."""
     try:
         offset = array_offset(path, spec, count)
     except DamagedStoreError:
@@ -132,7 +132,7 @@ def sound_items(path: Path, spec: ArraySpec, count: int) -> int:
 
 
 def make_arrays(layout: StoreLayout, arrays: Mapping[str, ArraySpec], count: int) -> int:
-    """Give every array its file at its full length, keeping what is there; returns how many leading items could be.
+    """Give every array a file of full length, keeping its content; returns how many leading items may be intact.
 
     Raises:
         OSError: the disk refused.

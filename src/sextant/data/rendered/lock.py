@@ -1,4 +1,4 @@
-"""One process at a time writes to a store, on however many hosts."""
+"""The lock that lets one process at a time write to a store, across hosts."""
 
 import logging
 import time
@@ -11,23 +11,23 @@ from sextant.lease import Holder, take
 
 Notify = Callable[[str], None]
 POLL_S = 0.2
-#: of this room; its messages are for whoever started the work, and are shown by the commands
+#: logger of the data package; the commands show its messages to the user
 log = logging.getLogger("sextant.data")
 
 
 @contextmanager
 def store_lock(directory: Path, ready: Callable[[], bool], notify: Notify) -> Iterator[bool]:
-    """Hold the lock of the store at ``directory``; it is free when the process ends, however it ends.
+    """Hold the lock of the store at ``directory``; it is released when the process ends, however it ends.
 
-    While another process holds it, waits, and says once for whom.
+    While another process holds it, this waits, and reports once which process that is.
 
     Args:
-        directory: of the store; its lock lies beside it and outlives it.
-        ready: asked a few times a second while waiting: there is nothing left to do.
-        notify: gets the message.
+        directory: of the store; the lock lies beside it and outlives it.
+        ready: polled a few times per second while waiting; returns True if there is nothing left to do.
+        notify: receives the message.
 
     Yields:
-        Whether the lock is held; false once ``ready`` said so.
+        Whether the lock is held; False once ``ready`` returned True.
 
     Raises:
         UserError: the lock cannot be written.

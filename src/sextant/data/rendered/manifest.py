@@ -22,12 +22,12 @@ class Manifest:
 
     Attributes:
         name: the dataset's name.
-        digest: of config and source; the store's folder carries its first eight digits.
+        digest: hash of config and source; its first eight digits are in the name of the store's folder.
         source_sha256: version of the renderer.
-        config: what decides what is rendered.
-        facts: what a user wants to know of the dataset.
+        config: everything that determines what is rendered.
+        facts: what a user wants to know about the dataset.
         count: number of items.
-        chunk: items of a chunk.
+        chunk: number of items in a chunk.
         arrays: rendered arrays by name.
         columns: SHA-256 of each column's file by name.
     """
@@ -44,7 +44,7 @@ class Manifest:
 
     @property
     def grid(self) -> Grid:
-        """How the items are cut into chunks."""
+        """How the items are divided into chunks."""
         return Grid(self.count, self.chunk)
 
     @property
@@ -81,7 +81,7 @@ def write_manifest(path: Path, manifest: Manifest) -> None:
 
 
 def read_manifest(directory: Path) -> Manifest:
-    """The manifest of the store in ``directory``.
+    """Read the manifest of the store in ``directory``.
 
     Raises:
         DamagedStoreError: it is missing, unreadable or altered.

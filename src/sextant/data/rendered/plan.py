@@ -1,4 +1,4 @@
-"""What a rendered dataset consists of, and how any part of it is made."""
+"""The plan of a rendered dataset: what it consists of, and how any part of it is rendered."""
 
 import hashlib
 import json
@@ -39,13 +39,13 @@ class ArraySpec:
 class RenderPlan(ABC):
     """A dataset that can be rendered: its identity, its layout, and a function from indices to items.
 
-    Opening a store that is laid out on disk reads the three attributes alone. The properties may need the world and
-    should build it when they are first asked (``functools.cached_property``), as should :meth:`render`. A plan that
-    goes to worker processes must survive pickling.
+    Opening a store that is laid out on disk reads only the three attributes. The properties may need the world and
+    should build it on first use (``functools.cached_property``), as should :meth:`render`. A plan that is sent to
+    worker processes must be picklable.
 
     Attributes:
         name: the dataset's name; its store lies in ``<cache>/<name>-<digest8>``.
-        config: everything that decides what is rendered, as plain values that JSON can hold.
+        config: everything that determines what is rendered, as plain values that JSON can hold.
         source_sha256: hash of the source that renders, see :func:`~sextant.data.rendered.source.modules_sha256`.
     """
 
@@ -61,34 +61,34 @@ class RenderPlan(ABC):
     @property
     @abstractmethod
     def arrays(self) -> Mapping[str, ArraySpec]:
-        """What :meth:`render` makes of every item, by name."""
+        """The arrays that :meth:`render` makes for every item, by name."""
 
     @property
     @abstractmethod
     def facts(self) -> Mapping[str, Any]:
-        """What a user wants to know of the dataset (street kilometres, splits, ...), as plain values."""
+        """What a user wants to know about the dataset (street kilometres, splits, ...), as plain values."""
 
     @property
     def chunk(self) -> int:
-        """Items that are rendered, written and journalled together."""
+        """Number of items rendered, written and journalled together."""
         return 64
 
     @property
     def columns(self) -> Mapping[str, ndarray]:
-        """Small arrays ``(count, ...)`` that are known without rendering, such as poses and splits."""
+        """Small arrays ``(count, ...)`` known without rendering, such as poses and splits."""
         return {}
 
     @abstractmethod
     def render(self, start: int, stop: int) -> Mapping[str, ndarray]:
-        """The items from ``start`` up to ``stop``: for every name in ``arrays`` an array ``(stop - start, *shape)``.
+        """Render the items from ``start`` up to ``stop``: for each name in ``arrays``, ``(stop - start, *shape)``.
 
-        A pure function of the indices: the same bytes whatever was rendered before, in whatever thread, several of
-        which may call at once.
+        This must be a pure function of the indices: the same bytes whatever was rendered before and in whichever
+        thread; several threads may call it at once.
         """
 
     @property
     def digest(self) -> str:
-        """SHA-256 of config and source, in hexadecimal: two plans that share it render the same bytes."""
+        """SHA-256 of config and source, in hexadecimal: two plans with the same digest render the same bytes."""
         return plan_digest(self.config, self.source_sha256)
 
 
@@ -98,7 +98,7 @@ def plan_digest(config: Mapping[str, Any], source_sha256: str) -> str:
 
 
 def canonical_sha256(content: Mapping[str, Any]) -> str:
-    """SHA-256 of plain values as JSON gives them back, in canonical form.
+    """SHA-256 of plain values after a JSON round trip, in canonical form.
 
     Raises:
         TypeError: a value is not plain.
@@ -109,11 +109,11 @@ def canonical_sha256(content: Mapping[str, Any]) -> str:
 
 
 def check_plan(plan: RenderPlan) -> None:
-    """Whether a plan can be laid out.
+    """Check that a plan can be laid out.
 
     Raises:
         UserError: it has no items.
-        ValueError: its parts contradict each other, which is a mistake in the dataset's code.
+        ValueError: its parts contradict each other, which is a bug in the dataset's code.
     """
     if plan.count < 1:
         raise UserError(f"dataset {plan.name}: its config describes no items")
@@ -130,10 +130,10 @@ def check_plan(plan: RenderPlan) -> None:
 
 
 def check_chunk(name: str, found: Mapping[str, ndarray], arrays: Mapping[str, ArraySpec], length: int) -> None:
-    """Whether a renderer made what its plan says.
+    """Check that a renderer made what its plan says.
 
     Raises:
-        ValueError: it did not, which is a mistake in the dataset's code.
+        ValueError: it did not, which is a bug in the dataset's code.
     """
     if set(found) != set(arrays):
         raise ValueError(f"{name}: rendered {sorted(found)}, planned {sorted(arrays)}")

@@ -1,4 +1,4 @@
-"""How far long work is, for whoever wants to show it."""
+"""Progress of long work, for callers that show it."""
 
 import time
 from collections.abc import Callable
@@ -12,7 +12,7 @@ Showing = Callable[[], AbstractContextManager[Advance]]
 
 
 def notify_every(seconds: float, what: str) -> Advance:
-    """A function that logs how far the work is, every so often."""
+    """A function that logs progress at most once every ``seconds``."""
     told = time.monotonic()
 
     def notify(done: int, total: int) -> None:

@@ -19,9 +19,9 @@ class ChunkWriter:
     Args:
         directory: of the store.
         manifest: of the store.
-        plan: renders.
+        plan: renders the items.
         offsets: where the items of each array begin in its file.
-        needed: bytes that are still to be written, for the message that the disk is full.
+        needed: returns the bytes still to be written, for the message that the disk is full.
     """
 
     def __init__(
@@ -39,11 +39,11 @@ class ChunkWriter:
         self._needed = needed
 
     def write(self, chunk: int) -> ChunkRecord:
-        """Render a chunk and write it; it is on disk when this returns, and to be journalled then.
+        """Render a chunk and write it to disk; the caller then journals it.
 
         Raises:
-            UserError: the disk refused; only errors of writing are raised so, the renderer's own are left as they are.
-            ValueError: the renderer made something else than its plan says.
+            UserError: the disk refused. Only write errors are converted; the renderer's own errors propagate unchanged.
+            ValueError: the renderer made something other than its plan says.
         """
         start, stop = self._manifest.grid.span(chunk)
         arrays = self._manifest.arrays
@@ -58,10 +58,10 @@ class ChunkWriter:
 
 
 def written_chunks(writer: ChunkWriter, chunks: Sequence[int], threads: int) -> Generator[ChunkRecord, None, None]:
-    """Write chunks, begun in their order, and yield each once it is on disk.
+    """Write chunks, started in order, and yield each once it is on disk.
 
-    At most ``threads`` chunks are in memory at a time. Ended early (an error, Ctrl-C, closed), it begins no further
-    chunk, waits for those under way and does not yield them: the next call renders them again.
+    At most ``threads`` chunks are in memory at a time. If it is stopped early (an error, Ctrl-C, closed), it starts no
+    further chunk and waits for those under way without yielding them: the next call renders them again.
 
     Raises:
         UserError: the disk refused a chunk.

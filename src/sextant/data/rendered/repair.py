@@ -1,4 +1,4 @@
-"""Forgetting what is damaged, so that it is rendered again and nothing else is."""
+"""Forgetting damaged parts of a store, so that these and nothing else are rendered again."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,7 +12,7 @@ from sextant.data.rendered.verify import StoreReport
 
 
 def forget_chunks(directory: Path | str, chunks: Iterable[int], *, notify: Notify = log.info) -> None:
-    """Drop chunks from a store's journal: the next fill renders these anew. Waits for a process that renders.
+    """Drop chunks from a store's journal, so that the next fill renders them again; waits for a rendering process.
 
     Raises:
         UserError: the store cannot be written to.
@@ -26,10 +26,10 @@ def forget_chunks(directory: Path | str, chunks: Iterable[int], *, notify: Notif
 
 
 def repair_store(report: StoreReport, *, notify: Notify = log.info) -> None:
-    """Forget the damaged chunks of a verified store, and clear away damaged files.
+    """Forget the damaged chunks of a verified store, and remove damaged files.
 
-    If a file is damaged as a whole, the manifest goes too: opening the store with its plan then lays out anew what is
-    gone and keeps every sound chunk.
+    If a file is damaged as a whole, the manifest is removed too: opening the store with its plan then recreates what is
+    missing and keeps every sound chunk.
 
     Raises:
         UserError: the store cannot be written to.

@@ -1,6 +1,6 @@
-"""Rendering a store in parts, each by a process of its own on any host, and putting them together.
+"""Rendering a store in shards, each by its own process on any host, and merging them.
 
-A shard is a store of its own that lacks what belongs to the others, so that no two hosts write to one file.
+A shard is a separate store that lacks what belongs to the others, so that no two hosts write to the same file.
 """
 
 from copy import copy
@@ -19,14 +19,14 @@ from sextant.reporter import Advance
 def open_shard(
     plan: RenderPlan, cache: Path | str, shard: int, shards: int, *, notify: Notify = log.info
 ) -> RenderedStore:
-    """The store of one shard, in a folder of its own below ``cache``.
+    """Open the store of one shard, in its own folder below ``cache``.
 
     Args:
-        plan: what to render, of all shards together.
+        plan: what all shards together render.
         cache: folder of stores.
         shard: its number, from 0.
-        shards: how many there are.
-        notify: gets a message when this process waits for another.
+        shards: number of shards.
+        notify: receives a message when this process waits for another.
 
     Raises:
         ArgumentError: there is no such shard.
@@ -38,7 +38,7 @@ def open_shard(
 
 
 def chunks_of(store: RenderedStore, shard: int, shards: int) -> range:
-    """Every chunk whose number leaves ``shard`` when divided by ``shards``: places that take long are shared out."""
+    """Every chunk whose number modulo ``shards`` is ``shard``, which spreads out parts that take long."""
     return range(shard, store.manifest.grid.chunks, shards)
 
 
@@ -51,14 +51,14 @@ def merge_shards(
     threads: int = 1,
     notify: Notify = log.info,
 ) -> tuple[RenderedStore, int]:
-    """Copy what the shards have into the store of the plan; each chunk is compared with its hash on the way.
+    """Copy the shards' chunks into the store of the plan, comparing each with its hash.
 
     Returns:
-        The store, and how many items were copied.
+        The store, and the number of items copied.
 
     Raises:
-        UserError: a shard lacks chunks, and names it; nothing was copied, and all that is needed is to render that one.
-        DamagedStoreError: a chunk of a shard is not what was rendered; names it.
+        UserError: a shard lacks chunks; the message names it. Nothing was copied, and only that shard needs rendering.
+        DamagedStoreError: a chunk of a shard is not what was rendered; the message names it.
     """
     store = open_store(plan, cache, notify=notify)
     parts = [open_shard(plan, cache, shard, shards, notify=notify) for shard in range(shards)]
@@ -78,6 +78,6 @@ def merge_shards(
 
 
 def _missing(store: RenderedStore, part: RenderedStore, shard: int, shards: int) -> int:
-    """How many chunks of a shard are neither there nor in the whole store."""
+    """Number of a shard's chunks that are neither in it nor in the whole store."""
     chunks = np.array(chunks_of(store, shard, shards), dtype=np.int64)
     return int((~(store.on_disk() | part.on_disk()))[chunks].sum())

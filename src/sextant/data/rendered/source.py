@@ -1,4 +1,4 @@
-"""Hash of the source that renders: a store carries it, so that a change of the renderer is seen."""
+"""Hash of the rendering source: a store carries it, so that changes of the renderer are detected."""
 
 import hashlib
 from collections.abc import Iterable
@@ -8,9 +8,9 @@ from pathlib import Path
 
 
 def modules_sha256(*names: str) -> str:
-    """SHA-256 over the source of modules and whole packages, by import path; the modules are not run.
+    """SHA-256 over the source of modules and whole packages, by import path, without executing the modules.
 
-    Example: ``modules_sha256("sextant.worlds", "sextant.geometry", __name__)``. The packages around a module are
+    Example: ``modules_sha256("sextant.worlds", "sextant.geometry", __name__)``. The parent packages of a module are
     imported to find it.
 
     Raises:

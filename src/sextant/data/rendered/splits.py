@@ -1,4 +1,4 @@
-"""The splits of a rendered dataset, which is rendered when the first of them is read."""
+"""The splits of a rendered dataset, which is rendered when the first split is read."""
 
 import os
 from contextlib import nullcontext
@@ -17,7 +17,7 @@ from sextant.errors import UserError
 
 
 class RenderedDataset(Protocol):
-    """What is rendered, and where it is kept.
+    """A dataset to render, and where it is stored.
 
     Attributes:
         name: of the dataset.
@@ -38,10 +38,10 @@ class RenderedSplit:
     """One split of a rendered dataset.
 
     Attributes:
-        images: of all splits, in a map of the file they lie in.
-        rows: those of this split, rising.
-        columns: of the rows of this split.
-        facts: of the whole dataset.
+        images: of all splits, memory-mapped from their file.
+        rows: indices of this split's images, increasing.
+        columns: values for the rows of this split.
+        facts: about the whole dataset.
     """
 
     images: UInt8[ndarray, "n h w 3"]
@@ -51,15 +51,15 @@ class RenderedSplit:
 
 
 class RenderedSource:
-    """A rendered dataset as a source of splits; a kind of source adds what it reads of them.
+    """A rendered dataset as a source of splits; subclasses add how these are read.
 
     Args:
-        dataset: what to render, and where it is kept.
-        threads: that render; None for one a core.
+        dataset: what to render, and where it is stored.
+        threads: number of rendering threads; None for one per core.
 
     Attributes:
-        showing: makes a context with a function that is called with the number of images on disk and of all while they
-            are rendered; a line on the standard error every few seconds unless it is replaced.
+        showing: makes a context with a function that is called during rendering with the numbers of images on disk and
+            in all. By default it logs a line every few seconds.
     """
 
     def __init__(self, dataset: RenderedDataset, threads: int | None = None):
@@ -68,7 +68,7 @@ class RenderedSource:
         self.showing: Showing = lambda: nullcontext(notify_every(5.0, f"rendering {dataset.name}"))
 
     def files(self, split: str) -> list[Path]:
-        """None: what is missing is rendered."""
+        """An empty list: what is missing is rendered."""
         return []
 
     def fingerprint(self) -> str:
@@ -77,14 +77,14 @@ class RenderedSource:
         return plan.digest
 
     def read_split(self, split: str, fix: str) -> RenderedSplit:
-        """A split, rendered with all others if that was not done before.
+        """Read a split; all splits are rendered if they have not been.
 
         Args:
             split: its name.
-            fix: what a user does where it has no images: ``dataset.frames.val=50``.
+            fix: what a user does if it has no images: ``dataset.frames.val=50``.
 
         Raises:
-            UserError: it has none, or the store cannot be written to or is damaged.
+            UserError: the split has no images, or the store cannot be written to or is damaged.
         """
         plan = self.dataset.plan()
         store = open_store(plan, self.dataset.cache)

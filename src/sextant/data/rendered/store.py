@@ -26,18 +26,18 @@ from sextant.reporter import Advance
 
 
 def open_store(plan: RenderPlan, cache: Path | str, *, notify: Notify = log.info) -> "RenderedStore":
-    """The store of a plan below ``cache``; laid out, with nothing rendered, if it is not there yet.
+    """Open the store of a plan below ``cache``; if it does not exist yet, it is laid out with nothing rendered.
 
-    A store that is there is opened without building the plan's world.
+    An existing store is opened without building the plan's world.
 
     Args:
         plan: what to render.
         cache: folder of stores.
-        notify: gets a message when this process waits for another.
+        notify: receives a message when this process waits for another.
 
     Raises:
         UserError: the folder cannot be written to, or the disk is full.
-        DamagedStoreError: a file of the store is not what it should be; names it and the command that repairs it.
+        DamagedStoreError: a file of the store is damaged; the message names it and the command that repairs it.
     """
     directory = Path(cache).absolute() / f"{plan.name}-{plan.digest[:8]}"
     if not StoreLayout(directory).manifest.is_file():
@@ -50,22 +50,22 @@ def open_store(plan: RenderPlan, cache: Path | str, *, notify: Notify = log.info
 
 
 def load_store(directory: Path | str, *, notify: Notify = log.info) -> "RenderedStore":
-    """A store as it lies on disk, without its renderer: what is not rendered cannot be read.
+    """Open a store as it is on disk, without its renderer: what is not rendered cannot be read.
 
     Raises:
-        DamagedStoreError: a file of the store is not what it should be; names it and the command that repairs it.
+        DamagedStoreError: a file of the store is damaged; the message names it and the command that repairs it.
     """
     return RenderedStore(Path(directory).absolute(), None, notify)
 
 
 class RenderedStore:
-    """Items by index; those not on disk yet are rendered when they are first read.
+    """Items by index; those not yet on disk are rendered when first read.
 
-    Any number of processes and threads may read and fill one store: each chunk is rendered by one of them. Stores can
-    be pickled if their plan can, and are then opened again.
+    Any number of processes and threads may read and fill a store: each chunk is rendered by one of them. A store can be
+    pickled if its plan can; unpickling opens it again.
 
     Attributes:
-        directory: where it lies.
+        directory: its folder.
         manifest: what it holds.
     """
 
@@ -92,17 +92,17 @@ class RenderedStore:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of config and source: it changes when what is rendered would."""
+        """SHA-256 of config and source, which changes when the rendered data would."""
         return self.manifest.digest
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What the manifest says to a user of the dataset."""
+        """What the manifest tells a user about the dataset."""
         return dict(self.manifest.facts)
 
     @cached_property
     def columns(self) -> dict[str, ndarray]:
-        """Small arrays ``(count, ...)``, whole in memory.
+        """Small arrays ``(count, ...)``, held in memory.
 
         Raises:
             DamagedStoreError: a column's file is missing or altered.
@@ -132,20 +132,20 @@ class RenderedStore:
         return bool(self._rendered.all()) or self.rendered == len(self)
 
     def on_disk(self) -> ndarray:
-        """For each chunk whether it is rendered."""
+        """For each chunk, whether it is rendered."""
         self._refresh()
         return self._rendered
 
     def fill(self, progress: Advance | None = None, threads: int = 1, *, chunks: Sequence[int] | None = None) -> int:
-        """Render what is missing and return how many items this process rendered.
+        """Render what is missing and return the number of items this process rendered.
 
-        Waits while another process renders, and goes on if that one dies. Killed at any moment, it loses no more than
+        It waits while another process renders, and takes over if that one dies. If killed at any moment, it loses only
         the chunks under way; the next call resumes.
 
         Args:
-            progress: called with the number of items on disk and of all items, at first and after every chunk.
-            threads: chunks that are rendered at a time; each of them is in memory. Any number gives the same bytes.
-            chunks: all of them unless given.
+            progress: called with the numbers of items on disk and in all, at the start and after every chunk.
+            threads: chunks rendered at a time, each held in memory. Any number gives the same bytes.
+            chunks: chunks to render; by default all.
 
         Raises:
             DiskFullError: there is not enough space for the rest, or the disk filled up; what was rendered is kept.
@@ -155,7 +155,7 @@ class RenderedStore:
         return self._render(chosen, threads, progress or _ignore)
 
     def read(self, array: str, indices: Indices) -> ndarray:
-        """Items of one array, copied out of the file; chunks that are missing are rendered first.
+        """Read items of one array, copied into memory; missing chunks are rendered first.
 
         Args:
             array: name of an array, or of a column.
@@ -175,14 +175,14 @@ class RenderedStore:
         return np.asarray(np.take(self.mapped(array, chosen), chosen, axis=0))
 
     def mapped(self, array: str, rows: ndarray, threads: int = 1) -> ndarray:
-        """The whole of one array, in a map of its file of which ``rows`` are rendered and sound.
+        """A whole array, memory-mapped from its file, of which ``rows`` are rendered and sound.
 
-        Each chunk is compared with its hash when it is first asked for: what was read once is not read again.
+        Each chunk is compared with its hash when first requested, and only then.
 
         Args:
             array: its name.
-            rows: items that will be looked at; what the map holds of others is not known.
-            threads: that read.
+            rows: items that will be used; the content of others is undefined.
+            threads: number of reading threads.
 
         Raises:
             DamagedStoreError: a chunk is not what was rendered.
@@ -213,7 +213,7 @@ class RenderedStore:
                 raise DamagedStoreError.at(path, f"items {start} to {stop - 1} are not those that were rendered")
             self._sound[array][chunk] = True
 
-        with ThreadPoolExecutor(threads) as pool:  # hashing is done outside of the interpreter's lock
+        with ThreadPoolExecutor(threads) as pool:  # hashing releases the interpreter lock
             for _ in pool.map(compare, chunks):
                 pass
 
@@ -233,7 +233,7 @@ class RenderedStore:
         return [chunk for chunk in chunks if not self._rendered[chunk]]
 
     def _render(self, chunks: Sequence[int], threads: int, progress: Advance) -> int:
-        """Render those of ``chunks`` that are missing, under the store's lock."""
+        """Render the missing ones among ``chunks``, under the store's lock."""
         if not self._missing(chunks):
             progress(self.rendered, len(self))
             return 0
@@ -275,7 +275,7 @@ class RenderedStore:
         return made
 
     def _needed(self, chunks: Sequence[int]) -> int:
-        """Bytes still to be allocated for these chunks: a file with holes is not as large as it looks."""
+        """Bytes still to be allocated for these chunks: a sparse file takes less than its size."""
         spans = [self.manifest.grid.span(chunk) for chunk in chunks]
         missing = sum(stop - start for start, stop in spans) * self.manifest.item_bytes
         holes = len(self) * self.manifest.item_bytes - allocated_bytes(map(self._layout.array, self.manifest.arrays))
@@ -284,7 +284,7 @@ class RenderedStore:
     def _map(self, array: str) -> ndarray:
         if array not in self._maps:
             path = self._layout.array(array)
-            check_array(path, self.manifest.arrays[array], len(self))  # a map beyond its file's end kills the process
+            check_array(path, self.manifest.arrays[array], len(self))  # a map beyond the file's end kills the process
             self._maps[array] = np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
         return self._maps[array]
 

@@ -15,7 +15,7 @@ from sextant.reporter import Advance
 
 @dataclass(frozen=True)
 class ChunkDamage:
-    """A chunk of one array that is not what was rendered: the items from ``start`` up to ``stop``."""
+    """A damaged chunk of one array: the items from ``start`` up to ``stop`` are not what was rendered."""
 
     array: str
     chunk: int
@@ -37,11 +37,11 @@ class StoreReport:
 
     Attributes:
         directory: of the store.
-        manifest: what it holds; None if that cannot be read, and then nothing else could be checked.
-        damaged_files: files that are not what they should be as a whole.
+        manifest: what it holds; None if that cannot be read, in which case nothing else was checked.
+        damaged_files: files damaged as a whole.
         damaged_chunks: rendered chunks whose bytes changed.
-        rendered_chunks: chunks that the journal lists, the damaged ones among them.
-        missing_chunks: chunks that were never rendered, which is no damage.
+        rendered_chunks: chunks listed in the journal, including damaged ones.
+        missing_chunks: chunks that were never rendered, which is not damage.
     """
 
     directory: Path
@@ -58,7 +58,7 @@ class StoreReport:
 
     @property
     def missing_items(self) -> int:
-        """Number of items that are not rendered."""
+        """Number of items not rendered."""
         if self.manifest is None:
             return 0
         spans = (self.manifest.grid.span(chunk) for chunk in self.missing_chunks)
@@ -66,11 +66,11 @@ class StoreReport:
 
 
 def verify_store(directory: Path | str, progress: Advance | None = None) -> StoreReport:
-    """Read a whole store and compare it with its hashes; changes nothing.
+    """Read a whole store and compare it with its hashes, without changing anything.
 
     Args:
         directory: of the store.
-        progress: called with the number of chunks checked and to be checked.
+        progress: called with the number of chunks checked and the number to check.
 
     Raises:
         UserError: there is no store at ``directory``.
@@ -101,7 +101,7 @@ def verify_store(directory: Path | str, progress: Advance | None = None) -> Stor
 
 
 def is_store(directory: Path) -> bool:
-    """Whether a folder is a store, be it a damaged one."""
+    """Whether a folder is a store, even a damaged one."""
     layout = StoreLayout(directory)
     return layout.manifest.is_file() or layout.journal.is_file()
 

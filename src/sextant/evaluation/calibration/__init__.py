@@ -1,1 +1,1 @@
-"""Errors of cameras, their summaries, and what is known of their uncertainty."""
+"""Errors of predicted cameras, their summaries, and their uncertainty."""

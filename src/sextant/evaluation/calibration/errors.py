@@ -1,13 +1,13 @@
-r"""How far a predicted camera is from the true one, image by image.
+r"""Errors of predicted cameras against the true ones, image by image.
 
-Errors are absolute, their units in their names. Two of them are over a 15 x 15 grid of points :math:`p` of the image,
-edges included, lengths in image heights:
+Errors are absolute, with their units in their names. Two of them are averaged over a 15 x 15 grid of image points
+:math:`p`, edges included, with lengths in image heights:
 
 - ``bearing_deg``: mean angle between the rays of the point in the gravity frame under the two cameras;
-- ``undistortion_px``: with :math:`U(p) = f\,n(p)` the place of the point in the undistorted image, n its normalised
-  undistorted coordinates, the mean of :math:`480\,\|\hat U(p) - U(p)\|`: pixels of an image 480 high. Each camera
-  undistorts at its own f, so that the middle of the picture keeps its scale under both and what is left is bend: two
-  cameras of equal :math:`k_1 / f^2` bend alike, but for the small part of k2 that is linear in k1.
+- ``undistortion_px``: with :math:`U(p) = f\,n(p)` the position of the point in the undistorted image and n its
+  normalised undistorted coordinates, the mean of :math:`480\,\|\hat U(p) - U(p)\|`: pixels of an image 480 high. Each
+  camera undistorts at its own f, so that the centre of the picture keeps its scale under both and only the bending of
+  lines counts. Two cameras of equal :math:`k_1 / f^2` bend alike, except for the small part of k2 that is linear in k1.
 """
 
 import torch
@@ -45,8 +45,8 @@ def calibration_errors(
     """Absolute errors of each image, named by :data:`ERRORS`; see the module.
 
     Args:
-        predicted: the cameras; nan for what a method could not estimate, which makes every error that needs it nan.
-        truth: the true ones.
+        predicted: the predicted cameras; nan where a method has no estimate, which makes every error that needs it nan.
+        truth: the true cameras.
         aspect: width over height of each image.
         k2_of_k1: the lens family.
 
@@ -74,7 +74,7 @@ def calibration_errors(
 
 
 def true_vfov(camera: CameraParameters, lens: Parameterization) -> Float[Tensor, "*b"]:
-    """Angle between the rays of the middles of the top and bottom edges, radians, distortion included.
+    """Angle between the rays through the middles of the top and bottom edges, in radians, including distortion.
 
     >>> cameras = CameraParameters(*torch.tensor([[0.0, 0.0], [0.0, 0.0], [0.5, 0.5], [0.0, -0.1]]))
     >>> torch.rad2deg(true_vfov(cameras, Parameterization("direct")))  # a barrel sees more
@@ -100,7 +100,7 @@ def bearing_error(
 def undistorted(
     camera: CameraParameters, grid: Float[Tensor, "b n 2"], lens: Parameterization
 ) -> Float[Tensor, "b n 2"]:
-    """Where image points lie once distortion is removed at the camera's own focal length, in image heights.
+    """Positions of image points after undistortion at the camera's own focal length, in image heights.
 
     >>> camera = CameraParameters(*torch.tensor([[0.0], [0.0], [1.0], [-0.1]]))  # a barrel: borders are pulled inwards
     >>> undistorted(camera, torch.tensor([[[0.0, 0.0], [0.5, 0.5]]]), Parameterization("direct"))[0]

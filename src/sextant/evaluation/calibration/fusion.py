@@ -1,16 +1,17 @@
-r"""One camera from several of its photos: focal length and apparent distortion fused, and whether they agree.
+r"""Fusing one camera from several of its photos: focal length and apparent distortion, and whether they agree.
 
 For estimates :math:`x_i` with standard errors :math:`\sigma_i` and weights :math:`w_i = 1/\sigma_i^2` the fused value
-is :math:`\bar x = \sum w_i x_i / \sum w_i`. If all photos show one camera and the errors are normal,
-:math:`\chi^2 = \sum w_i (x_i - \bar x)^2` has n - 1 degrees of freedom for each quantity. Where it is improbably large,
-the one photo without which it falls most is left out if the rest then agree (from three photos on: of two nobody knows
-which is wrong); where they still disagree, the standard error is widened by :math:`\sqrt{\chi^2 / (n - 1)}`.
+is :math:`\bar x = \sum w_i x_i / \sum w_i`. If all photos are from one camera and the errors are normal,
+:math:`\chi^2 = \sum w_i (x_i - \bar x)^2` has n - 1 degrees of freedom for each quantity. If it is improbably large,
+the one photo whose removal lowers it most is left out, provided that the rest then agree (with at least three photos:
+of two, it is unknown which is wrong). If they still disagree, the standard error is widened by
+:math:`\sqrt{\chi^2 / (n - 1)}`.
 
 Errors of one network on photos of one lens are not independent. With a correlation c between any two,
 
 .. math:: \operatorname{Var} \bar x = \frac{1 - c}{\sum w_i} + c \Big(\frac{\sum w_i \sigma_i}{\sum w_i}\Big)^2 ,
 
-which does not fall to zero with n. The default, 1/4, is an assumption and not a measurement: no number of photos then
+which does not vanish as n grows. The default, 1/4, is an assumption, not a measurement: with it, no number of photos
 makes the interval narrower than half of one photo's.
 
 Source: R. T. Birge, "The calculation of errors by the method of least squares", Physical Review 40, 1932 (the ratio);
@@ -30,7 +31,7 @@ LEVEL = 0.01  # of the consistency test: one good set in a hundred is called inc
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known beforehand of one quantity: normal with this mean and standard deviation."""
+    """A normal prior on one quantity, with this mean and standard deviation."""
 
     mean: float
     sigma: float
@@ -41,14 +42,14 @@ class Fusion:
     """Estimates of the same quantities, fused.
 
     Attributes:
-        values: fused, one a quantity.
+        values: the fused values, one per quantity.
         sigmas: their standard errors.
-        chi_square: of the estimates that were kept, over all quantities.
-        degrees: of freedom of it.
+        chi_square: of the estimates kept, over all quantities.
+        degrees: its degrees of freedom.
         p_value: of the consistency test; 1 with a single estimate.
         kept: which estimates were used.
-        consistent: whether those that were kept pass the test.
-        prior_z: standard errors between the prior and the estimates; nan without one.
+        consistent: whether the estimates kept pass the test.
+        prior_z: standard errors between the prior and the estimates; nan without a prior.
     """
 
     values: Float[ndarray, "k"]
@@ -71,14 +72,14 @@ def fuse(
     """Fuse n estimates of k quantities; see the module.
 
     Args:
-        values: one row a photo.
-        sigmas: their standard errors; infinite where a photo says nothing of a quantity.
+        values: one row per photo.
+        sigmas: their standard errors; infinite where a photo says nothing about a quantity.
         correlation: between the errors of any two photos, in [0, 1].
         level: of the consistency test.
 
     Raises:
         ValueError: there is no estimate, one is not finite, a standard error is not above 0, or no photo says anything
-            of a quantity.
+            about a quantity.
 
     >>> found = fuse(np.array([[1.0], [1.1], [3.0]]), np.full((3, 1), 0.1))  # the third photo is not of this camera
     >>> found.values, found.kept
@@ -106,7 +107,7 @@ def fuse(
 
 
 def with_prior(fusion: Fusion, quantity: int, prior: Prior) -> Fusion:
-    """Combine one of the fused quantities with what was known of it: the product of two normal densities.
+    """Combine one of the fused quantities with a prior: the product of two normal densities.
 
     >>> found = with_prior(fuse(np.array([[1.0]]), np.array([[0.1]])), 0, Prior(mean=1.2, sigma=0.1))
     >>> found.values, found.sigmas.round(3), round(found.prior_z, 2)  # half-way, 0.1 / sqrt(2), and 0.2 / (0.1 sqrt(2))

@@ -1,4 +1,4 @@
-"""Methods on photos of known cameras in one table: areas under the recall curve, medians, intervals, verdicts."""
+"""A table of methods on photos of known cameras: areas under the recall curve, medians, intervals, verdicts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from sextant.evaluation.calibration.errors import calibration_errors
 from sextant.evaluation.calibration.summary import AUC_DEG, ErrorSummary, Estimate, summary
 from sextant.geometry import CameraParameters, vfov_from_focal, wrap_angle
 
-#: of a table: title, error, digits, and whether it has areas under the recall curve
+#: columns of a table: title, error, digits, and whether it has areas under the recall curve
 COLUMNS = (
     ("roll (°)", "roll_deg", 2, True),
     ("tilt (°)", "tilt_deg", 2, True),
@@ -21,7 +21,7 @@ COLUMNS = (
     ("rays (°)", "bearing_deg", 2, False),
     ("k1/f²", "k1_hat", 3, False),
 )
-#: AUC@1/5/10 of roll, pitch and field of view that others published, each on photos of its own: none of these is ours
+#: AUC@1/5/10 of roll, pitch and field of view as published by others, each on its own photos: none of these is ours
 PUBLISHED = (
     ("GeoCalib, LaMAR", "86.4 / 92.5 / 95.0", "55.0 / 76.9 / 86.2", "19.1 / 41.5 / 60.0"),
     ("GeoCalib, MegaDepth", "82.6 / 90.6 / 94.0", "32.4 / 53.3 / 67.5", "13.6 / 31.7 / 48.2"),
@@ -37,12 +37,12 @@ Table = tuple[list[str], list[list[str]]]
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What one method says of n photos.
+    """One method's answers for n photos.
 
     Attributes:
         cameras: tilt, roll, focal length (image heights) and k1; nan where it failed.
-        half: by level, half the widths of the intervals of tilt, roll, vfov (radians) and k1 / f².
-        verdicts: of each.
+        half: by level, the half-widths of the intervals of tilt, roll, vfov (radians) and k1 / f².
+        verdicts: one per photo.
     """
 
     cameras: Float64[ndarray, "n 4"]
@@ -52,12 +52,12 @@ class Answers:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The photos' cameras.
+    """The true cameras of the photos.
 
     Attributes:
-        cameras: tilt, roll, focal length (image heights) and k1; nan where it is not known.
+        cameras: tilt, roll, focal length (image heights) and k1; nan where unknown.
         aspect: width over height.
-        clusters: photos of one are not independent.
+        clusters: photos of the same cluster are not independent.
 
     Example:
         >>> truth = Truth(np.array([[0.0, 0.0, 1.0, np.nan]]), aspect=np.array([1.5]), clusters=["hall"])
@@ -71,12 +71,12 @@ class Truth:
     clusters: Sequence[str]
 
     def errors(self, cameras: Float64[ndarray, "n 4"]) -> dict[str, Float[ndarray, "n"]]:
-        """Of other cameras, by name; nan where the truth or the camera is not known."""
+        """Errors of other cameras, by name; nan where the truth or the camera is unknown."""
         said, true = (CameraParameters(*torch.from_numpy(each.T.copy())) for each in (cameras, self.cameras))
         return calibration_errors(said, true, torch.from_numpy(self.aspect))
 
     def summaries(self, cameras: Float64[ndarray, "n 4"]) -> dict[str, ErrorSummary]:
-        """Of each error over the photos for which the truth of it is known; a failed photo is an infinite error."""
+        """Summary of each error over the photos whose truth is known; a failed photo counts as an infinite error."""
         errors, known = self.errors(cameras), self.errors(self.cameras)
         numbers = np.unique(np.array(self.clusters), return_inverse=True)[1]
         found: dict[str, ErrorSummary] = {}
@@ -113,7 +113,7 @@ def error_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
 
 
 def interval_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
-    """How often the 68 and 95 % intervals hold the truth, in per cent with intervals over clusters.
+    """Coverage of the 68 and 95 % intervals, in per cent with intervals over clusters.
 
     Raises:
         ValueError: there is no method.
@@ -140,7 +140,7 @@ def interval_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
 
 
 def verdict_table(truth: Truth, answers: Answers, wrong: float = 20.0) -> Table:
-    """Of each verdict: how many photos have it, their errors, and how many focal lengths are off by over ``wrong`` %.
+    """For each verdict: the number of photos, their errors, and how many focal lengths are off by over ``wrong`` %.
 
     >>> truth = Truth(np.array([[0.0, 0.0, 1.0, 0.0]] * 2), aspect=np.ones(2), clusters=["hall", "hall"])
     >>> said = Answers(truth.cameras * [[1, 1, 1.1, 1], [1, 1, 1.5, 1]], {}, ["good", "weak"])

@@ -1,18 +1,18 @@
-r"""How unlike a set of pictures another one looks, by sixteen numbers that any picture has.
+r"""How different a picture looks from a set of pictures, by sixteen numbers that any picture has.
 
-In each third of a picture from top to bottom: the log of the mean gradient, the mean brightness, saturation and warmth
-(red minus blue); of all of it: the contrast, the logs of the median and the mean Laplacian (grain and detail), and the
-log ratio of horizontal to vertical gradients. With these as :math:`x`, and mean :math:`\mu` and covariance
-:math:`\Sigma` of the set's, the distance is Mahalanobis's
+For each third of a picture from top to bottom, these are the log of the mean gradient and the mean brightness,
+saturation and warmth (red minus blue). For the whole picture, they are the contrast, the logs of the median and the
+mean Laplacian (grain and detail), and the log ratio of horizontal to vertical gradients. With these as :math:`x`, and
+their mean :math:`\mu` and covariance :math:`\Sigma` over the set, the distance is Mahalanobis's
 
 .. math:: d(x) = \sqrt{(x - \mu)^\top \Sigma_\lambda^{-1} (x - \mu)},
 
 where each number is measured in its standard deviation, and :math:`\Sigma_\lambda` is :math:`\Sigma` shrunk by a tenth
-towards a multiple of the identity, as crops of a few dozen scenes do not determine it. Distances of the set's own
-pictures, which those of a new one are compared with, are to all scenes but their own.
+towards a multiple of the identity, as crops of a few dozen scenes do not determine it. The distance of a new picture is
+compared with those of the set's own pictures, each taken to all scenes but its own.
 
-It finds pages of text, noise and other kinds of scenes. It does not show that a network errs: a photo may look usual
-and be taken by a lens that the network never met.
+It detects pages of text, noise and other kinds of scenes. It does not show that a network errs: a photo may look
+ordinary and yet be taken with a lens that the network never saw.
 
 Sources: P. C. Mahalanobis, "On the generalised distance in statistics", 1936; K. Lee et al., "A simple unified
 framework for detecting out-of-distribution samples and adversarial attacks", NeurIPS 2018, who use it on features of a
@@ -26,16 +26,16 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-#: numbers that :func:`picture_looks` gives
+#: numbers given by :func:`picture_looks`
 NUMBERS = 16
 BANDS = 3
 SHRINKAGE = 0.1
-#: of logarithms and standard deviations: a picture of one grey has no gradient
+#: floor of logarithms and standard deviations: a uniform grey picture has no gradient
 SMALLEST = 1e-3
 
 
 def picture_looks(images: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b 16"]:
-    """The sixteen numbers of pictures in [0, 1], at least six pixels high.
+    """The sixteen numbers of pictures with values in [0, 1], at least six pixels high.
 
     >>> picture_looks(torch.rand(2, 3, 24, 32)).shape
     torch.Size([2, 16])
@@ -57,7 +57,7 @@ def picture_looks(images: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b 16"]:
 
 
 def _lower_median(values: Float[Tensor, "b n"]) -> Float[Tensor, "b"]:
-    """By sorting on a GPU, as the median of rows that PyTorch has there is refused where results are to repeat."""
+    """Lower median; by sorting on a GPU, as PyTorch's median of rows is refused there in deterministic mode."""
     if values.is_cpu:
         return values.median(1).values
     return values.sort(1).values[:, (values.shape[1] - 1) // 2]
@@ -65,11 +65,11 @@ def _lower_median(values: Float[Tensor, "b n"]) -> Float[Tensor, "b"]:
 
 @dataclass(frozen=True)
 class LooksSpread:
-    """Where a set of pictures lies among the sixteen numbers.
+    """Mean and spread of a set of pictures in the sixteen numbers.
 
     Attributes:
         mean: of the set.
-        whitening: turns a difference to the mean into a vector as long as the distance.
+        whitening: maps a difference from the mean to a vector whose length is the distance.
 
     Example:
         >>> noise = torch.rand(40, 3, 24, 32, generator=torch.Generator().manual_seed(0))
@@ -99,13 +99,13 @@ class LooksSpread:
         return cls(mean, torch.linalg.inv(factor) / scale)
 
     def distance(self, looks: Float[Tensor, "b 16"]) -> Float[Tensor, "b"]:
-        """How far pictures are from the set."""
+        """Distances of pictures from the set."""
         distance: Tensor = ((looks - self.mean) @ self.whitening.T).norm(dim=1)
         return distance
 
 
 def own_distances(looks: Float[Tensor, "n 16"], scenes: Int64[Tensor, "n"]) -> Float[Tensor, "n"]:
-    """How far each picture of a set is from those of all other scenes; infinite where there is no other scene.
+    """Distance of each picture of a set from those of all other scenes; infinite if there is no other scene.
 
     >>> pictures = torch.rand(40, 3, 24, 32, generator=torch.Generator().manual_seed(0))
     >>> pictures[:2] /= 2  # the first scene is darker

@@ -1,14 +1,14 @@
 r"""Whether a predicted uncertainty identifies the images with large errors.
 
-Images are taken away one by one, the most uncertain first; the *sparsification curve* is the mean error of the rest,
-divided by the mean error of all. The *oracle* takes the largest error first: no order lies below it. Taking images away
-at random leaves 1 on average. With A(.) the area between a curve and the oracle's, over the share taken away,
+Images are removed one by one, the most uncertain first; the *sparsification curve* is the mean error of the rest,
+divided by the mean error of all. The *oracle* removes the largest error first: no order lies below it. Removing images
+at random leaves 1 on average. With A(.) the area between a curve and the oracle's, over the share removed,
 
 .. math:: \mathrm{AUSE} = A(\text{uncertainty}), \qquad
           \mathrm{relative} = A(\text{uncertainty}) / A(\text{random}) ,
 
-so that the relative area is 0 for an uncertainty that orders images as their errors do, 1 for one that says nothing and
-more for one that misleads. Images of equal uncertainty count as taken away in random order: a constant gives exactly 1.
+so that the relative area is 0 for an uncertainty that orders images as their errors do, 1 for an uninformative one and
+more for a misleading one. Images of equal uncertainty count as removed in random order: a constant gives exactly 1.
 
 Source: E. Ilg et al., "Uncertainty estimates and multi-hypotheses networks for optical flow", ECCV 2018.
 """
@@ -23,10 +23,10 @@ from scipy import stats
 
 @dataclass(frozen=True)
 class Sparsification:
-    """Curves over the share of images taken away, and what they say; see the module.
+    """Curves over the share of images removed, and their summaries; see the module.
 
     Attributes:
-        removed: share taken away, from 0 to 1 - 1/n.
+        removed: share removed, from 0 to 1 - 1/n.
         curve: mean error of the rest over that of all, by uncertainty.
         oracle: the same by the errors themselves.
         ause: area between the two.
@@ -43,14 +43,14 @@ class Sparsification:
 
 
 def sparsification(errors: Float[ndarray, "n"], uncertainty: Float[ndarray, "n"]) -> Sparsification:
-    """How well ``uncertainty`` orders ``errors``.
+    """Measure how well ``uncertainty`` orders ``errors``.
 
     Args:
         errors: absolute, finite.
         uncertainty: of each; only its order matters.
 
     Raises:
-        ValueError: there are no errors, their mean is 0, or a value is not finite, negative or without its partner.
+        ValueError: there are no errors, their mean is 0, a value is not finite or negative, or the lengths differ.
 
     >>> errors = np.array([1.0, 2.0, 3.0, 4.0])
     >>> [round(sparsification(errors, said).relative, 2) for said in (errors, np.ones(4), -errors)]  # worst: reversed
@@ -77,7 +77,7 @@ def sparsification(errors: Float[ndarray, "n"], uncertainty: Float[ndarray, "n"]
 
 
 def _kept_means(errors: Float[ndarray, "n"], by: Float[ndarray, "n"]) -> Float[ndarray, "n"]:
-    """Mean error of what is left when 0, 1, ... n - 1 images with the largest ``by`` are gone."""
+    """Mean error of the rest when the 0, 1, ... n - 1 images with the largest ``by`` are removed."""
     _, tie, sizes = np.unique(by, return_inverse=True, return_counts=True)
     expected = (np.bincount(tie, weights=errors) / sizes)[tie]  # ties leave in random order
     kept = np.cumsum(expected[np.argsort(by)]) / np.arange(1, len(errors) + 1)

@@ -1,16 +1,16 @@
-r"""What the errors of a set of images say of a method: medians, means, and areas under the recall curve.
+r"""Summaries of a method's errors over a set of images: medians, means, and areas under the recall curve.
 
-The area (``AUC@t``) is GeoCalib's. Recall, the share of errors up to e, is drawn straight from each sorted error to the
-next and flat from the last to t, with all errors up to m = 1 degree taken as reached at 0; the area is its integral
-over [0, t], divided by t. For n images that is, exactly,
+The area (``AUC@t``) is GeoCalib's. Recall, the share of errors up to e, is interpolated linearly from each sorted error
+to the next and is constant from the last to t, with all errors up to m = 1 degree counted as reached at 0. The area is
+its integral over [0, t], divided by t. For n images that is exactly
 
 .. math:: \frac1n \sum_i g(e_i) + \frac{\max(0, e_{last} - m)}{2 n t}, \qquad
           g(e) = 1\ (e \le m),\quad 1 - e/t\ (m < e \le t),\quad 0\ (e > t),
 
 with e_last the largest error up to t. In particular ``AUC@1`` is the share of errors up to 1 degree.
 
-Intervals are those of a percentile bootstrap over panoramas: the crops of one are not independent, so each resample
-draws whole panoramas. With few of them (below some 20) they hold the truth less often than they say.
+Intervals are from a percentile bootstrap over panoramas: crops of one panorama are not independent, so each resample
+draws whole panoramas. With few panoramas (below some 20) the intervals cover less than their nominal level.
 
 Sources: A. Veicht et al., "GeoCalib: learning single-image calibration with geometric optimization", ECCV 2024 (its
 evaluation has ``min_error = 1``); P.-E. Sarlin et al., "SuperGlue", CVPR 2020, for the area under the exact curve.
@@ -42,12 +42,13 @@ class ErrorSummary:
     """One error over a set of images.
 
     Attributes:
-        images: how many.
-        panoramas: from how many.
+        images: number of images.
+        panoramas: number of panoramas that they are from.
         answered: share of the images for which the method gave an answer.
-        median: an image without an answer counts as an infinite error.
-        mean: over the answered images alone; nan without any.
-        auc: by threshold in degrees, in [0, 1], unanswered images as infinite errors; empty for what is no angle.
+        median: over all images; one without an answer counts as an infinite error.
+        mean: over the answered images only; nan without any.
+        auc: by threshold in degrees, in [0, 1], with unanswered images as infinite errors; empty for errors that are
+            not angles.
     """
 
     images: int
@@ -61,7 +62,7 @@ class ErrorSummary:
 def auc(errors: Float[ndarray, "n"], threshold: float, full_below: float = FULL_BELOW) -> float:
     """Area under the recall curve up to ``threshold``, in [0, 1]; nan counts as infinite, no errors give nan.
 
-    ``full_below = 0`` is the area as SuperGlue defines it. See the module for the formula.
+    ``full_below = 0`` gives the area as defined by SuperGlue. See the module for the formula.
 
     Raises:
         ValueError: ``threshold`` is not positive or below ``full_below``.
@@ -110,7 +111,7 @@ def summary(
         seed: of the bootstrap; the same panoramas give the same resamples for every method and error.
 
     Raises:
-        ValueError: there are no images, or an error has another number of them than ``panoramas``.
+        ValueError: there are no images, or the length of an error differs from that of ``panoramas``.
 
     >>> errors = {"tilt_deg": np.array([0.5, 1.0, 4.0, np.nan])}
     >>> found = summary(errors, panoramas=np.array([0, 0, 1, 1]))["tilt_deg"]
@@ -194,7 +195,7 @@ def _resampled_medians(
     order = np.argsort(errors)
     ordered, owner = errors[order], clusters[order]
     medians = np.empty(len(counts))
-    for row, count in enumerate(counts):  # one at a time: all weights at once would be resamples x images
+    for row, count in enumerate(counts):  # one at a time: all weights at once would take resamples x images
         reached = np.cumsum(count[owner])
         middle = np.searchsorted(reached, [(reached[-1] + 1) // 2, reached[-1] // 2 + 1])
         medians[row] = ordered[middle].mean()
@@ -204,12 +205,12 @@ def _resampled_medians(
 def _estimate(value: float, resampled: Float[ndarray, "resamples"], confidence: float, clusters: int) -> Estimate:
     if clusters < 2 or np.isnan(resampled).any():
         return Estimate(value, float("nan"), float("nan"))
-    # of order statistics, as interpolating between infinite ones gives nan
+    # order statistics, as interpolating between infinite ones gives nan
     low, high = np.quantile(resampled, [(1 - confidence) / 2, (1 + confidence) / 2], method="inverted_cdf")
     return Estimate(value, float(low), float(high))
 
 
-#: of the methods table: title, error, digits
+#: columns of the methods table: title, error, digits
 TABLE = (
     ("tilt (°)", "tilt_deg", 2),
     ("roll (°)", "roll_deg", 2),
@@ -226,13 +227,14 @@ TABLE = (
 def methods_table(
     methods: Mapping[str, Mapping[str, ErrorSummary]], *, intervals: bool = False
 ) -> tuple[list[str], list[list[str]]]:
-    """Titles and rows of text, one row a method.
+    """Titles and rows of text, one row per method.
 
-    Columns: the share of the images that it gave an answer for, median errors, and AUC@1/5/10 of the angles in percent.
+    Columns: the share of images for which the method gave an answer, median errors, and AUC@1/5/10 of the angles in
+    percent.
 
     Args:
-        methods: summaries of each method, in the order of the rows; an error that one lacks is a dash.
-        intervals: give each median its interval.
+        methods: summaries of each method, in the order of the rows; a missing error is shown as a dash.
+        intervals: show the interval of each median.
 
     >>> titles, rows = methods_table({"ours": summary({"tilt_deg": np.array([0.5, 1.5])}, np.array([0, 1]))})
     >>> titles[:3], rows[0][:3]
@@ -242,7 +244,7 @@ def methods_table(
     areas = [f"{name.removesuffix('_deg')} AUC@{'/'.join(map(str, AUC_DEG))}" for name in AUC_OF]
     rows = []
     for method, errors in methods.items():
-        # of whole cameras, or for a method that never tells one, of what it tells
+        # of whole cameras, or, for a method that never gives one, of what it gives
         whole = errors["bearing_deg"].answered if "bearing_deg" in errors else 0.0
         share = whole or max((of.answered for of in errors.values()), default=float("nan"))
         medians = [_cell(errors.get(name), digits, intervals) for _, name, digits in TABLE]

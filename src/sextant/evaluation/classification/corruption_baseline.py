@@ -1,4 +1,4 @@
-"""Baselines that corruption errors are divided by: two published AlexNets, any model of one's own, or a JSON file."""
+"""Baselines for normalising corruption errors: two published AlexNets, a model of one's own, or a JSON file."""
 
 import json
 from collections.abc import Mapping
@@ -13,13 +13,13 @@ from sextant.evaluation.classification.corruption_error import CorruptionErrors
 
 @dataclass(frozen=True)
 class CorruptionBaseline:
-    """Errors that others are compared with, as shares in [0, 1].
+    """Reference errors that others are compared with, as shares in [0, 1].
 
     Attributes:
-        name: what a report calls it.
-        source: where its errors are from.
+        name: its name in reports.
+        source: where its errors come from.
         clean: error on clean images.
-        errors: by corruption: one a severity, or only their mean, as papers print it.
+        errors: by corruption: one per severity, or only their mean, as printed in papers.
     """
 
     name: str
@@ -29,7 +29,7 @@ class CorruptionBaseline:
 
     @classmethod
     def of_model(cls, name: str, source: str, errors: CorruptionErrors) -> "CorruptionBaseline":
-        """Make a tested model the baseline; its own CE and relative CE are 1 then.
+        """Make a tested model the baseline, so that its own CE and relative CE are 1.
 
         >>> from sextant.evaluation.classification.corruption_score import corruption_score
         >>> errors = CorruptionErrors(0.1, {"fog": (0.2, 0.4)})
@@ -112,7 +112,7 @@ def write_baseline(path: Path, baseline: CorruptionBaseline) -> None:
 
 
 def read_baseline(path: Path) -> CorruptionBaseline:
-    """Read a baseline from JSON with ``name``, ``source``, ``clean`` and ``errors`` (a list or one mean a corruption).
+    """Read a baseline from JSON with ``name``, ``source``, ``clean`` and ``errors`` (by corruption, a list or a mean).
 
     Raises:
         UserError: the file cannot be read, or a value is missing or not a share in [0, 1].

@@ -13,16 +13,16 @@ from sextant.evaluation.paired import PairedDifference, paired_difference
 
 @dataclass(frozen=True)
 class CorruptionDifferences:
-    """Treatment minus control in error, by corruption: below zero is better; in the unit of the input.
+    """Treatment minus control in error, by corruption, in the unit of the input; below zero is better.
 
     Attributes:
         mean: the difference of the means over the corruptions.
         by_corruption: in the order of the treatment's errors.
-        wins, losses: corruptions on which the treatment's mean error is lower, or higher.
-        certain_wins, certain_losses: those whose interval over seeds lies wholly below, or above, zero; not corrected
-            for their number.
-        p_holm: of each corruption's paired t test over seeds, corrected for their number (Holm).
-        holm_wins, holm_losses: those of the certain ones for which that stays below 1 - confidence.
+        wins, losses: numbers of corruptions on which the treatment's mean error is lower, or higher.
+        certain_wins, certain_losses: numbers of those whose interval over seeds lies wholly below, or above, zero; not
+            corrected for multiplicity.
+        p_holm: p-value of each corruption's paired t test over seeds, Holm-corrected for their number.
+        holm_wins, holm_losses: numbers of wins and losses whose corrected p-value is below 1 - confidence.
         p_value: Wilcoxon's signed-rank test over corruptions, two-sided. Corruptions of a family are alike, so this
             overstates the evidence: the interval of ``mean`` over seeds is the one to quote.
     """
@@ -45,16 +45,16 @@ def corruption_differences(
     *,
     confidence: float = 0.95,
 ) -> CorruptionDifferences:
-    """Compare the errors of two arms, each one number a seed and corruption.
+    """Compare the errors of two arms, each with one number per seed and corruption.
 
     With a single seed there are wins, but no intervals: they are nan.
 
     Args:
-        treatment, control: errors by corruption, both in one unit, such as per cent; seeds in the same order.
+        treatment, control: errors by corruption, both in the same unit, such as per cent; seeds in the same order.
         confidence: coverage of the intervals, in (0, 1).
 
     Raises:
-        ValueError: the arms have other corruptions or numbers of seeds, or none.
+        ValueError: the arms differ in corruptions or in number of seeds, or have none.
 
     >>> control = {"fog": np.array([12.0, 13.0, 14.0]), "snow": np.array([20.0, 20.0, 21.5])}  # three seeds each
     >>> treatment = {"fog": np.array([10.0, 12.0, 11.0]), "snow": np.array([20.0, 21.0, 22.0])}

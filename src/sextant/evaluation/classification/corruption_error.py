@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Integer
 from numpy import ndarray
 
-#: families of the corruptions of CIFAR-10-C and ImageNet-C; ``extra`` is what its authors kept for validation
+#: families of the corruptions of CIFAR-10-C and ImageNet-C; ``extra`` holds those that the authors set aside for
+#: validation
 CORRUPTION_FAMILIES: dict[str, tuple[str, ...]] = {
     "noise": ("gaussian_noise", "shot_noise", "impulse_noise"),
     "blur": ("defocus_blur", "glass_blur", "motion_blur", "zoom_blur"),
@@ -31,7 +32,7 @@ class CorruptionErrors:
 
     Attributes:
         clean: error on clean images.
-        severities: error by corruption, one a severity.
+        severities: errors by corruption, one per severity.
 
     Raises:
         ValueError: an error is not a share, or a corruption has no severity.
@@ -57,7 +58,7 @@ class CorruptionErrors:
         """From errors by condition key: ``clean``, and ``corruption/severity`` in ascending order of severity.
 
         Raises:
-            ValueError: there is no ``clean``, a key is of another form, or an error is not a share.
+            ValueError: there is no ``clean``, a key has a different form, or an error is not a share.
         """
         severities: dict[str, list[tuple[float, float]]] = {}
         for key, error in errors.items():
@@ -71,7 +72,7 @@ class CorruptionErrors:
         return cls(errors["clean"], {name: tuple(e for _, e in sorted(pairs)) for name, pairs in severities.items()})
 
     def by_corruption(self) -> dict[str, float]:
-        """Error by corruption, the mean over its severities."""
+        """Error by corruption, averaged over its severities."""
         return {name: float(np.mean(errors)) for name, errors in self.severities.items()}
 
     def mean(self, corruptions: Sequence[str] | None = None) -> float:
@@ -80,7 +81,7 @@ class CorruptionErrors:
 
 
 def error_rate(predictions: Integer[ndarray, "n"], labels: Integer[ndarray, "n"]) -> float:
-    """Share of predictions that are wrong; ``ValueError`` without any or if the lengths differ.
+    """Share of wrong predictions; ``ValueError`` if there are none or the lengths differ.
 
     >>> error_rate(np.array([0, 1, 1, 2]), np.array([0, 1, 2, 2]))
     0.25

@@ -6,10 +6,10 @@ baseline, and :math:`E_0, A_0` both on clean images,
 .. math:: CE_c = \frac{\sum_s E_{c,s}}{\sum_s A_{c,s}}, \qquad
           rCE_c = \frac{\sum_s (E_{c,s} - E_0)}{\sum_s (A_{c,s} - A_0)},
 
-and mCE, mean rCE and E are means over the corruptions of a set. The relative error says how much is *lost* to the
-corruption: what is subtracted is the clean *error*, not the accuracy. All values are shares (1 is the baseline's
-error); papers print them times 100. Three conventions are in use, whose figures cannot be compared with each other: E
-alone over 15 corruptions (RobustBench, AugMix), CE over 15 (ImageNet-C), and CE over 19 (the push-pull paper).
+and mCE, mean rCE and E are means over the corruptions of a set. The relative error measures how much is *lost* to the
+corruption: the clean *error* is subtracted, not the accuracy. All values are shares (1 is the baseline's error); papers
+print them times 100. Three conventions are in use, whose figures are not comparable: E alone over 15 corruptions
+(RobustBench, AugMix), CE over 15 (ImageNet-C), and CE over 19 (the push-pull paper).
 
 Source: D. Hendrycks, T. Dietterich, "Benchmarking neural network robustness to common corruptions and perturbations",
 ICLR 2019, section 4.1.
@@ -26,10 +26,10 @@ from sextant.evaluation.classification.corruption_error import CorruptionErrors,
 
 @dataclass(frozen=True)
 class CorruptionScore:
-    """What one model scores on a set of corruptions; all are shares, 1 being the baseline's error.
+    """The scores of one model on a set of corruptions; ratios are shares, 1 being the baseline's error.
 
     Attributes:
-        baseline: name of the baseline that ``ce`` and ``relative_ce`` are ratios to.
+        baseline: name of the baseline to which ``ce`` and ``relative_ce`` are ratios.
         clean: error on clean images.
         error: mean error over the corruptions.
         mean_ce, mean_relative_ce: mean of ``ce`` and of ``relative_ce``.
@@ -46,10 +46,10 @@ class CorruptionScore:
 
 
 def corruption_ratio(errors: Sequence[float], baseline: Sequence[float]) -> float:
-    """:math:`CE = \\sum_s E_s / \\sum_s A_s` of one corruption; a baseline's mean over severities counts for each.
+    """:math:`CE = \\sum_s E_s / \\sum_s A_s` of one corruption; a baseline's mean over severities stands for each.
 
     Raises:
-        ValueError: the severities differ in number, there is none, or the baseline makes no error.
+        ValueError: the numbers of severities differ, there are none, or the baseline makes no error.
 
     >>> round(corruption_ratio([0.2, 0.4], [0.3, 0.5]), 2), round(corruption_ratio([0.2, 0.4], [0.4]), 2)
     (0.75, 0.75)
@@ -62,10 +62,10 @@ def relative_corruption_ratio(
 ) -> float:
     """:math:`rCE = \\sum_s (E_s - E_0) / \\sum_s (A_s - A_0)` of one corruption.
 
-    It is undefined, and may change its sign, where the corruption does not hurt the baseline.
+    It is undefined, and may change sign, if the corruption does not hurt the baseline.
 
     Raises:
-        ValueError: the severities differ in number, there is none, or the baseline loses nothing.
+        ValueError: the numbers of severities differ, there are none, or the baseline loses nothing.
 
     >>> round(relative_corruption_ratio([0.2, 0.4], 0.1, [0.3, 0.5], 0.1), 2)  # (0.1 + 0.3) / (0.2 + 0.4)
     0.67

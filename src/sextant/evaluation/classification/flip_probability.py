@@ -1,10 +1,10 @@
-r"""How often a prediction changes while an image changes a little.
+r"""Flip probability: how often a prediction changes while an image changes slightly.
 
 On m sequences of n frames, with :math:`f(x_j^{(i)})` the class predicted for frame j of sequence i,
 
 .. math:: FP = \frac{1}{m (n-1)} \sum_{i=1}^m \sum_{j=2}^n [f(x_j^{(i)}) \ne f(x_{j-1}^{(i)})].
 
-Noise sequences do not evolve, each frame has noise of its own: there every frame is compared with the first.
+Noise sequences do not evolve: each frame has its own noise, so every frame is compared with the first.
 
 Source: D. Hendrycks, T. Dietterich, "Benchmarking neural network robustness to common corruptions and perturbations",
 ICLR 2019, section 4.2.
@@ -45,11 +45,11 @@ def flip_probability(predictions: Integer[ndarray, "sequences frames"], *, again
 
     Args:
         predictions: predicted class by sequence and frame.
-        against_first: compare with the first frame, as noise perturbations demand (:func:`is_noise`).
-        step: compare frames so far apart, each phase on its own (the benchmark's harder variants); noise keeps 1.
+        against_first: compare with the first frame, as noise perturbations require (:func:`is_noise`).
+        step: distance of the compared frames, over all phases (the benchmark's harder variants); noise keeps 1.
 
     Raises:
-        ValueError: there is no sequence, a sequence has no two frames ``step`` apart, or ``step`` is not positive.
+        ValueError: there is no sequence, sequences have no two frames ``step`` apart, or ``step`` is not positive.
 
     >>> frames = np.array([[3, 3, 5, 5]])
     >>> round(flip_probability(frames, against_first=False), 2), round(flip_probability(frames, against_first=True), 2)

@@ -1,14 +1,14 @@
-r"""How many particles a method needs, and how many times more than another.
+r"""How many particles a method needs, and how many times as many as another.
 
-:math:`N_{95}` is the smallest of the counts tried at which at least 95 % of the seeds succeed. A method that reaches
-this at none has a censored one: it lies above the largest count tried, and so does a ratio that it is part of lie in an
-interval instead of being a number. Both are carried as intervals: :math:`N_a / N_b` is in ``[least, most]``, with
+:math:`N_{95}` is the smallest of the counts tried at which at least 95 % of the seeds succeed. If a method reaches this
+at none, its :math:`N_{95}` is censored: it lies above the largest count tried, and a ratio with it lies in an interval
+instead of being a number. Both are carried as intervals: :math:`N_a / N_b` is in ``[least, most]``, with
 ``most = inf`` if a is censored, ``least = 0`` if b is, and both if both are.
 
-The interval for the ratio resamples seeds with replacement (a percentile bootstrap) and takes the lower quantile of
-the lower ends and the upper one of the upper ends, so that censoring can only make it wider. Seeds are resampled
-jointly for both methods if they have the same ones. Where all seeds agree at every count the bootstrap has nothing to
-vary and the interval is a point: it says nothing of the counts between those tried, or of rarer failures.
+The interval for the ratio resamples seeds with replacement (a percentile bootstrap). It takes the lower quantile of the
+lower ends and the upper quantile of the upper ends, so that censoring can only make it wider. Seeds are resampled
+jointly if both methods have the same ones. Where all seeds agree at every count, the bootstrap has nothing to vary and
+the interval is a point: it says nothing about the counts between those tried, or about rarer failures.
 """
 
 import math
@@ -26,7 +26,7 @@ class CountRatio:
     """How many times as many particles the first method needs as the second.
 
     Attributes:
-        least, most: what the ratio lies between; equal unless it is censored.
+        least, most: bounds of the ratio; equal unless it is censored.
         low, high: ends of the bootstrap interval.
         censored: share of the resamples in which a method never succeeded often enough.
     """
@@ -54,9 +54,9 @@ def particles_needed(
     """The smallest count at which a share of at least ``level`` of the seeds succeeds; inf if none does.
 
     Args:
-        counts: of particles, ascending.
-        successes: by count and seed.
-        level: in (0, 1].
+        counts: numbers of particles, ascending.
+        successes: whether each seed succeeded, by count and seed.
+        level: required share of seeds, in (0, 1].
 
     Raises:
         ValueError: counts do not ascend, there is no seed, or the level is not in (0, 1].
@@ -84,10 +84,10 @@ def needed_ratio(
     Args:
         first, second: particle counts, ascending, and which seeds succeeded at each.
         level: share of the seeds that must succeed.
-        paired: both methods have the same seeds, in the same order.
-        confidence: of the interval.
-        resamples: of the bootstrap.
-        seed: of its generator.
+        paired: whether both methods have the same seeds, in the same order.
+        confidence: confidence level of the interval.
+        resamples: number of bootstrap resamples.
+        seed: seed of the bootstrap's generator.
 
     Raises:
         ValueError: as for `particles_needed`, or paired methods differ in their number of seeds.
@@ -128,7 +128,7 @@ def _needed(counts: Int64[ndarray, " k"], rates: Float[ndarray, "k *batch"], lev
 def _ratio(
     first: Float[ndarray, " n"], second: Float[ndarray, " n"], largest: tuple[float, float]
 ) -> tuple[Float[ndarray, " n"], Float[ndarray, " n"]]:
-    """Least and most of the ratio."""
+    """The bounds ``least`` and ``most`` of the ratio."""
     least = np.where(np.isinf(second), 0.0, np.minimum(first, largest[0]) / second)
     most = np.where(np.isinf(first), np.inf, first / np.minimum(second, largest[1]))
     return least, most

@@ -1,23 +1,24 @@
-r"""Whether a posterior over poses in the plane is as sure as it is right.
+r"""Calibration of posteriors over poses in the plane: whether a posterior is as sure as it is right.
 
-An error is :math:`e = (x - \hat x,\; y - \hat y,\; \mathrm{wrap}(\theta - \hat\theta))`, metres and radians in the axes
-of the map; covariances are in the same coordinates. Of a Gaussian posterior
+An error is :math:`e = (x - \hat x,\; y - \hat y,\; \mathrm{wrap}(\theta - \hat\theta))`, in metres and radians in the
+axes of the map; covariances are in the same coordinates. For a Gaussian posterior
 
 .. math:: \mathrm{NEES} = e^\top \Sigma^{-1} e \sim \chi^2_d
 
 (normalized estimation error squared; Bar-Shalom, Li & Kirubarajan, "Estimation with Applications to Tracking and
-Navigation", 2001, section 5.4). A mean above d says that the filter is surer than it is right. The sum of n independent
-NEES is :math:`\chi^2_{nd}`, which gives the interval in which the mean should lie. The frames of one drive are **not**
-independent: their number may be given as that of drives.
+Navigation", 2001, section 5.4). A mean above d says that the filter is overconfident. The sum of n independent NEES is
+:math:`\chi^2_{nd}`, which gives the interval in which the mean should lie. The frames of one drive are **not**
+independent: the number of drives may be given in place of theirs.
 
-The density of the true pose under weighted particles is that of a kernel estimate,
+The density of the true pose under weighted particles is a kernel density estimate,
 
 .. math:: p(x) = (1 - \epsilon) \sum_i w_i\, \mathcal N\big(t - t_i;\, 0, h_t^2 I\big)\,
    \frac{e^{\kappa \cos(\theta - \theta_i)}}{2\pi I_0(\kappa)} + \epsilon\, u, \qquad \kappa = h_\theta^{-2}
 
-per m² rad (per m² or m without heading), in which a von Mises kernel keeps the heading periodic. Where a filter is lost
-the truth lies so far from all particles that its density is zero but for the tail of the kernel, and the mean would
-depend on the bandwidth alone; :math:`u`, the uniform density of the map with a small share :math:`\epsilon`, bounds it.
+per m² rad (per m² or m without heading), in which a von Mises kernel keeps the heading periodic. Where a filter is
+lost, the truth lies so far from all particles that its density is zero but for the tail of the kernel, and the mean
+would depend on the bandwidth alone. The uniform density :math:`u` of the map, with a small share :math:`\epsilon`,
+bounds it.
 """
 
 from collections.abc import Mapping
@@ -30,22 +31,22 @@ from numpy import ndarray
 from scipy import stats
 from scipy.special import i0e, logsumexp
 
-#: Nominal shares for which coverage is reported.
+#: Nominal levels at which coverage is reported.
 LEVELS = (0.5, 0.9, 0.95)
-#: Coordinates of a pose: x, y, heading. A railway has x alone, and positions without heading x and y.
+#: Coordinates of a pose: x, y, heading. A railway has x only, and positions without heading have x and y.
 PLANE, POSITION, RAILWAY = (0, 1, 2), (0, 1), (0,)
 
 
 @dataclass(frozen=True)
 class PosteriorCalibration:
-    """How errors compare with the covariances that were stated with them.
+    """How errors compare with the covariances reported with them.
 
     Attributes:
-        dof: degrees of freedom, what the mean NEES should be.
-        mean, median: of the NEES.
+        dof: degrees of freedom, which the mean NEES should equal.
+        mean, median: mean and median of the NEES.
         low, high: interval in which the mean of calibrated posteriors lies.
         coverage: by nominal level, the share of the NEES below the quantile of the chi-square distribution.
-        poses: how many.
+        poses: number of poses.
     """
 
     dof: int
@@ -93,7 +94,7 @@ def nees(
     """
     errors = pose_errors(truth, mean)[..., axes]
     chosen = covariance[..., axes, :][..., axes]
-    # metres and radians are made alike first, so that what counts as no variance does not depend on the units
+    # metres and radians are normalised first, so that what counts as no variance does not depend on the units
     scale = np.sqrt(np.maximum(np.diagonal(chosen, axis1=-2, axis2=-1), 0.0))
     unit = np.where(scale > 0, scale, 1.0)
     variances, directions = np.linalg.eigh(chosen / unit[..., :, None] / unit[..., None, :])
@@ -109,10 +110,10 @@ def posterior_calibration(
     """Mean, interval and coverage of NEES values.
 
     Args:
-        values: of `nees`.
-        dof: number of coordinates that they are of.
-        independent: number of independent values, such as that of drives; by default all.
-        confidence: of the interval.
+        values: results of `nees`.
+        dof: number of coordinates in the NEES.
+        independent: number of independent values, such as the number of drives; by default all.
+        confidence: confidence level of the interval.
 
     Raises:
         ValueError: there is no value, or one is nan.
@@ -149,17 +150,17 @@ def particle_nll(
     background: float = 0.0,
     background_density: float = 0.0,
 ) -> Float[ndarray, "*n"]:
-    """Negative log density of the true pose under a kernel density of the particles in nats; see the module.
+    """Negative log density of the true pose under a kernel density of the particles, in nats; see the module.
 
     Args:
-        truth: poses: x and y in metres, heading in radians.
-        poses: of the particles.
-        log_weights: up to a constant.
+        truth: true poses: x and y in metres, heading in radians.
+        poses: poses of the particles.
+        log_weights: log weights up to a constant.
         bandwidth_m: standard deviation of the kernel along each axis.
-        bandwidth_rad: that of the heading: the von Mises kernel has concentration ``1 / bandwidth_rad²``.
+        bandwidth_rad: bandwidth in heading; the von Mises kernel has concentration ``1 / bandwidth_rad²``.
         axes: coordinates that count: ``PLANE``, ``POSITION`` or ``RAILWAY``.
         background: share of the uniform density, in [0, 1).
-        background_density: of a pose that may be anywhere in the map, such as 1 / (area x 2π) in the plane.
+        background_density: density of a pose anywhere in the map, such as 1 / (area x 2π) in the plane.
 
     Raises:
         ValueError: a bandwidth is not positive, or the background is not a share of a positive density.

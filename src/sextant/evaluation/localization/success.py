@@ -1,7 +1,7 @@
-"""Whether, how soon and for how long runs of localization know where they are; terms of `LocalizationProtocol`.
+"""Success of localization runs: whether they converge, how soon and for how long, by a `LocalizationProtocol`.
 
-Errors are tables of runs by frames; a drive that ended earlier, and a frame without an estimate, is nan. Times are in
-frames from the first one, which is 0. A run that never converged has ``NEVER`` for a time.
+Errors are tables of runs by frames, with nan after the end of a drive and for frames without an estimate. Times are in
+frames from the first one, which is 0. A run that never converged has the time ``NEVER``.
 """
 
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ from scipy import stats
 
 from sextant.evaluation.protocols import RECOVERY_HORIZON, LocalizationProtocol
 
-#: Where a time would stand, of a run that never converged.
+#: Stands for the time of a run that never converged.
 NEVER = -1
 
 
 @dataclass(frozen=True)
 class Share:
-    """How many of several independent runs, with Wilson's score interval (Wilson 1927, JASA 22).
+    """The share of independent runs for which something holds, with Wilson's score interval (Wilson 1927, JASA 22).
 
     Attributes:
-        count: of the runs for which it holds.
-        runs: all of them.
-        rate: their quotient; nan of no run.
+        count: number of runs for which it holds.
+        runs: number of all runs.
+        rate: their quotient; nan without runs.
         low, high: ends of the interval for the probability.
     """
 
@@ -37,12 +37,12 @@ class Share:
 
 @dataclass(frozen=True)
 class ConvergenceSummary:
-    """Runs that converged, and how long they took.
+    """How many runs converged, and how long they took.
 
     Attributes:
-        share: of the runs that converged.
-        median_frames, p90_frames: of the times of those that did; nan if none did.
-        tracking: mean over those of the share of later frames that are within; nan if none did.
+        share: share of the runs that converged.
+        median_frames, p90_frames: median and 90th percentile of their times to converge; nan if none did.
+        tracking: share of later frames within the limits, averaged over those runs; nan if none did.
     """
 
     share: Share
@@ -60,7 +60,7 @@ def within(
 
     Args:
         position: errors in the protocol's unit.
-        heading_deg: absolute errors in degrees; not read where the protocol has no heading.
+        heading_deg: absolute errors in degrees; not used if the protocol has no heading.
         protocol: the limits.
 
     Raises:
@@ -85,12 +85,12 @@ def converged_at(
     start: Int64[ndarray, " runs"] | int = 0,
     horizon: int | None = None,
 ) -> Int64[ndarray, " runs"]:
-    """The first t from ``start`` on with frames t .. t + ``frames`` - 1 all within; ``NEVER`` if there is none.
+    """The first t from ``start`` on with frames t .. t + ``frames`` - 1 all within limits; ``NEVER`` if there is none.
 
     Args:
-        inside: what `within` says.
-        frames: how many running.
-        start: the first frame that counts, of all or of each run.
+        inside: result of `within`.
+        frames: number of consecutive frames.
+        start: the first frame that counts, for all runs or for each.
         horizon: t is at most ``start`` + horizon; by default the drive's end.
 
     Raises:
@@ -120,12 +120,12 @@ def tracking_share(
     converged: Int64[ndarray, " runs"],
     length: Int64[ndarray, " runs"] | None = None,
 ) -> Float[ndarray, " runs"]:
-    """Share of the frames from convergence to the end that are within; nan where a run never converged.
+    """Share of the frames from convergence to the end that are within limits; nan where a run never converged.
 
     Args:
-        inside: what `within` says.
-        converged: what `converged_at` says.
-        length: frames of each drive, where they differ.
+        inside: result of `within`.
+        converged: result of `converged_at`.
+        length: number of frames of each drive, where they differ.
 
     >>> tracking_share(np.array([[False, True, True, False, True]]), np.array([1]))  # 3 of the 4 frames from 1 on
     array([0.75])
@@ -161,10 +161,10 @@ def global_localization(
     """Success from the start of the drives, the time to converge, and tracking thereafter.
 
     Args:
-        inside: what `within` says.
-        protocol: how many frames running.
+        inside: result of `within`.
+        protocol: the protocol, with the number of consecutive frames.
         horizon: last frame at which a run may converge; by default the drive's end.
-        length: frames of each drive that count, where they differ: all of it, or those before a kidnap.
+        length: number of frames of each drive that count, where they differ: all, or those before a kidnap.
 
     Raises:
         ValueError: the horizon is negative.
@@ -190,11 +190,11 @@ def recovery_after(
     """Recovery from a kidnap: frame ``kidnapped_at`` is the first one at the new place, and times count from it.
 
     Args:
-        inside: what `within` says.
-        kidnapped_at: frame of each run.
-        protocol: how many frames running.
-        horizon: a run recovers within so many frames, or it has not.
-        length: frames of each drive that count, where they differ: all of it, or those before the next kidnap.
+        inside: result of `within`.
+        kidnapped_at: frame of the kidnap in each run.
+        protocol: the protocol, with the number of consecutive frames.
+        horizon: number of frames within which a run has to recover.
+        length: number of frames of each drive that count, where they differ: all, or those before the next kidnap.
 
     Raises:
         ValueError: the horizon is negative.

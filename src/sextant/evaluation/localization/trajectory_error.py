@@ -1,15 +1,15 @@
-r"""Absolute and relative errors of a trajectory, as the tool evo defines them.
+r"""Absolute and relative trajectory errors (ATE and RPE), as the tool evo defines them.
 
 With :math:`Q_i` the reference and :math:`P_i` the estimated pose at frame i,
 
 .. math:: \mathrm{ATE}_i = \|t(P_i) - t(Q_i)\|, \qquad
    \mathrm{RPE}_{ij} = \|t\big((Q_i^{-1} Q_j)^{-1} (P_i^{-1} P_j)\big)\|
 
-or the angle of the rotation in place of the length of the translation t. The estimate may first be moved by the rigid
+or the angle of the rotation in place of the length of the translation t. The estimate may first be aligned by the rigid
 motion or similarity that brings its positions nearest to the reference in the least squares sense.
 
 Poses are ``(n, 3)`` triples x, y, heading (radians), or ``(n, 4, 4)`` matrices. Rotations are inverted by
-transposition; where a file has few digits the inverse matrix differs.
+transposition; where a file has few digits, the inverse matrix differs.
 
 Sources: S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns", TPAMI 13(4),
 1991; J. Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012; the conventions (pairs, their
@@ -31,15 +31,15 @@ Poses = Float[ndarray, "n 3"] | Float[ndarray, "n 4 4"]
 Alignment = Literal["none", "rigid", "similarity"]
 Part = Literal["translation", "rotation_deg"]
 Spans = Sequence[tuple[int, int]]
-#: extent below which a run stands still, in the unit of its positions
+#: extent up to which a run counts as standing still, in the unit of its positions
 STILL = 1e-3
-#: lengths of KITTI's segments
+#: lengths of KITTI's segments in metres
 SEGMENTS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 
 
 @dataclass(frozen=True)
 class ErrorStatistics:
-    """Of the errors of a trajectory, in their unit; ``std`` divides by n, ``sse`` is the sum of squares."""
+    """Statistics of the errors of a trajectory, in their unit; ``std`` divides by n, ``sse`` is the sum of squares."""
 
     rmse: float
     mean: float
@@ -81,12 +81,12 @@ def absolute_errors(
 
     Args:
         reference, estimate: poses of the same frames: x, y (metres) and heading (radians), or 4 x 4 matrices.
-        alignment: what the estimate may be moved by first.
-        part: of the error.
+        alignment: transformation by which the estimate is first aligned.
+        part: part of the error.
 
     Raises:
-        ValueError: shapes differ, or positions lie too much in a line to be aligned.
-        ArgumentError: a pose is to be aligned and not finite.
+        ValueError: shapes differ, or the positions do not determine the alignment.
+        ArgumentError: a pose to be aligned is not finite.
 
     >>> truth = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
     >>> shifted = truth + [0.5, 0.0, 0.0]
@@ -119,12 +119,12 @@ def relative_errors(
         unit: frames, or metres along the path.
         all_pairs: pairs start at every pose, and in metres end at the later pose nearest to ``delta``, if that is
             within a tenth of it. By default each pair starts where the last one ended, and in metres ends at the first
-            pose that is at least ``delta`` on.
+            pose that is at least ``delta`` away.
         pairs_from: the path along which metres are counted.
-        part: of the error.
+        part: part of the error.
 
     Raises:
-        ValueError: shapes differ, or the distance is not positive or no whole number of frames.
+        ValueError: shapes differ, or the distance is not positive or not a whole number of frames.
 
     >>> truth = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     >>> relative_errors(truth, truth * [1.1, 1.0, 1.0] + [5.0, 0.0, 0.0]).round(6)  # 10 % too long; the start is free
@@ -147,7 +147,7 @@ def relative_errors(
 def segment_errors(
     reference: Poses, estimate: Poses, *, lengths_m: Sequence[float] = SEGMENTS_M, every: int = 10
 ) -> tuple[Float[ndarray, " segments"], Float[ndarray, " segments"]]:
-    r"""KITTI's relative errors of segments: translation as a share, and rotation in degrees a metre.
+    r"""KITTI's relative errors of segments: translation as a share, and rotation in degrees per metre.
 
     From every tenth pose i, and for each length L, the segment ends at the first pose j whose path from i along the
     reference is longer than L; both errors of :math:`(P_i^{-1} P_j)^{-1} (Q_i^{-1} Q_j)` are divided by L. Their means
@@ -155,11 +155,11 @@ def segment_errors(
 
     Args:
         reference, estimate: poses of the same frames.
-        lengths_m: of the segments.
-        every: how many poses lie between two starts.
+        lengths_m: lengths of the segments in metres.
+        every: number of poses from one start to the next.
 
     Returns:
-        Errors of all segments; none where the path is shorter than all lengths.
+        Errors of all segments; none if the path is shorter than all lengths.
 
     Raises:
         ValueError: shapes differ.
@@ -184,12 +184,12 @@ def segment_errors(
 
 @dataclass(frozen=True)
 class PooledErrors:
-    """Errors of several runs, one after the other.
+    """Errors of several runs, concatenated.
 
     Attributes:
-        aligned: of each position, its run aligned by a rigid motion; runs that stand still have none.
-        step: of the motion from each pose to the next.
-        step_deg: of its rotation, in degrees.
+        aligned: error of each position after its run is aligned by a rigid motion; runs that stand still have none.
+        step: error of the motion from each pose to the next.
+        step_deg: error of its rotation, in degrees.
     """
 
     aligned: Float[ndarray, " n"]
@@ -228,16 +228,16 @@ def pooled_errors(reference: Float[ndarray, "t r 3"], estimate: Float[ndarray, "
 def align(
     reference: Float[ndarray, "n k k"], estimate: Float[ndarray, "n k k"], *, scaled: bool
 ) -> Float[ndarray, "n k k"]:
-    r"""The estimate moved by the s, R, t with least :math:`\sum_i \|s R\,t(P_i) + t - t(Q_i)\|^2`, R a rotation.
+    r"""Align the estimate by the s, R, t with least :math:`\sum_i \|s R\,t(P_i) + t - t(Q_i)\|^2`, R a rotation.
 
-    Planar poses are rotated within their plane, where evo, which works in space, could also turn them over.
+    Planar poses are rotated within their plane; evo, which works in space, could also turn them over.
 
     Args:
-        reference, estimate: homogeneous matrices, of 3 rows in the plane and of 4 in space.
-        scaled: s is free; otherwise it is 1.
+        reference, estimate: homogeneous matrices, with 3 rows in the plane and 4 in space.
+        scaled: whether s is free; otherwise it is 1.
 
     Raises:
-        ValueError: the positions leave the rotation open.
+        ValueError: the positions do not determine the rotation.
         ArgumentError: a pose is not finite.
 
     >>> truth = np.tile(np.eye(3), (3, 1, 1))
@@ -284,7 +284,7 @@ def _homogeneous(poses: Poses) -> Float[ndarray, "n k k"]:
 
 
 def _between(a: Float[ndarray, "n k k"], b: Float[ndarray, "n k k"]) -> Float[ndarray, "n k k"]:
-    """Each pose of b as its companion in a sees it."""
+    """Each pose of b relative to its counterpart in a."""
     back = np.swapaxes(a[:, :-1, :-1], 1, 2)
     out = b.copy()
     out[:, :-1, :-1] = back @ b[:, :-1, :-1]

@@ -1,4 +1,4 @@
-"""Recall@1 for each pair of conditions, and against one factor of appearance."""
+"""Recall@1 for each pair of conditions, and as a function of one appearance factor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ class ConditionRecall:
 
     Attributes:
         conditions: their names, in the order of rows and columns.
-        recall: over all queries of the row; nan where there is no query or reference. An image that is the only one of
-            its condition is not found under it.
-        queries: of each cell.
-        unmatchable: queries of each cell that have no positive under the condition of the references.
+        recall: over all queries of the row; nan where there is no query or reference. The only image of a condition
+            counts as not found under it.
+        queries: number of queries of each cell.
+        unmatchable: number of queries of each cell without a positive under the references' condition.
     """
 
     conditions: tuple[str, ...]
@@ -32,7 +32,7 @@ class ConditionRecall:
 
     @property
     def across(self) -> float:
-        """Mean over all pairs of two different conditions that have queries and references; nan without such a pair."""
+        """Mean over all pairs of different conditions with queries and references; nan without such a pair."""
         different = ~np.eye(len(self.conditions), dtype=bool) & ~np.isnan(self.recall)
         return float(self.recall[different].mean()) if different.any() else float("nan")
 
@@ -49,7 +49,7 @@ def condition_recall(
     Args:
         descriptors: of all images of all conditions.
         condition: of each image, an index of ``conditions``.
-        positives: of all images among all images; what it says of an image and itself does not matter.
+        positives: of all images among all images; whether an image is its own positive does not matter.
         conditions: names.
         similarity: ``cosine`` or ``euclidean``.
 
@@ -95,11 +95,11 @@ class FactorRecall:
     """Recall@1 of one method at each value of an appearance factor.
 
     Attributes:
-        values: of the factor, rising.
+        values: of the factor, increasing.
         recall: over all queries at that value.
-        low, high: 95 % interval of E. B. Wilson, JASA 1927, which takes queries as independent; neighbouring frames are
-            not, so that it is too narrow for them.
-        queries: at each value.
+        low, high: 95 % interval of E. B. Wilson, JASA 1927, which assumes independent queries; neighbouring frames are
+            not independent, so it is too narrow for them.
+        queries: number of queries at each value.
     """
 
     values: Float[ndarray, "v"]
@@ -110,7 +110,7 @@ class FactorRecall:
 
 
 def factor_recall(hit: Bool[ndarray, "m"], factor: Float[ndarray, "m"], level: float = 0.95) -> FactorRecall:
-    """Group queries by the value of the factor that their images were made with.
+    """Group queries by their images' value of the factor.
 
     Args:
         hit: whether the nearest reference of a query is a positive.

@@ -1,11 +1,11 @@
-r"""How probable it is that a best match shows the place of its query, where that place need not be in the map.
+r"""The probability that a best match shows the place of its query, where that place need not be in the map.
 
 .. math:: p(\text{right}) = \sigma(a\, g + b), \qquad
    g = s_{i\hat\jmath} - \max_{j \notin \mathcal S_{\hat\jmath}} s_{ij},
 
-with the margin g of the best match over the best map image of another place. What is left, :math:`1 - p`, is that the
-match is wrong or the place is not in the map. a and b are fitted to sets of images that nothing was learnt from, each
-with its whole map and with half of it, so that queries without a place are among them.
+with the margin g of the best match over the best map image of another place. The remainder, :math:`1 - p`, is the
+probability that the match is wrong or the place is not in the map. a and b are fitted to sets of images not used in
+training, each with its whole map and with half of it, so that queries without a place are included.
 
 Source: J. Platt, "Probabilistic outputs for support vector machines", 1999.
 """
@@ -25,7 +25,7 @@ class MatchConfidence:
     """The probability that a match is right.
 
     Attributes:
-        slope: a, for each unit of the similarity.
+        slope: a, per unit of similarity.
         offset: b.
 
     Example:
@@ -37,19 +37,19 @@ class MatchConfidence:
     offset: float
 
     def probability(self, margin: Float[ndarray, "m"]) -> Float64[ndarray, "m"]:
-        """Of each match; nan where there is no margin."""
+        """Probability that each match is right; nan where there is no margin."""
         return np.asarray(expit(self.slope * np.asarray(margin, np.float64) + self.offset))
 
 
 def fit_match_confidence(sets: Sequence[tuple[Float[ndarray, "m"], Bool[ndarray, "m"]]]) -> MatchConfidence:
-    """a and b with the greatest mean log-likelihood; each set counts the same, however many queries it has.
+    """Fit a and b by maximum mean log-likelihood; each set counts the same, however many queries it has.
 
     Args:
         sets: margins of the best matches of each, and whether they are right.
 
     Raises:
-        ValueError: there is no set, or one is empty or has a margin that is not finite; or some margin parts all right
-            matches from all wrong ones, so that the likelihood has no greatest value.
+        ValueError: there is no set, or one is empty or has a margin that is not finite; or some margin separates all
+            right matches from all wrong ones, so that the likelihood has no maximum.
 
     >>> margin, right = np.repeat([0.0, 0.1], 4), np.array([1, 0, 0, 0, 1, 1, 1, 0], bool)
     >>> fit_match_confidence([(margin, right)]).probability(np.array([0.0, 0.1])).round(2)  # 1 of 4 right, and 3 of 4
@@ -77,5 +77,6 @@ def _all_below(low: ndarray, high: ndarray) -> bool:
     return not len(low) or not len(high) or bool(low.max() < high.min())
 
 
-#: of networks trained here on other scenes: ``python -m benchmarks.unseen_places run=<run>``, fitted to all of its sets
+#: for networks trained here on other scenes: ``python -m benchmarks.unseen_places run=<run>``, fitted to all of its
+#: sets
 UNSEEN = MatchConfidence(24.0, -2.28)

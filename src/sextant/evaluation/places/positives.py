@@ -1,7 +1,7 @@
 """Which references show the place of a query: the ground truth of place recognition, kept sparse.
 
-Metric positions, frame numbers of aligned rides and published index lists all end here, so that every metric is defined
-once. A query may have no positive: metrics count such queries and say how they treat them.
+Metric positions, frame numbers of aligned traverses and published index lists are all converted to this form, so that
+every metric is defined once. A query may have no positive: metrics count such queries and state how they treat them.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ class Positives:
 
     Attributes:
         starts: the positives of query i are ``indices[starts[i]:starts[i + 1]]``.
-        indices: of references, rising and distinct within a query.
+        indices: of references, ascending and distinct within a query.
         references: n.
 
     Raises:
@@ -69,7 +69,7 @@ class Positives:
 
     @classmethod
     def from_sparse(cls, matrix: Any) -> Self:
-        """From a SciPy sparse matrix or array (m, n); what it stores that is not zero is positive."""
+        """From a SciPy sparse matrix or array (m, n); its non-zero entries are positives."""
         rows = matrix.tocsr(copy=True)
         rows.sum_duplicates()
         rows.eliminate_zeros()
@@ -77,7 +77,7 @@ class Positives:
 
     @classmethod
     def within_frames(cls, query: Integer[ndarray, "m"], reference: Integer[ndarray, "n"], tolerance: int) -> Self:
-        """All references whose frame number differs by at most ``tolerance``; rides whose frames are aligned.
+        """All references whose frame number differs by at most ``tolerance``, for traverses with aligned frames.
 
         Raises:
             ValueError: the tolerance is negative.
@@ -97,14 +97,14 @@ class Positives:
         return len(self.starts) - 1
 
     def __getitem__(self, query: int) -> Int64[ndarray, "p"]:
-        """Positive references of one query, rising."""
+        """Positive references of one query, in ascending order."""
         if not 0 <= query < len(self):
             raise IndexError(f"query {query} of {len(self)}")
         return self.indices[self.starts[query] : self.starts[query + 1]]
 
     @property
     def counts(self) -> Int64[ndarray, "m"]:
-        """Positives of every query."""
+        """Number of positives of every query."""
         return np.diff(self.starts)
 
     @property
@@ -114,7 +114,7 @@ class Positives:
 
     @property
     def unmatchable(self) -> int:
-        """How many queries have none."""
+        """Number of queries without a positive."""
         return int((~self.matchable).sum())
 
     def hits(self, neighbours: Integer[ndarray, "m k"]) -> Bool[ndarray, "m k"]:
@@ -135,7 +135,7 @@ class Positives:
         return np.asarray(keys[place] == wanted)
 
     def select(self, queries: Integer[ndarray, "s"] | Bool[ndarray, "m"]) -> "Positives":
-        """The same for some of the queries, by index or mask."""
+        """The positives of some of the queries, by index or mask."""
         chosen = np.arange(len(self))[queries]
         rows = [self[int(query)] for query in chosen]
         return Positives.from_lists(rows, self.references)
@@ -148,7 +148,7 @@ class Positives:
 
     @property
     def _keys(self) -> Int64[ndarray, "p"]:
-        """Pairs as numbers that rise."""
+        """Pairs as increasing numbers."""
         return np.asarray(np.repeat(np.arange(len(self)), self.counts) * self.references + self.indices)
 
 

@@ -1,11 +1,11 @@
-r"""How much probability a descriptor gives to the right places: a posterior over the references.
+r"""The probability that a descriptor gives to the right places: a posterior over the references.
 
 .. math:: p(j \mid i) = \frac{e^{s_{ij} / T}}{\sum_{j'} e^{s_{ij'} / T}}, \qquad
    \mathrm{NLL} = -\frac{1}{M} \sum_{i \in M} \log \sum_{j \in P_i} p(j \mid i) \quad \text{(nats)}
 
-over the M queries that have a positive; for the others no place is right, and they are counted. A posterior that is
-uniform over the n references has :math:`\log n - \log |P_i|` for query i. The temperature T, in the unit of the
-similarity, is fitted on other queries than those it is reported for.
+over the M queries that have a positive; for the others no place is right, and they are counted separately. A posterior
+that is uniform over the n references has :math:`\log n - \log |P_i|` for query i. The temperature T, in the unit of the
+similarity, is fitted on queries other than those it is reported for.
 
 Source: temperature scaling is that of C. Guo et al., "On Calibration of Modern Neural Networks", ICML 2017.
 """
@@ -21,10 +21,10 @@ from scipy.special import logsumexp
 from sextant.evaluation.places.positives import Positives
 from sextant.evaluation.places.retrieval import RetrievalProtocol
 
-#: Temperatures that are tried, in standard deviations of the similarities: from one place for sure to all alike.
+#: Range of temperatures tried, in standard deviations of the similarities: from certainty of one place to uniform.
 RANGE = (1e-3, 1e3)
 STEPS = 49
-#: Entries in float64 that are held at a time: 8 MiB.
+#: Entries in float64 held at a time: 8 MiB.
 BLOCK = 2**20
 
 
@@ -34,10 +34,10 @@ class PlacePosterior:
 
     Attributes:
         nll: mean negative log-likelihood in nats over the queries that have a positive; nan if none has.
-        chance: the same of a uniform posterior.
+        chance: the same for a uniform posterior.
         temperature: of the softmax.
-        queries: how many.
-        unmatchable: how many of them have no positive.
+        queries: number of queries.
+        unmatchable: number of them without a positive.
 
     Example:
         >>> place = Positives.from_lists([[0]], references=2)
@@ -58,15 +58,15 @@ class PlacePosterior:
 
 
 def place_posterior(similarities: Float[ndarray, "m n"], positives: Positives, temperature: float) -> PlacePosterior:
-    """The posterior's negative log-likelihood at a temperature that was fitted elsewhere.
+    """The posterior's negative log-likelihood at a temperature fitted elsewhere.
 
     Args:
-        similarities: of all pairs of query and reference, higher is more alike.
+        similarities: of all pairs of query and reference; higher is more similar.
         positives: of the queries.
         temperature: above 0, in the unit of the similarities.
 
     Raises:
-        ValueError: no reference, shapes that differ, a similarity that is not finite, or a temperature not above 0.
+        ValueError: there is no reference, shapes differ, a similarity is not finite, or the temperature is not above 0.
 
     >>> place = Positives.from_lists([[0]], references=2)
     >>> found = place_posterior(np.log([[3.0, 1.0]]), place, temperature=1.0)  # 3/4 for the right one of two
@@ -86,13 +86,14 @@ def place_posterior(similarities: Float[ndarray, "m n"], positives: Positives, t
 
 
 def fit_temperature(similarities: Float[ndarray, "m n"], positives: Positives) -> float:
-    """The temperature with the least negative log-likelihood, from validation queries.
+    """Fit the temperature with the smallest negative log-likelihood, from validation queries.
 
-    The likelihood may have several maxima, so a grid from ``RANGE`` standard deviations of the similarities comes
-    first and the best of it is refined. Queries without a positive say nothing of it.
+    The likelihood may have several maxima, so a grid over ``RANGE`` standard deviations of the similarities is searched
+    first and its best point refined. Queries without a positive do not contribute.
 
     Raises:
-        ValueError: no reference, shapes that differ, a similarity not finite, all alike, or no query with a positive.
+        ValueError: there is no reference, shapes differ, a similarity is not finite, all are equal, or no query has a
+            positive.
 
     >>> places = Positives.from_lists([[0], [0], [0], [1]], references=2)
     >>> found = fit_temperature(np.tile([1.0, 0.0], (4, 1)), places)  # the first reference is right in 3 of 4

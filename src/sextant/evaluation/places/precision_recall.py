@@ -1,24 +1,24 @@
-r"""Precision and recall of places as the threshold on similarity falls.
+r"""Precision and recall of place recognition as the threshold on similarity decreases.
 
-*Single best match*: each query puts forward its most similar reference, which is accepted if its similarity is at least
-the threshold. With TP right and FP wrong ones among the accepted, and M queries that have a positive,
+*Single best match*: each query proposes its most similar reference, which is accepted if its similarity is at least the
+threshold. With TP right and FP wrong matches among those accepted, and M queries that have a positive,
 
 .. math:: P = \frac{TP}{TP + FP}, \qquad R = \frac{TP}{M} .
 
 The best match of a query without a positive is always wrong. *All pairs*: every pair of query and reference is accepted
-or not by itself, and M is the number of positive pairs.
+or rejected on its own, and M is the number of positive pairs.
 
-Where published programs part, and what is done here:
+Published implementations differ; the choices made here are:
 
 - Recall is over the queries that have a positive, so that a method that finds few never reaches 1. A general-purpose
-  curve over the best matches divides by the right ones instead and always ends at 1, which flatters.
+  curve over the best matches divides by the number of right ones instead and always ends at 1, which flatters.
 - Every distinct similarity is a threshold, and equal ones are accepted together; a fixed grid of 100 thresholds misses
-  those where precision is still 1.
+  those at which precision is still 1.
 - The curve starts at recall 0 with precision 1, where nothing is accepted.
 - ``auc`` is the area by the trapezoid rule over that curve (S. Schubert et al., "Visual Place Recognition: A Tutorial",
   2023); ``average_precision`` is :math:`\sum_t (R_t - R_{t-1}) P_t`, which does not interpolate. They differ.
 - Recall at precision p is the largest recall of all thresholds with precision at least p, even if precision was lower
-  in between. With the interpolated precision :math:`\max_{r' \ge r} P(r')` it comes out the same.
+  in between. The interpolated precision :math:`\max_{r' \ge r} P(r')` gives the same value.
 - ``extended_precision`` is the mean of the precision at the lowest recall above 0 and of the recall at precision 1
   (M. Zaffar et al., "VPR-Bench", IJCV 2021); here the lowest recall is that of the first threshold.
 """
@@ -35,12 +35,12 @@ from sextant.evaluation.places.retrieval import RetrievalProtocol
 
 @dataclass(frozen=True)
 class PrecisionRecall:
-    """A curve from recall 0 on, the threshold falling.
+    """A precision-recall curve from recall 0 on, as the threshold decreases.
 
     Attributes:
         precision, recall: at each threshold; the first is precision 1 at recall 0.
         thresholds: the first is infinite.
-        positives: M, what recall is a share of.
+        positives: M, the denominator of recall.
         unmatchable: queries without a positive, whose matches count as wrong.
 
     Example:
@@ -73,7 +73,7 @@ class PrecisionRecall:
         """
         if not 0 < precision <= 1:
             raise ValueError(f"precision={precision} must be in (0, 1]")
-        # 99 of 100 is 0.99 but for rounding
+        # 99 of 100 is 0.99 up to rounding
         return float(self.recall[self.precision >= precision - 1e-12].max()) if self.positives else float("nan")
 
     @property
@@ -100,11 +100,11 @@ def best_match_curve(
 
     Args:
         neighbours: references found for every query, most similar first.
-        similarities: of them; negate distances.
+        similarities: of the neighbours; negate distances.
         positives: of the same queries.
 
     Raises:
-        ValueError: a similarity is not a number, or the neighbours do not fit to the positives.
+        ValueError: a similarity is not a number, or the neighbours do not match the positives.
 
     >>> shown = Positives.from_lists([[0], [1], []], references=2)  # the place of the third query is not in the map
     >>> curve = best_match_curve(np.array([[0], [1], [1]]), np.array([[0.9], [0.6], [0.7]]), shown)
@@ -121,7 +121,7 @@ def best_match_curve(
 def precision_recall(
     similarities: Float[ndarray, "s"], right: Bool[ndarray, "s"], positives: int, unmatchable: int = 0
 ) -> PrecisionRecall:
-    """The curve of candidates with their similarities, ``positives`` of which could be right.
+    """The curve of candidates from their similarities; ``positives`` of them could be right.
 
     Raises:
         ValueError: a similarity is nan, or more candidates are right than there are positives.
@@ -138,7 +138,7 @@ def precision_recall(
         raise ValueError(f"{int(right.sum())} candidates are right, but there are only {positives} positives")
     order = np.argsort(-similarities, kind="stable")
     falling = similarities[order]
-    last = np.flatnonzero(np.append(falling[1:] != falling[:-1], len(falling) > 0))  # of those with one similarity
+    last = np.flatnonzero(np.append(falling[1:] != falling[:-1], len(falling) > 0))  # last candidate of each similarity
     true = right[order].cumsum()[last]
     precision = true / (last + 1)
     recall = true / positives if positives else np.zeros(len(last))

@@ -1,7 +1,7 @@
-r"""Recall of places, under names that carry the protocol.
+r"""Recall of place recognition, under names that include the protocol.
 
-A query is *recalled at K* if one of its K most similar references is a positive. Two conventions are in use, and they
-differ where queries have no positive:
+A query is *recalled at K* if one of its K most similar references is a positive. Two conventions are in use, which
+differ if some queries have no positive:
 
 - over all m queries, so that a query without a positive counts as missed (G. Berton et al., "Deep Visual
   Geo-localization Benchmark", CVPR 2022): ``R@1``,
@@ -31,16 +31,16 @@ RANKS = (1, 5, 10, 20)
 
 @dataclass(frozen=True)
 class RetrievalProtocol:
-    """What a figure of place recognition means; part of its name.
+    """The protocol behind a figure of place recognition, which is part of its name.
 
     Attributes:
-        tolerance: within which a reference is positive.
+        tolerance: largest distance at which a reference is positive.
         unit: of the tolerance: ``f`` for frames, ``m`` for metres.
-        query, reference: traverses or conditions; empty if there is but one pair.
+        query, reference: traverses or conditions; empty if there is only one pair.
         heading_deg: tolerance of the heading in degrees, if there is one.
 
     Raises:
-        ValueError: the unit is none of the two, the tolerance is negative, or only one traverse is named.
+        ValueError: the unit is neither of the two, the tolerance is negative, or only one traverse is named.
 
     Example:
         >>> RetrievalProtocol(1, query="winter", reference="summer").name("R@1")
@@ -75,8 +75,8 @@ class Recall:
         over_all: by K, over all queries; nan without queries.
         over_matchable: by K, over the queries that have a positive; nan if none has.
         chance: by K, of a random ranking, over all queries.
-        queries: how many.
-        unmatchable: how many of them have no positive.
+        queries: number of queries.
+        unmatchable: number of them without a positive.
 
     Example:
         >>> found = recall(np.array([[0], [1]]), Positives.from_lists([[0], []], references=4), ranks=(1,))
@@ -110,7 +110,7 @@ def recall(neighbours: Integer[ndarray, "m k"], positives: Positives, ranks: Seq
         ranks: K; those above the number of neighbours cannot be computed.
 
     Raises:
-        ValueError: a rank is below 1 or above the number of neighbours, or the neighbours do not fit to the positives.
+        ValueError: a rank is below 1 or above the number of neighbours, or the neighbours do not match the positives.
 
     >>> shown = Positives.from_lists([[0], [0]], references=4)
     >>> recall(np.array([[0, 1], [2, 0]]), shown, ranks=(1, 2)).over_all  # the second query finds it second
@@ -131,7 +131,7 @@ def recall(neighbours: Integer[ndarray, "m k"], positives: Positives, ranks: Seq
 
 
 def chance_recall(positives: Positives, k: int = 1) -> float:
-    """Recall@K over all queries of a ranking at random, ``mean(1 - C(n - p, K) / C(n, K))``; nan without queries.
+    """Recall@K of a random ranking over all queries, ``mean(1 - C(n - p, K) / C(n, K))``; nan without queries.
 
     Raises:
         ValueError: k is not in [1, n].
@@ -167,17 +167,17 @@ def recall_within_frames(
     tolerance: int = 1,
     similarity: Similarity = "cosine",
 ) -> float:
-    """Recall@1 on aligned traverses, where query i and reference i show one place; ``recall_name`` is its name.
+    """Recall@1 on aligned traverses, where query i and reference i show the same place; ``recall_name`` gives its name.
 
     ``R@1 = |{i : |nn(i) - i| <= tolerance}| / m``, over all queries. Chance is about ``(2 tolerance + 1) / n``.
 
     Args:
-        reference, query: one descriptor a row, in the order of the frames.
+        reference, query: one descriptor per row, in the order of the frames.
         tolerance: in frames, at least 0.
         similarity: ``cosine`` or ``euclidean``.
 
     Raises:
-        ValueError: the traverses differ in length, or what ``nearest_neighbours`` raises.
+        ValueError: the traverses differ in length, or as raised by ``nearest_neighbours``.
 
     >>> ride = np.eye(4, dtype=np.float32)
     >>> recall_within_frames(ride, np.roll(ride, 1, axis=1))  # each looks like the next, the last like the first

@@ -1,14 +1,15 @@
-r"""The best recall@1 that single images allow where some show the same picture, as those of a standing train do.
+r"""The best recall@1 that single images allow if some show the same picture, as those from a stopped train do.
 
-Frames that follow one another with the same picture make a *run*. A descriptor is a function of the picture: all
-queries of a run get the same answer, and the references of a run are answered evenly or not at all. Of such
-descriptors, the best one distinguishes all different images and answers each run of queries Q with the run of
-references R that is right most often,
+Consecutive frames with the same picture form a *run*. A descriptor is a function of the picture: all queries of a run
+get the same answer, and the references of a run are returned with equal probability or not at all. The best such
+descriptor distinguishes all different images and answers each run of queries Q with the run of references R that is
+right most often. Its expected recall@1 is
 
 .. math:: \frac{1}{m} \sum_Q \max_R \sum_{i \in Q} \frac{|P_i \cap R|}{|R|},
 
-where :math:`P_i` are the positives of query i and m is the number of queries. It is what a perfect descriptor expects
-to reach, not a bound for every method: images of a run differ by noise, and sequences hold more than single images.
+where :math:`P_i` are the positives of query i and m is the number of queries. This is the expectation for a perfect
+descriptor, not a bound for every method: images of a run differ by noise, and sequences hold more information than
+single images.
 """
 
 import numpy as np
@@ -19,9 +20,9 @@ from sextant.evaluation.places.positives import Positives
 
 
 def picture_runs(like_before: Bool[ndarray, "n"]) -> Int64[ndarray, "n"]:
-    """Number of the run of each frame, from 0, where ``like_before`` marks frames that show the picture before them.
+    """Run number of each frame, from 0, where ``like_before`` marks frames that show the previous picture again.
 
-    The first frame opens a run whatever is marked.
+    The first frame always starts a run.
 
     >>> picture_runs(np.array([False, False, True, True, False]))
     array([0, 1, 1, 1, 2])
@@ -31,7 +32,7 @@ def picture_runs(like_before: Bool[ndarray, "n"]) -> Int64[ndarray, "n"]:
 
 
 def standstill(like_before: Bool[ndarray, "n"]) -> Bool[ndarray, "n"]:
-    """Frames whose picture is that of the frame before or after: all members of runs of two or more.
+    """Frames whose picture is also that of the previous or next frame: all members of runs of two or more.
 
     >>> standstill(np.array([False, False, True, True, False]))
     array([False,  True,  True,  True, False])
@@ -43,11 +44,11 @@ def standstill(like_before: Bool[ndarray, "n"]) -> Bool[ndarray, "n"]:
 def single_image_ceiling(
     positives: Positives, query_run: Int64[ndarray, "m"], reference_run: Int64[ndarray, "n"]
 ) -> float:
-    """Expected recall@1, over all queries, of a descriptor that is perfect but for equal pictures; nan without queries.
+    """Expected recall@1 over all queries of a descriptor perfect except for equal pictures; nan without queries.
 
     Args:
         positives: of m queries among n references.
-        query_run, reference_run: of each image its run, see :func:`picture_runs`.
+        query_run, reference_run: the run of each image, see :func:`picture_runs`.
 
     Raises:
         ValueError: the lengths differ.

@@ -1,4 +1,4 @@
-"""How often intervals hold the truth, against how often they say so."""
+"""Coverage of intervals against their nominal level."""
 
 from collections.abc import Sequence
 
@@ -9,11 +9,11 @@ from sextant.figures.style import COLOURS, new_figure, plain
 
 
 def coverage_curves(curve: CoverageCurve, names: Sequence[str]) -> Figure:
-    """One curve a parameter with its 95 % band over panoramas; below the diagonal intervals are too short.
+    """One curve per parameter with its 95 % band over panoramas; below the diagonal intervals are too short.
 
     Args:
-        curve: of k parameters.
-        names: of the k.
+        curve: coverage of k parameters.
+        names: names of the k parameters.
 
     Example:
         >>> import numpy as np

@@ -1,4 +1,4 @@
-"""For which cameras a method goes wrong: errors against each true parameter."""
+"""Errors against each true parameter, which show for which cameras a method fails."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,7 +12,7 @@ from sextant.figures.calibration.quantities import ERROR_LABELS, QUANTITIES, cam
 from sextant.figures.style import COLOURS, new_figure, plain
 from sextant.geometry import CameraParameters
 
-BINS, LEAST = 8, 12  # bins along a parameter, and images in one
+BINS, LEAST = 8, 12  # bins along a parameter, and fewest images in one
 MARKERS = "os^Dv*P"
 SHOWN = ("tilt_deg", "vfov_deg", "bearing_deg")
 
@@ -22,15 +22,15 @@ def error_by_parameter(
     errors: Mapping[str, Mapping[str, Float[ndarray, "n"]]],
     shown: Sequence[str] = SHOWN,
 ) -> Figure:
-    """One row an error, one column a true parameter, one curve a method: medians of bins with a band of quartiles.
+    """One row per error, one column per true parameter, one curve per method: medians of bins with a quartile band.
 
     Bins hold equal numbers of images; a curve's points are at the median parameter of each. Errors are on a logarithmic
-    scale. An image without an answer counts as an infinite error: a curve breaks off where half have none, and its band
-    where a quarter have none.
+    scale. An image without an answer counts as an infinite error: a curve breaks off where half of the images have
+    none, and its band where a quarter have none.
 
     Args:
         truth: the true cameras.
-        errors: by method, then by name, absolute.
+        errors: absolute, by method, then by name.
         shown: names of the errors.
 
     Example:
@@ -68,9 +68,9 @@ def error_by_parameter(
 
 
 def binned_quartiles(values: Float[ndarray, "n"], errors: Float[ndarray, "n"]) -> Float[ndarray, "4 bins"]:
-    """Median value, and lower quartile, median and upper quartile of the errors, of bins of equal counts.
+    """For bins of equal counts: median value, and lower quartile, median and upper quartile of the errors.
 
-    Nan counts as an infinite error; what is infinite comes back as nan, which matplotlib leaves out.
+    Nan counts as an infinite error; infinite results are returned as nan, which matplotlib leaves out.
 
     >>> binned_quartiles(np.arange(24.0), np.arange(24.0))[2]  # medians of two bins of twelve
     array([ 5., 17.])

@@ -1,4 +1,4 @@
-"""The horizon as a camera sees it, for drawing."""
+"""The horizon as seen by a camera, for drawing."""
 
 import math
 
@@ -20,18 +20,18 @@ def horizon_curve(
     reach: float = math.inf,
     points: int = 4001,
 ) -> Float[ndarray, "p 2"]:
-    """Points of one camera's horizon in image heights from the centre, left to right; nan where it sees none.
+    """Points of one camera's horizon in image heights from the centre, left to right; nan where it is not seen.
 
-    Takes any camera, also one whose lens folds inside the image, which a camera object would refuse.
+    It accepts any camera, even one whose lens folds inside the image, which a camera object would reject.
 
     Args:
-        tilt: radians, positive looks up.
+        tilt: radians, positive upward.
         roll: radians.
         focal: image heights.
         k1: first coefficient of distortion.
         k2: second coefficient.
         reach: points further than this from the centre are nan too: they would only be clipped.
-        points: how many, at even azimuths in front of the camera.
+        points: number of points, at even azimuths in front of the camera.
 
     Example:
         >>> none, focal = torch.tensor(0.0), torch.tensor(1.0)

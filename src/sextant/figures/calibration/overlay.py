@@ -1,4 +1,4 @@
-"""A photo with what its calibration says: the horizon, where gravity pulls, and how the lens bends straight lines."""
+"""A photo overlaid with its calibration: horizon, direction of gravity, and how the lens bends straight lines."""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ LONGEST_SIDE = 1200
 SHEET_COLUMNS, SHEET_SIDE = 4, 420
 LINES_PER_HALF_HEIGHT, MOST_LINES = 4, 60
 ARROWS, ARROW_LENGTH = 6, 0.07  # along the height, and image heights
-FAR = 2.0  # image diagonals from the centre; what lies beyond would only be clipped
+FAR = 2.0  # image diagonals from the centre; anything beyond would only be clipped
 STEP = 1e-4  # radians towards the nadir, for the direction of an arrow
 
 
@@ -42,7 +42,7 @@ class CalibratedPhoto:
 
     Attributes:
         image: RGB bytes of any size.
-        tilt: radians, positive looks up.
+        tilt: radians, positive upward.
         roll: radians.
         focal: image heights of ``image``.
         k1: first coefficient of distortion.
@@ -84,7 +84,7 @@ class CalibratedPhoto:
         return horizon_curve(tilt, roll, *self.lens(), reach=FAR * math.hypot(self.aspect, 1))
 
     def horizon_is(self) -> str:
-        """Where the horizon is: in the picture, or on which side of it its foot ``ρ (sin ψ, cos ψ)`` lies."""
+        """Where the horizon is: in the picture, or on the side of it where its foot ``ρ (sin ψ, cos ψ)`` lies."""
         if (np.abs(self.horizon()) <= [self.aspect / 2, 0.5]).all(1).any():
             return "in the picture"
         sign = math.copysign(1, self.tilt)  # that of ρ
@@ -95,7 +95,7 @@ class CalibratedPhoto:
 
 
 def calibration_overlay(photo: CalibratedPhoto) -> Figure:
-    """One photo: horizon, arrows of gravity, the picture of a square grid, and the part that the network saw.
+    """One photo with horizon, gravity arrows, the image of a square grid, and the part that the network saw.
 
     >>> image = np.zeros((60, 80, 3), np.uint8)
     >>> photo = CalibratedPhoto(image, tilt=0.1, roll=0.0, focal=0.7, k1=-0.2, k2=0.0, seen=(0.1, 0, 0.8, 1))
@@ -120,7 +120,7 @@ def calibration_overlay(photo: CalibratedPhoto) -> Figure:
 
 
 def photo_sheet(photos: Sequence[CalibratedPhoto]) -> Figure:
-    """Many photos, four a row, each with its overlay and caption.
+    """Many photos, four per row, each with its overlay and caption.
 
     >>> photo = CalibratedPhoto(np.zeros((60, 80, 3), np.uint8), 0.1, 0.0, 0.7, -0.2, 0.0, (0, 0, 1, 1))
     >>> figure = photo_sheet([photo] * 5)
@@ -140,7 +140,7 @@ def photo_sheet(photos: Sequence[CalibratedPhoto]) -> Figure:
 
 
 def gravity_arrows(photo: CalibratedPhoto) -> tuple[Float[ndarray, "n 2"], Float[ndarray, "n 2"]]:
-    """Points on a regular grid over the image, in image heights from the centre, and the unit direction down there.
+    """Points on a regular grid over the image, in image heights from the centre, and unit vectors pointing down.
 
     >>> level = CalibratedPhoto(np.zeros((60, 80, 3), np.uint8), 0.0, 0.0, 0.7, 0.0, 0.0, (0, 0, 1, 1))
     >>> points, down = gravity_arrows(level)
@@ -164,9 +164,9 @@ def gravity_arrows(photo: CalibratedPhoto) -> tuple[Float[ndarray, "n 2"], Float
 
 
 def distortion_grid(photo: CalibratedPhoto) -> list[Float[ndarray, "n 2"]]:
-    """Lines that are straight in the scene, as the image shows them, in image heights from the centre.
+    """Lines straight in the scene, as they appear in the image, in image heights from the centre.
 
-    They are those of a square grid at right angles to the viewing direction, and cover the image.
+    They form a square grid at right angles to the viewing direction that covers the image.
 
     >>> photo = CalibratedPhoto(np.zeros((60, 80, 3), np.uint8), 0.0, 0.0, 0.7, 0.0, 0.0, (0, 0, 1, 1))
     >>> lines = distortion_grid(photo)
@@ -195,7 +195,7 @@ def _draw(axes: Axes, photo: CalibratedPhoto, longest: int, weight: float) -> No
     outline = [effects.withStroke(linewidth=4.5 * weight, foreground="#000000", alpha=0.6)]
     shadow: list[effects.AbstractPathEffect] = [
         effects.withStroke(linewidth=2 * weight, foreground="#000000", alpha=0.25)
-    ]  # white is lost on a sky
+    ]  # white is lost against a sky
     grid = LineCollection(distortion_grid(photo), colors=GRID, linewidths=0.9 * weight, alpha=0.7)
     grid.set_path_effects(shadow)
     axes.add_collection(grid)

@@ -1,4 +1,4 @@
-"""What figures of calibration show of a camera, and how they call it."""
+"""The quantities of a camera shown in calibration figures, and their labels."""
 
 from jaxtyping import Float
 from numpy import ndarray

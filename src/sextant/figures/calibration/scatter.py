@@ -14,10 +14,11 @@ ROOM = 0.35  # how far panels go beyond the true values, as a share of their ran
 
 
 def predicted_against_true(truth: CameraParameters, predicted: CameraParameters) -> Figure:
-    """One panel a parameter, one dot an image, the diagonal where both agree.
+    """One panel per parameter, one dot per image, and the diagonal where both agree.
 
-    A panel reaches somewhat beyond the true values, lest a few predictions squeeze all others; it says how many images
-    it does not show, those without an answer among them. The rank correlation is Spearman's, of those with one.
+    A panel reaches only somewhat beyond the true values, so that a few predictions do not squeeze all others. Its title
+    gives the number of images not shown, including those without an answer. The rank correlation is Spearman's, over
+    the images with an answer.
 
     >>> import torch
     >>> truth = CameraParameters(*torch.linspace(0.1, 0.5, 9).expand(4, 9))

@@ -1,4 +1,4 @@
-"""Crops with their true and predicted horizon, and the numbers beneath."""
+"""Crops with their true and predicted horizons, and the numbers beneath."""
 
 import math
 from typing import Any
@@ -35,16 +35,16 @@ def calibration_sheet(
     method: str = "predicted",
     family: K2Family = "lopez",
 ) -> Figure:
-    """Crops, four a row, drawn at their own aspect even if the pixels were squashed.
+    """Crops, four per row, drawn at their own aspect even if the pixels were squashed.
 
-    The horizon is the curve that the lens makes of it; it is missing where it lies outside of the image.
+    The horizon is drawn as the curve that the lens makes of it; it is missing if it lies outside the image.
 
     Args:
         images: bytes.
         aspect: width over height of each image.
         truth: the true cameras.
-        predicted: those of a method; nan where it gave none.
-        method: what to call it.
+        predicted: a method's cameras; nan where it gave none.
+        method: its label.
         family: how k2 follows from k1.
 
     Example:

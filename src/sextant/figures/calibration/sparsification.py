@@ -9,9 +9,9 @@ from sextant.figures.style import COLOURS, new_figure, plain
 
 
 def sparsification_curves(results: Mapping[str, Sparsification]) -> Figure:
-    """One panel a parameter: mean error of the images left, as those that are most uncertain are taken away.
+    """One panel per parameter: mean error of the remaining images as the most uncertain are removed.
 
-    The area between the curve and the oracle's is shaded; the titles give it as a share of that of random order.
+    The area between the curve and the oracle's is shaded; the titles give it as a share of the area for random order.
 
     >>> import numpy as np
     >>> from sextant.evaluation.calibration.sparsification import sparsification

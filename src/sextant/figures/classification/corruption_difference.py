@@ -26,9 +26,9 @@ FLOOR: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class DifferenceBar:
-    """Error of the treatment minus that of the control, as shares, with its interval; nan where there is none.
+    """Error of the treatment minus that of the control, as shares, with its interval; nan if there is none.
 
-    ``floor`` is the mean difference between two groups of runs that differ in their seeds alone.
+    ``floor`` is the noise floor: the mean difference between two groups of runs that differ only in their seeds.
     """
 
     label: str
@@ -51,17 +51,17 @@ def corruption_difference(
     title: str = "",
     interval: str = "95 % over seeds",
 ) -> Figure:
-    """One bar a corruption: to the left, in blue, where the treatment errs less; in orange where it errs more.
+    """One bar per corruption: to the left, in blue, where the treatment errs less; in orange where it errs more.
 
-    Where there are intervals, bars whose interval contains zero are pale, the others certain. A diamond is the noise
-    floor. The legend counts wins and losses.
+    If there are intervals, bars whose interval contains zero are pale; the others count as certain. A diamond marks the
+    noise floor. The legend counts wins and losses.
 
     Args:
-        bars: one a corruption, labelled with its name.
+        bars: one per corruption, labelled with its name.
         mean: of all corruptions, drawn at the bottom and not counted.
-        families: groups of corruptions, drawn together and named at the right; those in no group come last.
-        title: what is compared, such as ``push-pull minus convolution``.
-        interval: what the whiskers are.
+        families: groups of corruptions, drawn together and named on the right; those in no group come last.
+        title: the comparison, such as ``push-pull minus convolution``.
+        interval: describes the whiskers.
 
     Raises:
         ValueError: there is nothing to draw.

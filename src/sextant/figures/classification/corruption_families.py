@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 
 def by_family(names: Iterable[str], families: Mapping[str, Sequence[str]]) -> list[tuple[str, list[str]]]:
-    """Families with those of their members that are among ``names``; those of no family come last, under ``""``.
+    """Families with their members among ``names``; names in no family come last, under ``""``.
 
     >>> by_family(["fog", "stripe", "gaussian_noise"], {"noise": ["gaussian_noise"], "weather": ["snow", "fog"]})
     [('noise', ['gaussian_noise']), ('weather', ['fog']), ('', ['stripe'])]

@@ -18,15 +18,15 @@ def corruption_heatmap(
     title: str = "",
     highest: float = 1.0,
 ) -> Figure:
-    """One row a corruption, one column a severity, with the mean over several severities beside; cells in per cent.
+    """One row per corruption, one column per severity, and the mean over several severities beside; cells in per cent.
 
     Args:
         errors: shares of wrong predictions by corruption, mildest severity first; rows may differ in length.
         clean: error on clean images, given below the title.
-        families: groups of corruptions, named at the right and set apart by lines; those in no group come last.
+        families: groups of corruptions, named on the right and separated by lines; those in no group come last.
         levels: names of the severities; 1, 2, ... by default.
         title: name of the model.
-        highest: error at the dark end of the colours; 1 for all figures makes models comparable.
+        highest: error at the dark end of the colour scale; 1 in all figures makes models comparable.
 
     Raises:
         ValueError: there is nothing to draw.
@@ -49,7 +49,7 @@ def corruption_heatmap(
     for row, name in enumerate(names):
         table[row, : len(errors[name])] = errors[name]
     names_of_levels = list(levels) if levels is not None else [str(i + 1) for i in range(columns)]
-    if columns > 1:  # the mean of one is the one
+    if columns > 1:  # the mean of a single severity would only repeat it
         table, names_of_levels = np.column_stack([table, means]), [*names_of_levels, "mean"]
     figure, (axes,) = new_figure(0.62 * table.shape[1] + 2.6, 0.27 * len(names) + 1.3)
     axes.imshow(table, cmap="YlOrRd", vmin=0, vmax=highest, aspect="auto")

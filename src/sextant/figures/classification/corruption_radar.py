@@ -1,4 +1,4 @@
-"""Mean error of several models by corruption, around a circle."""
+"""Mean error of several models by corruption, as a radar chart."""
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
@@ -10,7 +10,7 @@ from matplotlib.projections.polar import PolarAxes
 from sextant.figures.classification.corruption_families import by_family
 from sextant.figures.style import COLOURS
 
-LEAST = 3  # corruptions around a circle
+LEAST = 3  # fewest corruptions around a circle
 STYLES, MARKERS = ("-", "--", ":", "-."), "osD^vP*"
 SHADES, LAST_SHADE = ("#f1f1f1", "#ffffff"), "#e4e4e4"
 
@@ -21,15 +21,15 @@ def corruption_radar(
     families: Mapping[str, Sequence[str]] | None = None,
     title: str = "",
 ) -> Figure:
-    """One spoke a corruption, one outline a model: the smaller, the better. The scale starts at zero in the middle.
+    """One spoke per corruption, one outline per model: the smaller, the better. The scale starts at zero in the middle.
 
     Args:
         errors: shares of wrong predictions by model, then by corruption; means over severities.
-        families: groups of corruptions, drawn together on one shade; those in no group come last.
+        families: groups of corruptions, drawn together on one background shade; those in no group come last.
         title: what the models have in common.
 
     Raises:
-        ValueError: there is no model, fewer than three corruptions, or models have other corruptions.
+        ValueError: there is no model, there are fewer than three corruptions, or models have different corruptions.
 
     Example:
         >>> axes = corruption_radar({"LeNet": {"fog": 0.2, "snow": 0.3, "frost": 0.4}}).axes[0]
@@ -75,7 +75,7 @@ def corruption_radar(
 
 
 def _shade(axes: PolarAxes, groups: Sequence[tuple[str, list[str]]], limit: float) -> None:
-    """A sector a family, its name inside the rim."""
+    """One sector per family, with its name inside the rim."""
     total = sum(len(members) for _, members in groups)
     start = 0
     shades = [SHADES[i % 2] for i in range(len(groups))]
@@ -90,7 +90,7 @@ def _shade(axes: PolarAxes, groups: Sequence[tuple[str, list[str]]], limit: floa
 
 
 def _label(axes: PolarAxes, angle: float, name: str, limit: float) -> None:
-    """The name of a corruption outside the rim, on the side where it does not run into the circle."""
+    """The name of a corruption outside the rim, aligned so that it does not overlap the circle."""
     across, up = np.sin(angle), np.cos(angle)
     side = "center" if abs(across) < 0.15 else "left" if across > 0 else "right"
     place = "bottom" if up > 0.9 else "top" if up < -0.9 else "center"

@@ -1,4 +1,4 @@
-"""What the first layer looks for."""
+"""The kernels of the first layer."""
 
 import torch
 from matplotlib.figure import Figure
@@ -11,7 +11,7 @@ MOST = 16
 
 
 def first_kernels(network: nn.Module) -> Figure | None:
-    """Kernels of the first convolution, and below them the pull kernels of a push-pull layer; None without one.
+    """Kernels of the first convolution, with the pull kernels of a push-pull layer below; None without one.
 
     Kernels of three-channel images are shown in colour, others as the mean over their channels; red is positive.
 

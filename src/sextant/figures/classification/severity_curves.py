@@ -12,7 +12,7 @@ def severity_curves(
     accuracy: Mapping[str, Mapping[str, float]],
     intervals: Mapping[str, Mapping[str, tuple[float, float]]] | None = None,
 ) -> Figure:
-    """One panel a corruption, one curve a model; severities are evenly spaced, clean comes first.
+    """One panel per corruption, one curve per model; severities are evenly spaced, and clean comes first.
 
     Args:
         levels: severities by corruption.

@@ -1,1 +1,1 @@
-"""Pictures of COSFIRE filters and of what they find."""
+"""Pictures of COSFIRE filters and of their detections."""

@@ -19,16 +19,16 @@ from sextant.figures.style import COLOURS, new_figure
 from sextant.layers.cosfire import Cosfire, DoGBank, GaborBank
 from sextant.layers.cosfire.tuples import offsets
 
-#: circles that are drawn singly; of more only the outermost is
+#: circles drawn individually; of more than this, only the outermost is drawn
 MOST_CIRCLES = 12
-#: kinds of parts that the legend names
+#: most kinds of parts that the legend names
 MOST_NAMES = 7
 #: length of a bar in wavelengths: the envelope of a Gabor filter of the usual shape, one sigma to either side
 BAR_LENGTH = 1.25
 FAINTEST, STRONGEST = 0.3, 0.9
-#: how much of that discs have which bars lie upon
+#: share of that opacity for discs with bars on top
 BELOW_BARS = 0.5
-#: of an example much larger than the filter so many radii about the point are shown
+#: radii about the point that are shown of an example much larger than the filter
 AROUND = 1.6
 
 
@@ -40,20 +40,21 @@ def cosfire_filter(
     number: int = 0,
     title: str = "",
 ) -> Figure:
-    """The parts of one filter where its prototype has them.
+    """The parts of one filter at their places in its prototype.
 
-    A disc has the size of the part's tolerance σ = σ0 + αρ and is the more opaque the more the part weighs. What it
-    looks for is a bar of half a wavelength in its direction for Gabor filters; elsewhere the colour shows the channel.
+    A disc has the size of the part's tolerance σ = σ0 + αρ, and is more opaque the more the part weighs. For Gabor
+    filters, the part's feature is shown as a bar of half a wavelength in its direction; otherwise the colour shows the
+    channel.
 
     Args:
-        filters: configured; the parts are those of ``filters.tuples(number)``.
-        example: as it was given to ``configure``, in [0, 1].
-        point: likewise, x and y in its pixels; None is the pixel in its middle.
+        filters: configured filters; the parts are those of ``filters.tuples(number)``.
+        example: as given to ``configure``, in [0, 1].
+        point: likewise, x and y in its pixels; None is the pixel in the middle.
         number: of the filter.
-        title: above the figure.
+        title: title above the figure.
 
     Raises:
-        ValueError: the bank does not take images of this number of channels.
+        ValueError: the bank does not accept images with this number of channels.
 
     Example:
         >>> image = torch.ones(1, 48, 48)
@@ -101,14 +102,14 @@ def cosfire_filter(
 
 
 def _seen(point: tuple[float, float], reach: float, size: tuple[int, int]) -> tuple[float, float, float, float]:
-    """Left, right, top and bottom of what is shown: within ``reach`` of the point and within the example."""
+    """Left, right, top and bottom of the part shown: within ``reach`` of the point and within the example."""
     (x, y), (width, height) = point, size
     left, right = max(-0.5, x - reach), min(width - 0.5, x + reach)
     return left, right, max(-0.5, y - reach), min(height - 0.5, y + reach)
 
 
 def _stride(filters: Cosfire, example: Tensor) -> float:
-    """Pixels of the image for one of the maps."""
+    """Image pixels per pixel of the maps."""
     with torch.no_grad():
         return float(example.shape[-1] / filters.bank.describe(example[None]).shape[-1])
 
@@ -119,7 +120,7 @@ def _weights(filters: Cosfire, number: int) -> Float[ndarray, "n"]:
 
 
 def _names(filters: Cosfire, channels: Float[ndarray, "n p"]) -> Sequence[str]:
-    """What kind of part each is."""
+    """The kind of each part."""
     if isinstance(filters.bank, GaborBank):
         return [f"λ {wavelength:.3g} px" for wavelength, _ in channels]
     if isinstance(filters.bank, DoGBank):
@@ -130,7 +131,7 @@ def _names(filters: Cosfire, channels: Float[ndarray, "n p"]) -> Sequence[str]:
 
 
 def _circles(axes: Axes, centre: tuple[float, float], radii: Float[ndarray, "r"]) -> None:
-    """The circles that parts lie on, or the one around all of them where there is no such order."""
+    """The circles that parts lie on, or one around all of them if there are too many."""
     radii = radii[radii > 0]
     for radius in radii if len(radii) <= MOST_CIRCLES else radii[-1:]:
         for colour, line in (("black", 1.6), ("white", 0.8)):
@@ -140,7 +141,7 @@ def _circles(axes: Axes, centre: tuple[float, float], radii: Float[ndarray, "r"]
 def _bar(
     axes: Axes, centre: tuple[float, float], channel: Float[ndarray, "2"], colour: str, opacity: float
 ) -> Rectangle:
-    """Half a wavelength wide; θ is the direction across it, counter-clockwise, and y grows downwards."""
+    """A bar half a wavelength wide; θ is the direction across it, counter-clockwise, with y downward."""
     wavelength, theta = channel
     width, length = wavelength / 2, BAR_LENGTH * wavelength
     corner = (centre[0] - width / 2, centre[1] - length / 2)

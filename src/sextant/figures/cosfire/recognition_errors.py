@@ -1,4 +1,4 @@
-"""Images that a method gets wrong."""
+"""Images that a method classifies wrongly."""
 
 from collections.abc import Sequence
 
@@ -22,17 +22,18 @@ def recognition_errors(
     most: int = MOST,
     title: str = "",
 ) -> Figure | None:
-    """Wrongly named test images, ``truth → answer`` above each; None if there is none.
+    """Misclassified test images, with ``truth → answer`` above each; None if there are none.
 
-    Of more errors than ``most`` an even choice is shown, so that no class is left out because of its place.
+    If there are more errors than ``most``, evenly spaced ones are shown, so that no class is left out because of its
+    position.
 
     Args:
-        images: of the test, bytes.
+        images: test images, bytes.
         labels: true classes.
-        answers: classes that the method names.
+        answers: classes predicted by the method.
         classes: names in label order.
         most: images on the sheet.
-        title: such as the method; the number of errors is added.
+        title: such as the name of the method; the number of errors is added.
 
     Example:
         >>> images, labels, answers = np.zeros((4, 1, 8, 8), np.uint8), np.array([0, 0, 1, 1]), np.array([0, 1, 1, 1])

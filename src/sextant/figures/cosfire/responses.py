@@ -1,4 +1,4 @@
-"""What a COSFIRE filter finds in an image: image, response over it, keypoints with scores."""
+"""Detections of a COSFIRE filter in an image: the image, the response over it, and keypoints with scores."""
 
 from collections.abc import Sequence
 
@@ -9,9 +9,9 @@ from numpy import ndarray
 
 from sextant.figures.style import COLOURS, new_figure, printable
 
-#: keypoints that have their score beside them
+#: most keypoints with their score beside them
 MOST_SCORES = 25
-#: how opaque the strongest response is
+#: opacity of the strongest response
 OPAQUE = 0.85
 
 
@@ -29,7 +29,7 @@ def cosfire_responses(
         image: grey ``(h, w)`` or ``(h, w, 1)``, or RGB; bytes.
         response: over the image, of any size: its cells cover the image.
         points: x and y in pixels of the image, and the score of each.
-        strongest: the response that is drawn as the strongest; None is the strongest there is.
+        strongest: the response at the top of the colour scale; None for the largest one in ``response``.
         title: above the figure.
 
     Example:
@@ -51,7 +51,7 @@ def cosfire_responses(
         cmap="inferno",
         vmin=0,
         vmax=top if top > 0 else 1,
-        alpha=OPAQUE * np.sqrt(share),  # so that what is weak is seen as well
+        alpha=OPAQUE * np.sqrt(share),  # so that weak responses are visible too
         extent=(-0.5, width - 0.5, height - 0.5, -0.5),
         interpolation="nearest",
     )

@@ -1,4 +1,4 @@
-"""Particles over the map from above."""
+"""Particles over the map, seen from above."""
 
 from dataclasses import dataclass, field
 
@@ -16,11 +16,11 @@ from numpy import ndarray
 from sextant.figures.style import COLOURS, printable
 
 TRUTH, ESTIMATE, MAP, WALLS, WEIGHTS = COLOURS[2], COLOURS[1], "#a5a39c", "#55534c", "plasma_r"
-#: Weights are coloured over so many orders of magnitude below the largest.
+#: Number of orders of magnitude below the largest weight over which weights are coloured.
 DECADES = 4
-#: Positions of a map that are drawn at most, evenly taken; more would not be seen apart.
+#: Largest number of map positions drawn, evenly chosen; more could not be told apart.
 MOST_POSITIONS = 20_000
-#: Particles whose headings are drawn at most, the heaviest.
+#: Largest number of particles whose headings are drawn, the heaviest ones.
 MOST_HEADINGS = 300
 #: Squared Mahalanobis distance that holds 95 % of a normal distribution in the plane.
 CHI2_95 = 5.991
@@ -31,13 +31,13 @@ class ParticleFrame:
     """One moment of a filter.
 
     Attributes:
-        poses: of the particles, x, y in the unit of the map and heading in radians.
-        log_weights: up to a constant.
-        estimate: pose; None while lost.
-        truth: pose; None where it is not known.
-        title: such as the frame's number.
-        path: positions of the truth so far.
-        covariance: of the estimate's x and y, whose ellipse holds 95 %; None draws none.
+        poses: poses of the particles, x, y in the unit of the map and heading in radians.
+        log_weights: log weights up to a constant.
+        estimate: estimated pose; None while lost.
+        truth: true pose; None where it is not known.
+        title: title, such as the number of the frame.
+        path: true positions so far.
+        covariance: covariance of the estimate's x and y, drawn as an ellipse that holds 95 %; None draws none.
         seen: what the camera sees, if it is to be shown.
         there: the image of the map nearest to the estimate.
     """
@@ -54,7 +54,7 @@ class ParticleFrame:
 
 
 def map_height(map_positions: Float[ndarray, "n 2"], width: float) -> float:
-    """Height in inches that suits a figure of a map, its labels included.
+    """A suitable height in inches for a figure of a map, including labels.
 
     >>> map_height(np.array([[0.0, 0], [30, 20]]), width=6.0) > map_height(np.array([[0.0, 0], [30, 0]]), width=6.0)
     True
@@ -66,12 +66,12 @@ def map_height(map_positions: Float[ndarray, "n 2"], width: float) -> float:
 def draw_map(
     axes: Axes, map_positions: Float[ndarray, "n 2"], unit: str = "m", walls: Float[ndarray, "w 2"] | None = None
 ) -> None:
-    """Draw a map's positions, set the limits of the axes and say below what the colours mean.
+    """Draw a map's positions, set the limits of the axes and explain the colours in a legend below.
 
     Args:
-        axes: to draw on.
-        map_positions: of its images.
-        unit: of positions, such as frames along a railway.
+        axes: axes to draw on.
+        map_positions: positions of the map's images.
+        unit: unit of positions, such as frames along a railway.
         walls: points on walls, such as the occupied cells of a grid, if they are known.
 
     Example:
@@ -95,10 +95,10 @@ def draw_map(
 
 
 def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:
-    """Draw what changes from frame to frame on axes with a map, and return its artists (but for the title).
+    """Draw what changes from frame to frame on axes with a map, and return its artists except for the title.
 
-    Particles are coloured by weight on a logarithmic scale, from 10⁻⁴ of the largest on, the light ones below. A stroke
-    points along the heading of each of the 300 heaviest, an arrow along that of the estimate and of the truth.
+    Particles are coloured by weight on a logarithmic scale down to 10⁻⁴ of the largest, light ones below. A stroke
+    points along the heading of each of the 300 heaviest, and an arrow along that of the estimate and of the truth.
 
     >>> from sextant.figures.style import new_figure
     >>> figure, (axes,) = new_figure(4.0, 3.0)
@@ -149,7 +149,7 @@ def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:
 
 
 def _ellipse(middle: Float[ndarray, "2"], covariance: Float[ndarray, "2 2"]) -> Ellipse:
-    """What holds 95 % of a normal distribution."""
+    """The ellipse that holds 95 % of a normal distribution."""
     variances, axes = np.linalg.eigh(covariance)
     height, width = 2 * np.sqrt(CHI2_95 * np.clip(variances, 0.0, None))
     angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))  # of the longer axis
@@ -158,6 +158,6 @@ def _ellipse(middle: Float[ndarray, "2"], covariance: Float[ndarray, "2 2"]) -> 
 
 def _bounds(positions: Float[ndarray, "n 2"]) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
     low, high = positions.min(axis=0), positions.max(axis=0)
-    # a railway has no width: it is given a tenth of its length, so that the particles beside it are seen
+    # a railway has no width: it is given a tenth of its length, so that the particles beside it are visible
     margin = np.maximum(0.03 * (high - low), max(0.05 * float((high - low).max()), 1.0))
     return low - margin, high + margin

@@ -1,4 +1,4 @@
-"""An animation of a filter: the particles over the map, frame by frame."""
+"""Animations of a filter: the particles over the map, frame by frame."""
 
 import io
 import struct
@@ -39,17 +39,17 @@ def particle_replay(
     The file appears when it is complete.
 
     Args:
-        map_positions: of its images.
+        map_positions: positions of the map's images.
         frames: the moments, in order.
-        path: of the file to write; its folder is made.
-        frames_per_second: how fast it is shown.
-        width: of the map in inches of 100 pixels.
-        unit: of positions.
+        path: path of the file to write; its folder is created.
+        frames_per_second: speed of the animation.
+        width: width of the map in inches of 100 pixels.
+        unit: unit of positions.
         seen: show the frames' images beside the map.
         walls: points on walls, if they are known.
 
     Raises:
-        UserError: the path ends in neither, there is no frame, or no MP4 can be written on this machine.
+        UserError: the path has another suffix, there is no frame, or no MP4 can be written on this machine.
         ValueError: the map has no position.
 
     Example:
@@ -89,15 +89,15 @@ def particle_replay(
 
 
 class _Gif:
-    """Appends each image to the file at once, with colours of its own.
+    """Appends each image to the file at once, with its own colour table.
 
     An animation is a header, a block that asks for repetition, and images one after the other. Pillow writes each image
-    as a GIF of its own, whose global colours become local ones here. (matplotlib's and Pillow's own animations hold all
-    frames until the end.) Format: CompuServe, "Graphics Interchange Format, version 89a", 1990.
+    as a separate GIF, whose global colour table becomes a local one here. (The animations of matplotlib and Pillow hold
+    all frames until the end.) Format: CompuServe, "Graphics Interchange Format, version 89a", 1990.
     """
 
     def __init__(self, path: Path, frames_per_second: float, shape: tuple[int, ...]):
-        self._centiseconds = max(2, round(100 / frames_per_second))  # browsers slow down what is faster
+        self._centiseconds = max(2, round(100 / frames_per_second))  # browsers slow down faster animations
         self._file = path.open("wb")
         height, width = shape[:2]
         self._file.write(b"GIF89a" + struct.pack("<HHBBB", width, height, 0, 0, 0))

@@ -1,4 +1,4 @@
-"""A filter as it runs, picture by picture: the particles over the map, what is seen, and what the map shows there."""
+"""Pictures of a filter as it runs: the particles over the map, what is seen, and what the map shows there."""
 
 from typing import Any
 
@@ -19,12 +19,12 @@ SEEN_WIDTH = 2.4
 
 
 class ParticleView:
-    """Draws moments of a filter on one figure, all in the same place.
+    """Draws moments of a filter on one figure with a fixed layout.
 
     Args:
-        map_positions: of the map's images.
-        width: of the map in inches of 100 pixels.
-        unit: of positions.
+        map_positions: positions of the map's images.
+        width: width of the map in inches of 100 pixels.
+        unit: unit of positions.
         seen: leave room beside the map for what the camera sees and for the map's image nearest to the estimate.
         walls: points on walls, if they are known.
 
@@ -64,16 +64,16 @@ class ParticleView:
         self._canvas = FigureCanvasAgg(self._figure)
         self._figure.set_dpi(PIXELS_PER_INCH)
         draw_map(self._axes, map_positions, unit, walls)
-        self._below: Any = None  # what all pictures share, once the first has placed the axes
+        self._below: Any = None  # background shared by all pictures, once the first has placed the axes
 
     def draw(self, frame: ParticleFrame) -> UInt8[ndarray, "h w 3"]:
-        """The picture of a moment; both sides have an even number of pixels, as codecs of videos need it."""
+        """Draw the picture of a moment; both sides have an even number of pixels, as video codecs require."""
         artists = draw_frame(self._axes, frame)
         for axes, image in zip(self._beside, (frame.seen, frame.there), strict=False):
             if image is not None:
                 grey = image.shape[-1] == 1
                 artists.append(axes.imshow(image[..., 0] if grey else image, cmap="gray" if grey else None))
-                axes.apply_aspect()  # this image's, if earlier ones had another or there was none
+                axes.apply_aspect()  # of this image, if earlier ones had another aspect or there was none
         if self._below is None:
             self._place(artists)
         self._canvas.restore_region(self._below)
@@ -87,7 +87,7 @@ class ParticleView:
         return picture
 
     def _place(self, artists: list[Artist]) -> None:
-        """Lay the figure out, and keep it without what changes: to draw a large map anew takes longer than all else."""
+        """Lay out the figure and keep its unchanging part, as redrawing a large map takes longer than all the rest."""
         self._canvas.draw()
         self._figure.set_layout_engine("none")  # the axes stay where the first frame puts them
         changing = [*artists, self._axes.title]

@@ -1,4 +1,4 @@
-"""Images of a walk, what they are straightened to, and the map's image where each was found."""
+"""Images of a walk, their straightened versions, and the map's image where each was found."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ class WalkedImage:
     """One image of a walk.
 
     Attributes:
-        title: such as its file and place.
-        taken: as the camera took it.
-        straight: as the virtual camera would have.
-        mapped: the map's nearest image; None if it is not known.
+        title: title, such as the file and place.
+        taken: the image as the camera took it.
+        straight: the image as the virtual camera would have taken it.
+        mapped: the nearest image of the map; None if it is not known.
     """
 
     title: str
@@ -30,7 +30,7 @@ class WalkedImage:
 
 
 def straightened_walk(images: Sequence[WalkedImage]) -> Figure:
-    """One column an image, and a row for each stage that it has gone through.
+    """Draw one column for each image, and a row for each stage that it has gone through.
 
     >>> import numpy as np
     >>> taken, straight = np.zeros((30, 40, 3), np.uint8), np.zeros((24, 32, 3), np.uint8)

@@ -1,4 +1,4 @@
-"""How often localization succeeds with how many particles."""
+"""Success rate of localization by number of particles."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ class SuccessCurve:
     """Success of one method at several particle counts.
 
     Attributes:
-        counts: of particles, ascending.
-        rates: of success, in [0, 1].
-        low, high: ends of their intervals.
+        counts: numbers of particles, ascending.
+        rates: success rates, in [0, 1].
+        low, high: ends of the rates' intervals.
     """
 
     counts: Int64[ndarray, " k"]
@@ -35,11 +35,11 @@ class SuccessCurve:
 
 
 def success_curves(curves: Mapping[str, SuccessCurve], title: str = "") -> Figure:
-    """One curve a method with its intervals; the legend says how many particles it needs.
+    """Draw one curve with intervals for each method; the legend says how many particles it needs.
 
     Args:
-        curves: by the method's name.
-        title: such as the protocol.
+        curves: curves by the name of the method.
+        title: title, such as the protocol.
 
     Raises:
         ValueError: there is no curve.

@@ -1,4 +1,4 @@
-"""Errors of localization along drives."""
+"""Localization errors along drives."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from numpy import ndarray
 from sextant.evaluation.protocols import LocalizationProtocol
 from sextant.figures.style import COLOURS, new_figure, plain
 
-#: An error of exactly nothing has no place on a logarithmic axis; it is drawn at this share of the limit.
+#: An error of exactly zero has no place on a logarithmic axis; it is drawn at this share of the limit.
 FLOOR = 1e-3
 
 
@@ -21,10 +21,10 @@ class RunErrors:
     """Errors of one run.
 
     Attributes:
-        position: of each frame, in the protocol's unit; nan without an estimate.
-        heading_deg: of each frame; None without headings.
-        converged: frame from which the run had converged; None if it never did.
-        kidnapped: frames at which the truth jumped.
+        position: position error of each frame, in the protocol's unit; nan without an estimate.
+        heading_deg: heading error of each frame in degrees; None without headings.
+        converged: frame at which the run converged; None if it never did.
+        kidnapped: frames at which the true pose jumped.
     """
 
     position: Float[ndarray, " frames"]
@@ -34,13 +34,13 @@ class RunErrors:
 
 
 def trajectory_errors(runs: Mapping[str, RunErrors], protocol: LocalizationProtocol) -> Figure:
-    """Position and heading error over frames on logarithmic axes, one curve a run.
+    """Draw position and heading errors over frames on logarithmic axes, with one curve for each run.
 
-    A dot marks where a run converged, a dotted line where it was kidnapped, a shade what is within the protocol.
+    A dot marks where a run converged, a dotted line where it was kidnapped, and shading what is within the protocol.
 
     Args:
-        runs: by name.
-        protocol: the limits; without a heading there is one panel.
+        runs: errors by name of the run.
+        protocol: the limits; without one for the heading there is one panel.
 
     Raises:
         ValueError: there is no run, or one has no headings where the protocol has a limit for them.

@@ -1,4 +1,4 @@
-"""A trajectory and its estimate from above."""
+"""A trajectory and its estimate, seen from above."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -10,7 +10,7 @@ from sextant.figures.style import new_figure, plain
 
 
 def trajectory_plan(reference: Float64[ndarray, "n 3"], estimate: Float64[ndarray, "n 3"]) -> Figure:
-    """The estimate coloured by its error over the reference in grey, in the two axes of most extent; then the error.
+    """Draw the estimate, coloured by error, over the reference in grey, in the two axes of most extent; then the error.
 
     Args:
         reference, estimate: positions of the same frames in metres.

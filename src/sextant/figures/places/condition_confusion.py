@@ -1,4 +1,4 @@
-"""How well places are found again between every two conditions."""
+"""How well places are recognised between each pair of conditions."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -8,9 +8,9 @@ from sextant.figures.style import new_figure
 
 
 def condition_confusion(result: ConditionRecall, title: str = "recall@1 (%)") -> Figure:
-    """Conditions of the queries downward and of the references to the right; empty cells have no images.
+    """Query conditions by row and reference conditions by column; empty cells have no images.
 
-    The mean over pairs of two different conditions stands in the title.
+    The title gives the mean over pairs of different conditions.
 
     >>> counts = np.full((2, 2), 10)
     >>> recall = ConditionRecall(("day", "night"), np.array([[1.0, 0.4], [0.3, 1.0]]), counts, 0 * counts)

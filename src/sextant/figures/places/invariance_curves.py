@@ -17,13 +17,13 @@ def invariance_curves(
     *,
     title: str = "",
 ) -> Figure:
-    """One panel a factor, one curve a method with its 95 % interval as a band.
+    """One panel per factor, one curve per method with its 95 % interval as a band.
 
     Args:
         factors: by the factor's name (with its unit), then by method.
         reference: value of a factor in the reference images, marked by a vertical line.
         metric: name of the vertical axis.
-        title: over all panels, such as the protocol.
+        title: above all panels, such as the protocol.
 
     Raises:
         ValueError: there is no factor.

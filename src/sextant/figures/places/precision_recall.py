@@ -8,12 +8,12 @@ from matplotlib.figure import Figure
 from sextant.evaluation.places.precision_recall import PrecisionRecall
 from sextant.figures.style import COLOURS, new_figure, plain
 
-#: methods with a colour and a dash of their own
+#: dashes that tell apart methods of the same colour
 DASHES = ("-", "--", ":")
 
 
 def precision_recall_curves(curves: Mapping[str, PrecisionRecall], title: str = "") -> Figure:
-    """One curve a method, the best area first in the legend; a dot marks the largest recall at full precision.
+    """One curve per method, the best area first in the legend; a dot marks the largest recall at precision 1.
 
     Args:
         curves: by the method's name.

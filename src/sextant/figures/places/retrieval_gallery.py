@@ -1,4 +1,4 @@
-"""Queries with the references that were found for them."""
+"""Queries with the references retrieved for them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class Retrieved:
     Attributes:
         query: image ``(h, w)``, ``(h, w, 1)`` or ``(h, w, 3)`` of bytes.
         matches: images found, most similar first.
-        right: whether each shows the query's place; None where that is not known.
+        right: whether each shows the query's place; None if unknown.
         title: above the query, such as its frame.
         titles: above the matches, such as frame and similarity; none by default.
         truth: an image of the right place, shown last, for queries that have one.
@@ -35,12 +35,12 @@ class Retrieved:
 
 
 def retrieval_gallery(rows: Sequence[Retrieved], title: str = "") -> Figure:
-    """The query at the left, then its matches framed by right (green, ✓), wrong (red, ✗) or unknown (grey).
+    """The query on the left, then its matches, framed as right (green, ✓), wrong (red, ✗) or unknown (grey).
 
     If a row has a truth, a last column shows it.
 
     Raises:
-        ValueError: there is no row, or a row has not as many verdicts as matches.
+        ValueError: there is no row, or the numbers of verdicts and matches of a row differ.
 
     Example:
         >>> image = np.zeros((8, 16, 3), np.uint8)

@@ -1,4 +1,4 @@
-"""Similarities of all queries and references, with who shows the same place."""
+"""Similarities of all queries and references, with pairs that show the same place."""
 
 import numpy as np
 from jaxtyping import Float, Integer
@@ -10,10 +10,10 @@ from numpy import ndarray
 from sextant.evaluation.places.positives import Positives
 from sextant.figures.style import COLOURS, new_figure
 
-#: Cells of the picture in each direction; longer rides are reduced to the largest similarity of every cell.
+#: Most cells of the picture in each direction; longer traverses are reduced to the largest similarity in each cell.
 MOST_CELLS = 800
 RIGHT, WRONG, TRUTH = COLOURS[2], COLOURS[1], COLOURS[5]  # distinct on grey
-#: Similarities between these percentiles have a colour of their own.
+#: The grey scale spans the similarities between these percentiles.
 CONTRAST = (1, 99.5)
 
 
@@ -26,17 +26,17 @@ def similarity_matrix(
     reference: str = "reference",
     title: str = "",
 ) -> Figure:
-    """Queries downward, references to the right, bright where alike.
+    """Queries by row, references by column, bright where similar.
 
     Args:
         similarities: of all pairs.
         positives: if given, the band from the first to the last positive of every query is outlined.
-        matches: if given, the reference taken for each query, coloured by right and wrong; needs ``positives``.
+        matches: if given, the reference chosen for each query, coloured as right or wrong; needs ``positives``.
         query, reference: names of the traverses.
         title: such as the descriptor.
 
     Raises:
-        ValueError: the shapes differ, or matches come without positives.
+        ValueError: the shapes differ, or matches are given without positives.
 
     Example:
         >>> positives = Positives.from_lists([[0], [1], [2]], 3)
@@ -80,7 +80,7 @@ def similarity_matrix(
 
 
 def _outline(axes: Axes, positives: Positives) -> None:
-    """The first and the last positive of every query; nothing where it has none."""
+    """Draw the first and the last positive of every query, and nothing if it has none."""
     first, last = np.full(len(positives), np.nan), np.full(len(positives), np.nan)
     chosen = positives.matchable
     first[chosen] = positives.indices[positives.starts[:-1][chosen]] - 0.5

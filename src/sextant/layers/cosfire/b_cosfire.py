@@ -1,4 +1,4 @@
-r"""B-COSFIRE: vessels, cracks, roads - anything that is a bar - by one filter for bars and one for their ends.
+r"""B-COSFIRE: finds vessels, cracks, roads - anything bar-shaped - with one filter for bars and one for their ends.
 
 .. math:: R = R_{\text{symmetric}} + R_{\text{asymmetric}}, \qquad
     \text{vessel where } 255\,\frac{R - \min R}{\max R - \min R} > t
@@ -16,7 +16,7 @@ from sextant.layers.cosfire.presets import preset
 
 
 class BCosfire(nn.Module):
-    """Both filters, configured from a straight bar.
+    """The filters for bars and for their ends, both configured from a straight bar.
 
     >>> image = torch.zeros(1, 1, 40, 40)
     >>> image[..., 20:23] = 1  # an upright vessel
@@ -24,9 +24,9 @@ class BCosfire(nn.Module):
     tensor([19, 20, 21, 22, 23])
 
     Args:
-        bar: symmetric filter, not configured.
-        end: the one that becomes asymmetric: of its parts those on one side of the centre are taken away.
-        bar_length: of the prototype's side, in pixels; long enough for the largest radius and its blur.
+        bar: the symmetric filter, not yet configured.
+        end: the filter that becomes asymmetric: its parts on one side of the centre are removed.
+        bar_length: side of the prototype in pixels; long enough for the largest radius and its blur.
     """
 
     bar: Cosfire
@@ -34,7 +34,7 @@ class BCosfire(nn.Module):
 
     def __init__(self, bar: Cosfire | None = None, end: Cosfire | None = None, bar_length: int = 201):
         super().__init__()
-        # a filter that is not configured yet counts as false
+        # not ``bar or preset(...)``: a filter that is not configured yet is false
         self.bar = preset("vessel_drive") if bar is None else bar
         self.end = preset("vessel_end_drive") if end is None else end
         prototype = torch.zeros(1, bar_length, bar_length, dtype=torch.float64)
@@ -43,22 +43,22 @@ class BCosfire(nn.Module):
         self.end.configure(prototype).keep(lambda tuples: torch.remainder(tuples.phi, 2 * torch.pi) <= torch.pi + 1e-9)
 
     def forward(self, images: Float[Tensor, "b 1 h w"]) -> Float[Tensor, "b h w"]:
-        """R, for images in which what is looked for is bright (the retina's green channel, inverted)."""
+        """The response R, for images in which the bars are bright (the retina's green channel, inverted)."""
         return (self.bar(images) + self.end(images))[:, 0]  # type: ignore[no-any-return]
 
     def segment(
         self, images: Float[Tensor, "b 1 h w"], mask: Bool[Tensor, "b h w"] | None = None, threshold: float = 37.0
     ) -> Bool[Tensor, "b h w"]:
-        """Where the response, from 0 to 255 within the image, exceeds ``threshold`` (37 DRIVE, 40 STARE, 38 CHASE_DB1).
+        """Where the response, scaled to 0 to 255 per image, exceeds ``threshold`` (37 DRIVE, 40 STARE, 38 CHASE_DB1).
 
         Args:
-            mask: what lies in view; the rest counts as no response.
+            mask: the field of view; outside it the response counts as 0.
         """
         response = self(images)
         return scaled(response if mask is None else response * mask) > threshold
 
 
 def scaled(response: Float[Tensor, "b h w"]) -> Float[Tensor, "b h w"]:
-    """Each response from 0, its least, to 255, its largest."""
+    """Scale each response so that its minimum is 0 and its maximum 255."""
     least, most = (extreme(response, dim=(1, 2), keepdim=True) for extreme in (torch.amin, torch.amax))
     return 255 * (response - least) / (most - least).clamp(min=torch.finfo(response.dtype).tiny)

@@ -1,4 +1,4 @@
-r"""What a COSFIRE filter looks through: maps of how strongly something simple is present at each pixel."""
+r"""What COSFIRE filters are built on: maps of how strongly a simple feature is present at each pixel."""
 
 from abc import ABC, abstractmethod
 from typing import Any
@@ -21,27 +21,27 @@ class Bank(nn.Module, ABC):
 
     @abstractmethod
     def grid(self) -> Float[Tensor, "k p"]:
-        """The channels that :meth:`describe` shows."""
+        """The channels that :meth:`describe` returns."""
 
     @abstractmethod
     def describe(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k y x"]:
-        """What filters are configured from: a map for each channel of the grid, non-negative.
+        """One non-negative map for each channel of the grid, from which filters are configured.
 
         Raises:
             UserError: the bank cannot take such images.
         """
 
     def strongest(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b"]:
-        """The most that a channel of the grid answers anywhere in each image; thresholds are shares of it."""
+        """The largest response of any channel of the grid in each image; thresholds are shares of it."""
         return self.describe(images).amax((1, 2, 3))
 
     def strength(self, maps: Float[Tensor, "b k y x"]) -> Float[Tensor, "b #k y x"]:
-        """How strongly there is something, compared with ``t1`` when filters are configured: the responses."""
+        """The strength that ``t1`` applies to when filters are configured: the responses themselves."""
         return maps
 
     @abstractmethod
     def forward(self, images: Float[Tensor, "b c h w"], channels: Float[Tensor, "u p"]) -> Float[Tensor, "b u y x"]:
-        """A map for each of ``channels``, non-negative."""
+        """One non-negative map for each of ``channels``."""
 
     def options(self) -> dict[str, Any]:
         """Arguments that rebuild the bank, as plain values; empty if it holds a network."""
@@ -49,14 +49,14 @@ class Bank(nn.Module, ABC):
 
 
 class SteerableBank(Bank):
-    """A bank whose channels of a moved image follow from those of the image.
+    """A bank for which the channels of a moved image follow from those of the original.
 
-    Of others a filter learns moved forms of its prototype from moved prototypes.
+    With other banks a filter learns the moved forms of its prototype from moved prototypes.
     """
 
     @abstractmethod
     def moved(self, channels: Float[Tensor, "n p"], move: Move) -> Float[Tensor, "n p"]:
-        """The channels that answer to a moved image as ``channels`` do to the image."""
+        """The channels that respond to a moved image as ``channels`` do to the original."""
 
 
 def check_grey(images: Tensor, name: str) -> None:

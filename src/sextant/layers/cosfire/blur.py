@@ -1,4 +1,4 @@
-r"""Tolerance to where a part lies: it may be off by more, the farther it is from the filter's centre.
+r"""Tolerance to the position of a part, which grows with its distance from the filter's centre.
 
 .. math:: \sigma(\rho) = \sigma_0 + \alpha\rho; \qquad
     \text{max}:\; \max_d r(x + d)\, e^{-\lVert d\rVert^2 / 2\sigma^2}, \qquad
@@ -18,7 +18,7 @@ from torch import Tensor
 
 from sextant.layers.cosfire.border import Border, padded
 
-#: pixels that a processor blurs at a time, so that they and what becomes of them stay in its cache
+#: pixels that a CPU blurs at a time, so that they and their results stay in its cache
 BLOCK = 2**16
 
 
@@ -33,9 +33,9 @@ class Blur:
     Args:
         sigma0, alpha: σ(ρ) = sigma0 + alpha ρ, in pixels of the maps.
         kind: ``max`` (weights are not normalised) or ``sum``.
-        reach: the blur ends ``round(reach * sigma)`` pixels away; a sum is as long as 2 reach σ, made odd.
-        fixed_reach: the same number of pixels for every σ instead.
-        border: how maps go on beyond their border; for ``max`` nothing does.
+        reach: the blur ends ``round(reach * sigma)`` pixels away; a sum is 2 reach σ long, made odd.
+        fixed_reach: the same reach in pixels for every σ instead.
+        border: how maps continue beyond their border; for ``max`` nothing lies there.
 
     Raises:
         ValueError: a negative sigma0, alpha or reach, or an unknown kind.
@@ -65,7 +65,7 @@ class Blur:
 
 
 def max_blur(maps: Float[Tensor, "*b h w"], sigma: float, reach: int) -> Float[Tensor, "*b h w"]:
-    """The strongest of the neighbours within ``reach``, each weighed by exp(-d²/2σ²); maps must not be negative.
+    """The maximum over the neighbours within ``reach``, each weighted by exp(-d²/2σ²); maps must not be negative.
 
     >>> line = torch.tensor([[0.0, 0.0, 1.0, 0.0, 0.0]])
     >>> max_blur(line, sigma=1.0, reach=1)
@@ -101,9 +101,9 @@ def gaussian_blur(
 
 
 def twice_convolved(maps: Float[Tensor, "*b h w"], line: Float[Tensor, "s"]) -> Float[Tensor, "*b H W"]:
-    """Maps convolved with a symmetric kernel along either axis, where it lies within them.
+    """Convolve maps with a symmetric kernel along both axes, where it lies within them.
 
-    For so few taps sums of shifted maps are several times faster on a processor than a convolution of one channel.
+    With so few taps, sums of shifted maps are several times faster on a CPU than a convolution of one channel.
     """
     reach = len(line) // 2
     taps = line.tolist()

@@ -1,4 +1,4 @@
-"""How images and maps go on beyond their border."""
+"""How images and maps continue beyond their border."""
 
 from typing import Literal
 
@@ -11,17 +11,17 @@ Border = Literal["zeros", "replicate", "reflect", "circular"]
 
 
 def padded(maps: Float[Tensor, "*b h w"], margin: int, border: Border, fill: float = 0.0) -> Float[Tensor, "*b H W"]:
-    """Maps with ``margin`` added on every side, of any size: mirrors and circles go on as often as needed.
+    """Pad maps by ``margin``, of any size, on every side: mirrored and circular borders repeat as often as needed.
 
     Args:
-        fill: what stands beyond the border of ``zeros``.
+        fill: value beyond a border of ``zeros``.
     """
     if border == "zeros":
         return F.pad(maps, (margin,) * 4, value=fill)
     wide = maps.reshape(-1, 1, *maps.shape[-2:])
     x, y = margin, margin
     while x or y:
-        # what the maps can give at a time; of a single line a mirror can only repeat that line
+        # as much as the maps can supply at a time; a mirror of a single line can only repeat that line
         height, width = (size - (border == "reflect") for size in wide.shape[-2:])
         mode, dx, dy = border, min(x, width), min(y, height)
         if border == "replicate" or not (dx or dy):

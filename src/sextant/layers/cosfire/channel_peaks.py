@@ -1,7 +1,7 @@
 """Parts where single channels of a feature map peak: strategy A, a reconstruction of chapter 6.
 
-The paper says that contributing filters are defined by intermediate representations of a network; this reading takes
-its channels for what Gabor filters are to the first COSFIRE.
+The paper says that contributing filters are defined by intermediate representations of a network. In this reading, its
+channels play the part that Gabor filters play in the first COSFIRE.
 """
 
 from dataclasses import dataclass
@@ -25,11 +25,11 @@ class ChannelPeaks(MapKeypoints):
     ([0.0, 1.0], [2.83, 2.0], [45.0, 90.0])
 
     Args:
-        t2: a channel is kept from this share of the strongest channel at its place on.
+        t2: a channel is kept if it reaches this share of the strongest channel at its place.
         other arguments: as for :class:`MapKeypoints`.
 
     Raises:
-        ValueError: as there, or ``t2`` outside [0, 1].
+        ValueError: as for :class:`MapKeypoints`, or ``t2`` is outside [0, 1].
     """
 
     t2: float = 0.75

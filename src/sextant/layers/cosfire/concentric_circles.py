@@ -1,7 +1,7 @@
-r"""Parts on circles about the point of interest: how COSFIRE filters have been configured from the beginning.
+r"""Parts on circles around the point of interest: the original way to configure COSFIRE filters.
 
-On a circle of radius ρ the largest response of all channels is looked at as a function of the direction φ. At each of
-its peaks, channels with at least ``t2`` of the strongest become parts; at the centre likewise.
+On a circle of radius ρ, the largest response of all channels is a function of the direction φ. At each of its peaks,
+channels with at least ``t2`` of the strongest response become parts; likewise at the centre.
 
 Source: G. Azzopardi, N. Petkov, "Trainable COSFIRE filters for keypoint detection and pattern recognition", PAMI 35,
 2013, section 2.3.
@@ -23,7 +23,7 @@ from sextant.layers.cosfire.tuples import Tuples
 
 @dataclass(frozen=True)
 class ConcentricCircles(Strategy):
-    """Strategy C.
+    """Strategy C: peaks of the responses on concentric circles.
 
     >>> maps = torch.zeros(1, 21, 21)
     >>> maps[0, 10, 10:] = 1.0  # a line from the point to the right
@@ -33,11 +33,12 @@ class ConcentricCircles(Strategy):
 
     Args:
         radii: ρ of the circles, in pixels of the maps; 0 is the centre.
-        t2: a channel is kept from this share of the strongest on.
-        relative_to: which strongest: of the place (``place``, the paper) or of the whole example (``example``).
-        apart_deg: peaks of a circle are at least so far apart; the stronger stays.
-        one_of: channels of several numbers that agree in all but the first (wavelength of Gabor filters, σ of
-            differences of Gaussians) count as rivals, of which the strongest is kept; no such choice if False.
+        t2: a channel is kept if it reaches this share of the strongest response.
+        relative_to: the strongest response at the same place (``place``, the paper) or in the whole example
+            (``example``).
+        apart_deg: least angle between peaks of a circle; the stronger is kept.
+        one_of: keep only the strongest of the channels that agree in all numbers but the first (wavelength of Gabor
+            filters, σ of differences of Gaussians); does nothing for channels of one number.
 
     Raises:
         ValueError: no radius, a negative one, or t2 outside [0, 1].
@@ -54,7 +55,7 @@ class ConcentricCircles(Strategy):
             raise ValueError(f"circles need radii >= 0 and t2 in [0, 1]; got {self.radii} and {self.t2}")
 
     def tuples(self, maps: Float[Tensor, "k y x"], grid: Float[Tensor, "k p"], point: tuple[int, int]) -> Tuples:
-        """Parts on the circles; see :meth:`Strategy.tuples`. Outside the maps there is nothing."""
+        """Parts on the circles; see :meth:`Strategy.tuples`. Outside the maps, responses are 0."""
         responses = maps.detach().double().cpu().numpy()
         strongest = responses.max() if self.relative_to == "example" else None
         channels, rho, phi = [], [], []
@@ -97,7 +98,7 @@ def _rounded(values: ndarray) -> ndarray:
 
 
 def _circular_peaks(circle: ndarray, apart: float) -> list[int]:
-    """Peaks of a closed sequence, the middle of each plateau, at least ``apart`` apart; the stronger stays."""
+    """Peaks of a closed sequence, at the middle of each plateau and at least ``apart`` apart; the stronger is kept."""
     from scipy.signal import find_peaks  # takes two seconds to import
 
     lowest = int(circle.argmin())

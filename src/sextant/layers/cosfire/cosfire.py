@@ -1,9 +1,9 @@
-r"""COSFIRE: filters that are configured from one example, and answer where its parts are arranged alike.
+r"""COSFIRE: filters that are configured from one example and respond where its parts recur in the same arrangement.
 
 .. math:: R(x) = \Big(\prod_i s_i(x)^{w_i}\Big)^{1/\sum w_i},\qquad
     s_i(x) = \operatorname{blur}_{\sigma(\rho_i)}(r_{c_i})\big(x + \rho_i (\cos\varphi_i, -\sin\varphi_i)\big)
 
-with :math:`r_c` the maps of a bank, and the maximum over the moves a filter tolerates.
+with :math:`r_c` the maps of a bank; the maximum is taken over the moves that a filter tolerates.
 
 Source: G. Azzopardi, N. Petkov, "Trainable COSFIRE filters for keypoint detection and pattern recognition", PAMI 35,
 2013; on feature maps: M. Lopez-Antequera, M. Leyva Vallina, N. Strisciuglio, N. Petkov, "Place and object recognition
@@ -53,22 +53,22 @@ class Cosfire(FilterParts):
     Bank, blur and logarithm of a map are computed once for all filters, parts and moves that share it.
 
     Args:
-        bank: what the filters look through.
+        bank: the maps that the filters are built on.
         strategy: how parts are found in an example.
         blur: how far parts may be off.
-        mean: how parts are put together.
-        least_weight: of the outermost part against the centre, in (0, 1]; 1 weighs all alike.
-        tolerance: moves that a filter answers to. What the bank cannot move is configured from the moved example.
-        t1: responses of the bank below this share of the image's strongest count as none; of vectors in an example
-            their lengths, in an image their cosines.
-        t3: responses of a filter below this share of its strongest in the image are none.
-        floor: the least a part counts, in units of the bank: with 0 a single missing part silences a filter.
-        shift: to whole pixels, or ``bilinear`` between them (differentiable in ρ and φ).
+        mean: how the responses of parts are combined.
+        least_weight: weight of the outermost part relative to the centre, in (0, 1]; 1 weights all alike.
+        tolerance: moves that a filter responds to. What the bank cannot move is configured from the moved example.
+        t1: responses of the bank below this share of the image's strongest count as 0; for vectors, this concerns
+            their lengths in an example and their cosines in an image.
+        t3: responses of a filter below this share of its strongest in the image count as 0.
+        floor: the least value of a part, in units of the bank: with 0 a single missing part silences a filter.
+        shift: ``whole`` pixels, or ``bilinear`` between them (differentiable in ρ and φ).
         border: what lies beyond the border of the maps: nothing, or the opposite side (published MATLAB programs), ...
 
     Raises:
-        ValueError: ``least_weight``, ``t1``, ``t3`` or ``floor`` is out of range, or there is no such ``mean``,
-            ``shift`` or ``border``.
+        ValueError: ``least_weight``, ``t1``, ``t3`` or ``floor`` is out of range, or ``mean``, ``shift`` or ``border``
+            is unknown.
     """
 
     def __init__(
@@ -102,15 +102,15 @@ class Cosfire(FilterParts):
         self.shift, self.border = shift, border
 
     def configure(self, example: Float[Tensor, "*one c h w"], point: tuple[float, float] | None = None) -> Self:
-        """Add a filter that answers to what ``example`` shows at ``point``.
+        """Add a filter that responds to what ``example`` shows at ``point``.
 
         Args:
             example: one image.
             point: x and y in its pixels; None is the pixel in its middle.
 
         Raises:
-            UserError: the point lies outside, there is nothing at it that a filter could be made of, or the bank
-                cannot take such an image.
+            UserError: the point lies outside, there is nothing there to make a filter of, or the bank cannot take such
+                an image.
         """
         if example.shape[:-3].numel() != 1:
             raise UserError(
@@ -151,13 +151,13 @@ class Cosfire(FilterParts):
     def maxima(self, images: Float[Tensor, "b c h w"], tiles: int = 1) -> Float[Tensor, "b m"]:
         """The strongest response of each filter anywhere in an image: the feature vector of chapter 6.
 
-        Or in each of ``tiles`` x ``tiles`` parts of the image, row by row, filter after filter: where something is
-        counts then too. The same numbers as ``adaptive_max_pool2d(forward(images), tiles)`` up to rounding; without
-        gradients and on a processor the responses are never written to memory, and one value of an image that is no
-        number leaves it no other.
+        With ``tiles`` above 1, the strongest in each of ``tiles`` x ``tiles`` parts of the image, filter after filter
+        and row by row, so that positions count too. The numbers are those of
+        ``adaptive_max_pool2d(forward(images), tiles)`` up to rounding. On a CPU and without gradients, the responses
+        are never written to memory, and a single nan makes all numbers of its image nan.
 
         Raises:
-            ValueError: there is no tile.
+            ValueError: ``tiles`` is below 1.
             UserError: as :meth:`forward`.
         """
         if tiles < 1:
@@ -172,11 +172,11 @@ class Cosfire(FilterParts):
             return log_maxima(self._log_maps(images, plan), self._shares(), plan, tiles).exp()
 
     def keep(self, wanted: Callable[[Tuples], Bool[Tensor, "n"]]) -> Self:
-        """Take away the parts of the last filter's prototype that ``wanted`` does not tell to keep, in all its forms.
+        """Keep only those parts of the last filter's prototype that ``wanted`` selects, in all its forms.
 
         Raises:
-            UserError: no part is left, or the forms are of moved prototypes (the bank is not steerable): nothing tells
-                which of their parts are the same.
+            UserError: no part is left, or the forms come from moved prototypes (the bank is not steerable), so that
+                their parts cannot be matched.
         """
         number = len(self) - 1
         chosen = wanted(self.tuples(number))
@@ -198,8 +198,10 @@ class Cosfire(FilterParts):
         return self
 
     def train_parts(self) -> Self:
-        """Make weights, and what else has a gradient, parameters: of networks' vectors their directions, and with
-        ``shift="bilinear"`` the places of the parts (σ of their blur follows ρ without a gradient).
+        """Make parameters of the weights and of all else that has a gradient.
+
+        These are the directions of a network's vectors and, with ``shift="bilinear"``, the positions of the parts (σ of
+        their blur follows ρ without a gradient).
         """
         names = ["weights"]
         if self.shift == "bilinear":
@@ -233,7 +235,7 @@ class Cosfire(FilterParts):
 
         Args:
             path: the file.
-            bank: what the filters look through; None builds it anew, unless it holds a network.
+            bank: the bank of the filters; None builds it anew, unless it holds a network.
 
         Raises:
             UserError: the file is missing, damaged or of something else, or was written for another bank.
@@ -288,7 +290,7 @@ class Cosfire(FilterParts):
         return plan
 
     def _blurred(self, images: Tensor, plan: Plan) -> Tensor:
-        """Every map that some part looks at, (b, u, y, x)."""
+        """Every map that some part uses, (b, u, y, x)."""
         maps = self.bank(images, self.channels[plan.channels.to(self.channels.device)])
         if self.t1 > 0:
             maps = _from_share(maps, self.bank.strongest(images)[:, None], self.t1)
@@ -300,7 +302,7 @@ class Cosfire(FilterParts):
         return padded(safe_log(self._blurred(images, plan)), plan.margin, self.border, nothing)
 
     def _forms_of(self, images: Tensor, plan: Plan) -> Iterator[Tensor]:
-        """Responses of one form after the other; of geometric means of whole shifts their logarithms."""
+        """Responses of one form after the other; for geometric means and whole shifts, their logarithms."""
         weights = self._shares()
         if self._logarithmic:
             return log_responses(self._log_maps(images, plan), weights, plan)
@@ -331,7 +333,7 @@ def _strongest(forms: Iterator[Tensor], plan: Plan) -> Tensor:
     forms = chain([first], forms)
     if first.requires_grad:
         return torch.stack([reduce(torch.maximum, islice(forms, len(own))) for own in plan.forms], 1)
-    # written where it stays: to have new memory for every form takes longer than the sums
+    # written in place: allocating memory for every form takes longer than the sums
     found = first.new_empty(len(first), len(plan.forms), *first.shape[1:])
     for number, own in enumerate(plan.forms):
         best = found[:, number].copy_(next(forms))

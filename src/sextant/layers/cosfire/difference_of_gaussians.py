@@ -1,4 +1,4 @@
-r"""Differences of Gaussians: spots and lines of a width, in any direction.
+r"""Differences of Gaussians: detect spots and lines of a certain width, in any direction.
 
 .. math:: r_{\pm} = \max(0,\; \pm (g_{\sigma/2} - g_\sigma) * I)
 
@@ -32,8 +32,8 @@ class DoGBank(SteerableBank):
     Args:
         sigmas: σ of the outer Gaussian.
         polarities: 1 for a bright centre, -1 for a dark one.
-        ratio: of the inner σ to the outer.
-        border: how images go on beyond their border.
+        ratio: inner σ over outer σ.
+        border: how images continue beyond their border.
 
     Raises:
         ValueError: no σ, one that is not positive, or a polarity that is neither 1 nor -1.

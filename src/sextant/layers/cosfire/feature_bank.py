@@ -20,7 +20,7 @@ class FeatureBank(Bank):
     Args:
         features: maps images to ``(b, k, y, x)``, such as ``sextant.models.FeatureMap`` of any layer of any network.
         size: k.
-        normalise: divide by the strongest response of the image, so that thresholds and floors mean shares.
+        normalise: divide by the strongest response of the image, so that thresholds and floors are shares of it.
     """
 
     def __init__(self, features: nn.Module, size: int, *, normalise: bool = True):
@@ -56,7 +56,7 @@ class VectorBank(Bank):
     Args:
         features: maps images to ``(b, k, y, x)``.
         size: k.
-        least: vectors shorter than this share of the image's longest answer less, so that empty places do not.
+        least: vectors shorter than this share of the image's longest respond less, so that empty places do not respond.
     """
 
     learnable = True
@@ -74,12 +74,12 @@ class VectorBank(Bank):
         return _rectified(self.features, images, self.size)
 
     def strength(self, maps: Float[Tensor, "b k y x"]) -> Float[Tensor, "b 1 y x"]:
-        """Lengths of the vectors: a part of one would point elsewhere."""
+        """Lengths of the vectors: a vector with only some of its components would point elsewhere."""
         length: Tensor = maps.norm(dim=1, keepdim=True)
         return length
 
     def strongest(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b"]:
-        """1, the cosine of what points in the very direction."""
+        """1, the cosine of a vector that points exactly in a direction."""
         return images.new_ones(len(images))
 
     def forward(self, images: Float[Tensor, "b c h w"], channels: Float[Tensor, "u k"]) -> Float[Tensor, "b u y x"]:
@@ -92,7 +92,7 @@ class VectorBank(Bank):
 
 
 def _rectified(features: nn.Module, images: Tensor, size: int) -> Tensor:
-    """The network's map without what is negative.
+    """The network's feature map with negative values set to 0.
 
     Raises:
         UserError: the network cannot take the images.
@@ -114,5 +114,5 @@ def _rectified(features: nn.Module, images: Tensor, size: int) -> Tensor:
 
 
 def _shared_out(maps: Tensor, whole: Tensor) -> Tensor:
-    """Maps as shares of ``whole``; nothing where that is nothing."""
+    """Maps as shares of ``whole``; left as they are where ``whole`` is 0."""
     return maps / whole.masked_fill(whole <= 0, 1.0)

@@ -1,4 +1,4 @@
-"""The parts of filters as arrays of a module: they grow and shrink, and come with a state dict."""
+"""The parts of filters as arrays of a module, which grow and shrink and are restored from a state dict."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Self
@@ -10,9 +10,9 @@ from sextant.layers.cosfire.mean import shares
 from sextant.layers.cosfire.plan import Plan
 from sextant.layers.cosfire.tuples import Tuples, part_weights
 
-#: of the parts of all forms of all filters, one after the other
+#: arrays over the parts of all forms of all filters, one after the other
 PARTS = ("channels", "rho", "phi", "weights", "form")
-#: what a state dict has of the filters
+#: what a state dict holds of the filters
 ARRAYS = (*PARTS, "filter_of_form")
 
 
@@ -20,13 +20,13 @@ class FilterParts(nn.Module):
     """Filters, each of several forms (the filter under one move), each of several parts.
 
     Args:
-        numbers: how many name a channel.
+        numbers: how many numbers name a channel.
 
     Attributes:
-        channels, rho, phi, weights: of the parts of all filters, one after the other. They stay in float64 when the
-            layer is moved to another dtype: they are no activations, and half a precision would move parts.
+        channels, rho, phi, weights: those of the parts of all filters, one after the other. They stay in float64 when
+            the layer is moved to another dtype: they are not activations, and half precision would move parts.
         form: the number of the form (a filter under one move) that each part belongs to.
-        filter_of_form: the number of its filter.
+        filter_of_form: the number of the filter that each form belongs to.
     """
 
     channels: Tensor
@@ -49,11 +49,11 @@ class FilterParts(nn.Module):
         return int(self.filter_of_form.max()) + 1 if len(self.filter_of_form) else 0
 
     def clear(self) -> Self:
-        """Take away all filters."""
+        """Remove all filters."""
         return self._keep_filters(0)
 
     def drop_last(self) -> Self:
-        """Take away the filter that was configured last."""
+        """Remove the filter that was configured last."""
         return self._keep_filters(len(self) - 1)
 
     def _keep_filters(self, count: int) -> Self:
@@ -69,7 +69,7 @@ class FilterParts(nn.Module):
         return self
 
     def tuples(self, number: int) -> Tuples:
-        """The parts of filter ``number`` as its prototype shows them, or as the first move does if none leaves it.
+        """The parts of filter ``number`` as its prototype shows them, or under the first move if none is the identity.
 
         Raises:
             IndexError: there is no such filter.
@@ -79,7 +79,7 @@ class FilterParts(nn.Module):
         return Tuples(*(getattr(self, name).detach()[own] for name in ("channels", "rho", "phi")))
 
     def _append(self, forms: list[Tuples], least_weight: float) -> None:
-        """Add a filter of these forms, whose outermost part weighs ``least_weight`` of the centre."""
+        """Add a filter of these forms, whose outermost part has ``least_weight`` times the weight of the centre."""
         first, number = len(self.filter_of_form), len(self)
         added = {
             "channels": torch.cat([form.channels for form in forms]),
@@ -98,7 +98,7 @@ class FilterParts(nn.Module):
         return shares(self.weights, self.form, len(self.filter_of_form))
 
     def _load_from_state_dict(self, state_dict: Mapping[str, Any], prefix: str, *rest: Any) -> None:
-        # filters come with the state, so arrays take its sizes; channels of other numbers are those of another bank
+        # filters come with the state, so arrays take its sizes; channels of more or fewer numbers are another bank's
         for name in ARRAYS:
             own, value = getattr(self, name), state_dict.get(prefix + name)
             if value is not None and value.shape[1:] == own.shape[1:]:

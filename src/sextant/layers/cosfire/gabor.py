@@ -1,10 +1,11 @@
-r"""Gabor filters: bars and edges of a width and a direction.
+r"""Gabor filters: detect bars and edges of a certain width and direction.
 
 .. math:: g(x, y) = e^{-(u^2 + \gamma^2 v^2) / 2\sigma^2} \cos(2\pi u / \lambda + \varphi), \quad
     u = x\cos\theta + y\sin\theta,\; v = -x\sin\theta + y\cos\theta,\quad
     \sigma = \frac{\lambda}{\pi}\sqrt{\frac{\ln 2}{2}}\,\frac{2^b + 1}{2^b - 1}
 
-with y upwards. Positive and negative parts are then scaled to equal weight, so that uniform brightness gives nothing.
+with y upwards. Positive and negative parts are then scaled to equal weight, so that uniform brightness gives no
+response.
 
 Source: N. Petkov, "Biologically motivated computationally intensive approaches to image pattern recognition", Future
 Generation Computer Systems 11, 1995; as in G. Azzopardi, N. Petkov, "Trainable COSFIRE filters for keypoint detection
@@ -70,14 +71,16 @@ class GaborBank(SteerableBank):
 
     Args:
         wavelengths: λ of the grid.
-        orientations: how many θ, evenly over ``span_deg`` from 0 on.
-        span_deg: 180 tells all directions of symmetric kernels (phase 0 or 180), edges need 360; None: what is needed.
+        orientations: number of θ, evenly spaced over ``span_deg`` from 0.
+        span_deg: 180 covers all directions of symmetric kernels (phase 0 or 180), edges need 360; None chooses between
+            them.
         phase_deg: φ.
         bandwidth, aspect: see :func:`gabor_kernel`.
-        border: how images go on beyond their border.
+        border: how images continue beyond their border.
 
     Raises:
-        ValueError: no wavelength, one that pixels cannot show (2 or less), no orientation, or a shape that is none.
+        ValueError: no wavelength, one that pixels cannot show (2 or less), no orientation, or a bandwidth or aspect
+            that is not positive.
     """
 
     def __init__(

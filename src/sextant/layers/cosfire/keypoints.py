@@ -1,4 +1,4 @@
-"""Where a filter answers: peaks of its response, one for each thing found."""
+"""Keypoints of a filter: peaks of its response, one for each thing found."""
 
 from dataclasses import dataclass
 
@@ -25,8 +25,8 @@ def keypoints(
 ) -> list[Keypoint]:
     """Peaks above ``threshold``, the strongest first.
 
-    Peaks closer together than ``min_distance`` pixels are one (clusters by complete linkage), and the strongest speaks
-    for them. Where the response is level there is no peak.
+    Peaks closer together than ``min_distance`` pixels count as one (clusters by complete linkage), represented by the
+    strongest. A level response has no peak.
 
     >>> response = torch.zeros(32, 32)
     >>> response[10, 20] = 0.9
@@ -34,7 +34,7 @@ def keypoints(
     [Keypoint(x=20, y=10, score=0.8999999761581421)]
 
     Args:
-        most: peaks that are considered, the strongest: clusters take memory with their square.
+        most: how many of the strongest peaks are considered: clustering takes memory with their square.
 
     Source: Azzopardi and Petkov 2013, section 3.
     """

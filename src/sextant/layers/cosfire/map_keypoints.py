@@ -1,4 +1,4 @@
-"""What strategies have in common that look for the strongest places of a feature map, whatever the shape they form."""
+"""The base of strategies that look for the strongest places of a feature map, whatever shape they form."""
 
 from dataclasses import dataclass
 
@@ -11,17 +11,17 @@ from sextant.layers.cosfire.strategy import Strategy, keep_apart, near, peaks
 
 @dataclass(frozen=True)
 class MapKeypoints(Strategy):
-    """Parts at keypoints of maps; says which places, not which channels.
+    """Parts at keypoints of maps; decides the places, not the channels.
 
     Args:
-        window: a keypoint is the largest of a square of 2 window + 1 pixels of its map; 0: anything strong enough.
+        window: a keypoint is the maximum of a square of 2 window + 1 pixels of its map; 0: any pixel strong enough.
         reach: parts lie within this many pixels of the point.
-        strength: keypoints have this share of the example's strongest at least.
-        apart: places of parts are at least so many pixels apart; at one place there may be several.
-        most: parts, the strongest.
+        strength: keypoints have at least this share of the example's strongest.
+        apart: least distance between the places of parts, in pixels; several parts may share a place.
+        most: largest number of parts; the strongest are kept.
 
     Raises:
-        ValueError: a share outside [0, 1], a negative window, or no part.
+        ValueError: ``strength`` is outside [0, 1], ``window`` is negative, or ``most`` is below 1.
     """
 
     window: int = 1
@@ -37,7 +37,7 @@ class MapKeypoints(Strategy):
     def strongest(
         self, strength: Float[Tensor, "k y x"], among: Bool[Tensor, "k y x"] | None, point: tuple[int, int]
     ) -> tuple[Int64[Tensor, "n"], Int64[Tensor, "n"], Int64[Tensor, "n"]]:
-        """Map, row and column of the keypoints about ``point``, the strongest first; ``among`` None is anywhere."""
+        """Map, row and column of the keypoints around ``point``, strongest first; ``among`` None allows any pixel."""
         found = peaks(strength, self.window) & near(strength, point, self.reach)
         found &= strength >= self.strength * strength.max()
         k, y, x = (found if among is None else found & among).nonzero(as_tuple=True)

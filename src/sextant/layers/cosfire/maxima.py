@@ -11,7 +11,7 @@ from torch import Tensor
 
 from sextant.layers.cosfire.plan import Plan
 
-#: images side by side, so that a pass along a row is long
+#: images that are processed side by side, so that a pass along a row is long
 TOGETHER = 8
 
 
@@ -22,7 +22,7 @@ def log_maxima(
 
     Args:
         wide: logarithms of the maps, wider than responses by ``plan.margin`` on every side.
-        tiles: of a side.
+        tiles: tiles per side.
     """
     places = [np.array(values, dtype=np.int64) for values in (plan.source, plan.dx, plan.dy)]
     part_ends = np.array([0, *(own.stop for own in plan.parts)], dtype=np.int64)
@@ -34,7 +34,7 @@ def log_maxima(
         images = slice(start, start + TOGETHER)
         maps = wide[images].detach().permute(1, 2, 3, 0).contiguous().numpy()
         _loop()(maps, plan.margin, *places, numbers, part_ends, form_ends, rows, columns, found[images])
-        found[images][np.isnan(maps).any((0, 1, 2))] = np.nan  # comparisons pass over it
+        found[images][np.isnan(maps).any((0, 1, 2))] = np.nan  # comparisons ignore nan
     return torch.from_numpy(found.reshape(len(wide), -1))
 
 
@@ -46,7 +46,7 @@ def tile_maxima(response: Float[Tensor, "b f y x"], tiles: int) -> Float[Tensor,
 
 
 def _tile_ends(size: int, tiles: int) -> Int64[ndarray, "tiles 2"]:
-    """First pixel of each tile, and the one after its last; where tiles do not fit they share pixels, as in pooling."""
+    """First pixel of each tile and the one after its last; tiles share pixels where they do not fit, as in pooling."""
     first = np.arange(tiles) * size // tiles
     last = -(-np.arange(1, tiles + 1) * size // tiles)
     return np.stack([first, last], 1)

@@ -1,4 +1,4 @@
-"""How the responses of a filter's parts become one: a logical *and*, more or less strict."""
+"""How the responses of a filter's parts are combined: by a logical *and*, more or less strict."""
 
 from typing import Literal
 
@@ -32,7 +32,7 @@ def weighted_mean(parts: Float[Tensor, "n *b"], weights: Float[Tensor, "n"], mea
 
 
 def shares(weights: Float[Tensor, "n"], form: Int64[Tensor, "n"], forms: int) -> Float[Tensor, "n"]:
-    """Weights that sum to one in each form. Those that training made negative count as hardly any."""
+    """Weights scaled to sum to one in each form; those that training made negative count almost nothing."""
     positive = weights.clamp(min=1e-9)
     return positive / positive.new_zeros(forms).index_add(0, form, positive)[form]
 

@@ -13,10 +13,10 @@ from sextant.layers.cosfire.tolerance import Move
 def moved_image(
     image: Float[Tensor, "1 c h w"], point: tuple[float, float], move: Move
 ) -> tuple[Float[Tensor, "1 c H W"], tuple[float, float]]:
-    """The image as ``move`` makes it, and where the point (x, y) then is.
+    """The image moved by ``move``, and where the point (x, y) then is.
 
-    Quarter turns and mirrors are exact and may swap height and width; all else keeps the size and the point, is
-    interpolated bilinearly, and repeats the border.
+    Quarter turns and reflections are exact and may swap height and width. All other moves keep the size and the point,
+    interpolate bilinearly, and repeat the border.
     """
     x, y = point
     if move.mirrored:

@@ -14,16 +14,16 @@ from sextant.layers.cosfire.tuples import whole_offsets
 
 @dataclass(frozen=True)
 class Plan:
-    """Which maps are needed, and where each part looks in which.
+    """Which maps are needed, and which of them each part looks at, and where.
 
     Args:
-        channels: an index into the parts' channels for each that differs.
-        blurred: σ, and the channels (positions in ``channels``) that it blurs; maps come in this order.
-        source: of each part, its place among the blurred maps.
-        dx, dy: of each part, in whole pixels.
-        parts: of each form.
-        forms: of each filter.
-        blur: that the plan was made for.
+        channels: an index into the parts' channels for each distinct one.
+        blurred: each σ with the channels (positions in ``channels``) that it blurs; maps come in this order.
+        source: position of each part's map among the blurred maps.
+        dx, dy: offset of each part, in whole pixels.
+        parts: the parts of each form.
+        forms: the forms of each filter.
+        blur: the blur that the plan was made for.
     """
 
     channels: Int64[Tensor, "c"]
@@ -47,7 +47,7 @@ class Plan:
     ) -> Self:
         """The plan for parts that belong to ``form``, of filters ``filter_of_form``; both ascend from 0."""
         rho, phi, rows = (values.detach().double().cpu() for values in (rho, phi, channels))
-        # trained channels are apart even where they are equal, so that each has a gradient of its own
+        # trained channels are kept apart even where they are equal, so that each has a gradient of its own
         keys = torch.arange(len(rows))[:, None] if channels.requires_grad else torch.round(rows, decimals=9)
         distinct, channel = torch.unique(keys, dim=0, return_inverse=True)
         chosen = torch.zeros(len(distinct), dtype=torch.int64).scatter_(0, channel, torch.arange(len(rows)))
@@ -63,7 +63,7 @@ class Plan:
 
     @cached_property
     def margin(self) -> int:
-        """How far parts look, in pixels."""
+        """The largest offset of a part along an axis, in pixels."""
         return max(*map(abs, self.dx), *map(abs, self.dy))
 
 

@@ -66,7 +66,7 @@ def _vessels(sigma: float, radii: tuple[int, ...], sigma0: float, alpha: float, 
     )
 
 
-#: name -> what builds its filters, not configured yet
+#: name -> function that builds its filters, not configured yet
 PRESETS: dict[str, Callable[[], Cosfire]] = {
     "bifurcation": _bifurcation,
     "symbol": _symbol,

@@ -1,4 +1,4 @@
-"""Responses of filters from the blurred maps of a bank: shift, weigh, put together."""
+"""Responses of filters from the blurred maps of a bank: shift, weight and combine."""
 
 from collections.abc import Iterator, Sequence
 from functools import reduce
@@ -18,7 +18,7 @@ def log_responses(
 ) -> Iterator[Float[Tensor, "b h w"]]:
     """Logarithms of the weighted geometric means, one form after the other.
 
-    Without gradients all forms are written to the same memory: each is good until the next is asked for.
+    Without gradients, all forms are written to the same memory: each is valid until the next is requested.
 
     Args:
         wide: logarithms of the maps, wider than responses by ``plan.margin`` on every side.
@@ -55,10 +55,10 @@ def bilinear_responses(
     border: Border,
     fill: float,
 ) -> Iterator[Float[Tensor, "b h w"]]:
-    """Any mean of maps shifted by ρ and φ, between pixels bilinearly, and so differentiable in both.
+    """Any mean of maps shifted by ρ and φ, bilinearly between pixels and so differentiable in both.
 
     Args:
-        fill: beyond a border of ``zeros``.
+        fill: value beyond a border of ``zeros``.
     """
     height, width = maps.shape[-2:]
     across, down = offsets(rho, phi)
@@ -89,7 +89,7 @@ def _differentiable_log_responses(wide: Tensor, weights: Tensor, plan: Plan) -> 
 def _seen_by(part: int, maps: Sequence[Tensor], plan: Plan) -> Tensor:
     """What a part sees from each pixel (b, h, w): its map, shifted.
 
-    Maps come apart, by ``unbind``: a gradient of a part of one tensor of all would be as large as that tensor.
+    Maps are passed apart, by ``unbind``: the gradient of a slice of their stack would be as large as the whole stack.
     """
     seen = maps[plan.source[part]]
     height, width = (size - 2 * plan.margin for size in seen.shape[-2:])

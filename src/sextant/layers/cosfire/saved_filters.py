@@ -34,7 +34,7 @@ STRATEGIES = {strategy.__name__: strategy for strategy in (ChannelPeaks, Concent
 
 
 class Saveable(Protocol):
-    """What is kept of a :class:`~sextant.layers.cosfire.cosfire.Cosfire`."""
+    """What a file keeps of a :class:`~sextant.layers.cosfire.cosfire.Cosfire`."""
 
     bank: Bank
     strategy: Strategy
@@ -129,7 +129,7 @@ def _built(
 
 
 def _sha256(told: str, arrays: Mapping[str, Tensor]) -> str:
-    """Of the options and of every array, whatever their order in the file."""
+    """Hash of the options and of every array, whatever their order in the file."""
     digest = hashlib.sha256(told.encode())
     for name, array in sorted(arrays.items()):
         digest.update(f"\0{name} {array.dtype} {tuple(array.shape)}\0".encode() + array.numpy().tobytes())
@@ -137,7 +137,7 @@ def _sha256(told: str, arrays: Mapping[str, Tensor]) -> str:
 
 
 def _tuples(options: dict[str, Any]) -> dict[str, Any]:
-    """JSON has no tuples."""
+    """Turn lists into the tuples that JSON does not have."""
     return {name: tuple(value) if isinstance(value, list) else value for name, value in options.items()}
 
 

@@ -15,18 +15,18 @@ class Strategy(ABC):
 
     @abstractmethod
     def tuples(self, maps: Float[Tensor, "k y x"], grid: Float[Tensor, "k p"], point: tuple[int, int]) -> Tuples:
-        """The parts about ``point`` (row and column of the maps); none where there is no structure.
+        """The parts around ``point`` (row and column of the maps); none where there is no structure.
 
         Args:
-            maps: what the bank describes the example by, not negative.
+            maps: the bank's description of the example, non-negative.
             grid: the channel of each map.
         """
 
 
 def peaks(strength: Float[Tensor, "k y x"], window: int = 1) -> Bool[Tensor, "k y x"]:
-    """Where a map is positive and the largest of a square of ``2 window + 1``.
+    """Where a map is positive and the maximum of a square of side ``2 window + 1``.
 
-    A plateau that fills its square is no peak. A window of 0 asks for nothing but to be positive.
+    A plateau that fills its square is not a peak. With a window of 0 every positive pixel is one.
     """
     if window == 0:
         return strength > 0
@@ -45,7 +45,7 @@ def near(maps: Float[Tensor, "k y x"], point: tuple[int, int], reach: float) -> 
 def keep_apart(
     strength: Float[Tensor, "n"], y: Int64[Tensor, "n"], x: Int64[Tensor, "n"], apart: float, most: int
 ) -> list[int]:
-    """Indices of the strongest, ``most`` at the most, whose places are the same or at least ``apart`` apart."""
+    """Indices of the strongest, at most ``most``, whose places coincide or are at least ``apart`` apart."""
     kept: list[int] = []
     for index in torch.argsort(strength, descending=True, stable=True).tolist():
         squared = [int((y[index] - y[k]) ** 2 + (x[index] - x[k]) ** 2) for k in kept]

@@ -1,4 +1,4 @@
-"""Rotations, sizes and the mirror image that a filter answers to besides its prototype's own."""
+"""Rotations, scales and reflections of its prototype that a filter responds to as well."""
 
 import math
 from collections.abc import Iterator
@@ -21,16 +21,16 @@ class Move(NamedTuple):
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The moves whose strongest response counts.
+    """The moves of a prototype over which the strongest response counts.
 
     >>> [(round(move.rotation_rad, 2), move.scale) for move in Tolerance(rotations=2, scales=(0.5, 1.0)).moves()]
     [(0.0, 1.0), (0.0, 0.5), (3.14, 1.0), (3.14, 0.5)]
 
     Args:
-        rotations: how many, evenly over ``span_deg``, from 0 on.
+        rotations: number of rotations, evenly spaced over ``span_deg`` from 0.
         span_deg: 360, or 180 for what looks the same upside down.
-        scales: factors of size.
-        reflection: the mirror image as well.
+        scales: scale factors.
+        reflection: whether the mirror image counts as well.
 
     Raises:
         ValueError: no rotation, no scale, or a scale that is not positive.
@@ -48,7 +48,7 @@ class Tolerance:
             )
 
     def moves(self) -> Iterator[Move]:
-        """All combinations; the one that leaves everything in place, if it is among them, first."""
+        """All combinations; the identity comes first if it is among them."""
         turns = [math.radians(self.span_deg * turn / self.rotations) for turn in range(self.rotations)]
         scales = [float(scale) for scale in sorted(self.scales, key=lambda scale: scale != 1)]
         for mirrored in (False, True)[: 1 + self.reflection]:

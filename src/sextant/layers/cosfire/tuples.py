@@ -1,4 +1,4 @@
-"""The parts of a filter: which channel is expected how far from the centre, in which direction."""
+"""The parts of a filter: which channel is expected at which distance and direction from the centre."""
 
 from dataclasses import dataclass
 
@@ -36,7 +36,7 @@ def offsets(rho: Float[Tensor, "n"], phi: Float[Tensor, "n"]) -> tuple[Float[Ten
 
 
 def whole_offsets(rho: Float[Tensor, "n"], phi: Float[Tensor, "n"]) -> tuple[list[int], list[int]]:
-    """(dx, dy) in whole pixels; halves go away from zero, and what differs from a half by rounding is one."""
+    """(dx, dy) in whole pixels; halves, also those that rounding errors have shifted, go away from zero."""
     dx, dy = (_rounded(offset.detach()) for offset in offsets(rho, phi))
     return dx, dy
 
@@ -49,7 +49,7 @@ def _rounded(offset: Tensor) -> list[int]:
 def part_weights(rho: Float[Tensor, "n"], least: float) -> Float[Tensor, "n"]:
     r"""Weights of the parts, summing to one: :math:`w_i \propto e^{-\rho_i^2 / 2\sigma_w^2}`.
 
-    σ_w is such that the outermost part weighs ``least`` times what the centre does; with 1 all weigh the same.
+    σ_w is such that the outermost part has ``least`` times the weight of the centre; with 1 all have the same weight.
     """
     farthest = rho.max()
     if least == 1 or farthest == 0:

@@ -1,7 +1,7 @@
 """Parts that are whole feature vectors of keypoints: strategy B, a reconstruction of chapter 6.
 
-Each part is a 1x1 filter: the direction of the example's feature vector at a place where it is long. It answers where
-features have the same direction.
+Each part is a 1x1 filter: the direction of the example's feature vector at a place where that vector is long. It
+responds where features have the same direction.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class VectorKeypoints(MapKeypoints):
         arguments: as for :class:`MapKeypoints`.
 
     Raises:
-        ValueError: as there.
+        ValueError: as for :class:`MapKeypoints`.
     """
 
     def tuples(self, maps: Float[Tensor, "k y x"], grid: Float[Tensor, "k p"], point: tuple[int, int]) -> Tuples:

@@ -1,4 +1,4 @@
-"""Where cells are run: in this process, in several, on a SLURM or a Ray cluster."""
+"""Launchers, which run cells in this process, in several processes, or on a SLURM or Ray cluster."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,23 +19,23 @@ def launch(
     reporter: RunReporter = SILENT_RUN,
     runs: RunReporter = SILENT_RUN,
 ) -> Outcomes:
-    """Run cells with the launcher of a config, and return when they have ended.
+    """Run cells with the launcher of a config, and return once they have ended.
 
     Cells that an earlier call with the same ``folder`` left in the queue of a cluster are not submitted again.
 
     Args:
-        cells: what to run.
-        config: its launcher.
-        folder: where the launcher notes what it submitted; of the sweep, on a disk that all hosts share.
+        cells: cells to run.
+        config: config that names the launcher.
+        folder: the sweep's folder, on a disk that all hosts share; the launcher records there what it submitted.
         reporter: listens to the launcher.
-        runs: listens to the runs, where they run.
+        runs: listens to the runs, in the processes that compute them.
 
     Returns:
-        The outcome of each cell as :func:`~sextant.lifecycle.execute.execute_cell` returns it; None for one that was
-        submitted and left alone (``launcher.wait=false``).
+        The outcome of each cell as :func:`~sextant.lifecycle.execute.execute_cell` returns it; None for a cell that was
+        submitted and not waited for (``launcher.wait=false``).
 
     Raises:
-        UserError: the launcher cannot be used; see also :func:`require_launcher`.
+        UserError: the launcher cannot be used; see :func:`require_launcher`.
     """
     launcher = config.launcher
     if isinstance(launcher, SlurmLauncher):

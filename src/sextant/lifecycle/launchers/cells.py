@@ -1,4 +1,4 @@
-"""A cell as every launcher sees it: a command line, and the run directory that tells how it ended."""
+"""A cell as launchers see it: a command line, and the run directory that records how it ended."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ from sextant.runs.directory import RunDirectory
 
 @dataclass(frozen=True)
 class CellTask:
-    """A cell.
+    """One run of a sweep, to be launched.
 
     Attributes:
-        overrides: of the config.
-        run: its run directory.
+        overrides: overrides of the config.
+        run: the run directory.
     """
 
     overrides: tuple[str, ...]
@@ -26,7 +26,7 @@ class CellTask:
 
     @property
     def words(self) -> list[str]:
-        """The overrides that compose the same config in another process, where a folder of one's own is not known."""
+        """The overrides that compose the same config in a process that does not know the user's own config folder."""
         return [*self.overrides, *search_path()]
 
     @property
@@ -35,7 +35,7 @@ class CellTask:
         return f"{self.run.parent.name}/{self.run.name}"
 
 
-#: why a run failed that the user ended
+#: message of a run that failed because the user cancelled it
 CANCELLED = "cancelled"
 
 Cells = Sequence[CellTask]
@@ -48,7 +48,7 @@ def run_here(cell: CellTask, reporter: RunReporter) -> dict[str, Any]:
 
 
 def run_words(words: Sequence[str], reporter: RunReporter) -> dict[str, Any]:
-    """Run the cell of these overrides in this process, which may be a worker that has done nothing of ours before."""
+    """Run the cell of these overrides in this process, which may be a fresh worker."""
     from sextant.tracking.environment import quiet_libraries
 
     quiet_libraries()
@@ -56,7 +56,7 @@ def run_words(words: Sequence[str], reporter: RunReporter) -> dict[str, Any]:
 
 
 def finished(run: Path) -> dict[str, Any] | None:
-    """The outcome of a run that is finished, whoever ran it."""
+    """The outcome of a finished run, whoever computed it; None if it is not finished."""
     results = RunDirectory(run).results()
     if results is None:
         return None
@@ -64,5 +64,5 @@ def finished(run: Path) -> dict[str, Any] | None:
 
 
 def failed(run: Path, message: str) -> dict[str, Any]:
-    """The outcome of a run that did not get as far as to tell."""
+    """The outcome of a run that ended without reporting one."""
     return {"status": "failed", "directory": str(run), "reused": False, "message": message}

@@ -1,4 +1,4 @@
-"""Several processes on this machine."""
+"""Cells in several processes on this machine."""
 
 import multiprocessing
 import os
@@ -14,22 +14,22 @@ from sextant.lifecycle.launchers.cells import Cells, CellTask, Outcomes, failed,
 from sextant.lifecycle.run_reporter import RunReporter
 
 POLL_S = 1.0
-IDLE_S = 300  # a process that waits for another run ends after so long
-ATTEMPTS = 2  # a run whose process died is started again once: memory may have been short for others' sake
+IDLE_S = 300  # an idle process ends after this time
+ATTEMPTS = 2  # a run whose process died is retried once: other programs may have used up the memory
 CONTROLLER = "SEXTANT_CONTROLLER"
 
-#: processes without a run, by how many there are beside them; a search calls again and again
+#: idle processes by the size of their pool; they are kept because a search calls repeatedly
 _idle: dict[int, list[Any]] = {}
 
 
 def run_in_processes(cells: Cells, workers: int | None, runs: RunReporter) -> Outcomes:
-    """Run cells in as many processes at a time, None for one on each core.
+    """Run cells in this many processes at a time; None uses one per core.
 
-    A process that dies, as it does when memory runs out, ends no run but its own.
+    A process that dies, for example when memory runs out, ends only its own run.
     """
     from joblib import cpu_count
 
-    os.environ[CONTROLLER] = str(os.getpid())  # inherited by the workers
+    os.environ[CONTROLLER] = str(os.getpid())  # the workers inherit it
     pool = _Pool(min(workers or cpu_count(), len(cells)), runs)
     with ThreadPoolExecutor(pool.size) as threads:
         waiting = [threads.submit(pool.run, cell) for cell in cells]
@@ -43,14 +43,14 @@ def run_in_processes(cells: Cells, workers: int | None, runs: RunReporter) -> Ou
 
 
 def end_idle() -> None:
-    """End the processes that wait for another run."""
+    """End the idle processes."""
     for executors in _idle.values():
         while executors:
             executors.pop().shutdown(wait=True)
 
 
 class _Pool:
-    """Executors of one process each, so that a dead process tells which run it had."""
+    """Executors of one process each, so that the run of a dead process is known."""
 
     def __init__(self, size: int, runs: RunReporter):
         self.size, self.runs = size, runs
@@ -59,15 +59,15 @@ class _Pool:
         self.killed = False
 
     def run(self, cell: CellTask) -> dict[str, Any]:
-        """In a process that has nothing else to do."""
+        """Run a cell in an idle process."""
         for _ in range(ATTEMPTS):
             try:
-                executor = self.idle.pop()  # another thread may take the last
+                executor = self.idle.pop()  # another thread may have taken the last one
             except IndexError:
                 executor = self._executor()
             self.busy.append(executor)
             try:
-                if self.killed:  # too late to be among those that are
+                if self.killed:  # submitted too late to be among those killed
                     raise KeyboardInterrupt
                 outcome: dict[str, Any] = executor.submit(_in_worker, cell.words, self.runs).result()
             except BrokenProcessPool as error:
@@ -105,10 +105,10 @@ def _in_worker(words: Sequence[str], runs: RunReporter) -> dict[str, Any]:
 
 @cache
 def _end_with_controller() -> None:
-    """In a worker of joblib, end this process when the controller has died; elsewhere do nothing.
+    """In a joblib worker, end this process once the controller has died; elsewhere do nothing.
 
-    Workers would otherwise finish their run and then wait for ever for another. A run that is ended so is resumed by
-    the same sweep. Called at a worker's first run: one whose controller dies before has nothing of ours to end it.
+    Workers would otherwise finish their run and then wait forever for another. Repeating the sweep resumes a run that
+    is ended this way. The watch starts with a worker's first run; a controller that dies earlier is not noticed.
     """
     if not multiprocessing.current_process().name.startswith("LokyProcess"):
         return

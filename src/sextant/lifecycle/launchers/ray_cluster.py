@@ -1,4 +1,4 @@
-"""Cells as tasks of a Ray cluster, for clusters without SLURM. They end with the controller."""
+"""Cells as tasks of a Ray cluster, for clusters without SLURM. The tasks end with the controller."""
 
 import os
 from typing import Any
@@ -8,15 +8,15 @@ from sextant.errors import UserError
 from sextant.lifecycle.launchers.cells import Cells, Outcomes, failed, finished, run_words
 from sextant.lifecycle.run_reporter import RunReporter
 
-#: what a worker on another host is to have of this process's environment
+#: environment variables of this process that are passed on to workers on other hosts
 HANDED_ON = ("PYTHONPATH", "OMP_NUM_THREADS", "SEXTANT_OUTPUTS", "SEXTANT_DATA")
 
 
 def run_on_ray(cells: Cells, launcher: RayLauncher, runs: RunReporter) -> Outcomes:
-    """Run cells on the workers of a cluster; one whose worker or node dies is started again elsewhere.
+    """Run cells on the workers of a cluster; a cell whose worker or node dies is restarted elsewhere.
 
     Raises:
-        UserError: there is no cluster at ``launcher.address``.
+        UserError: no cluster answers at ``launcher.address``.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no telemetry
     import ray

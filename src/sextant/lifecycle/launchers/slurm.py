@@ -1,8 +1,8 @@
 """Cells as tasks of SLURM job arrays, submitted by submitit and watched by their run directories.
 
-What SLURM keeps of jobs that have ended needs its accounting (sacct), which many clusters do not have; a run
-directory is there in any case. SLURM is asked whether a task is still in the queue, and how often it was queued again.
-Each start of a task holds a lease as long as it lives, by which a node that died is noticed.
+SLURM reports on ended jobs only through its accounting (sacct), which many clusters lack, whereas a run directory
+always exists. SLURM is therefore only asked whether a task is still queued and how often it was requeued. Each start of
+a task holds a lease while it lives, so that a dead node is noticed.
 """
 
 import logging
@@ -26,19 +26,19 @@ from sextant.lifecycle.launchers.slurm_queue import AT_WORK, Queue, Submission, 
 from sextant.lifecycle.run_reporter import RunReporter
 
 POLL_S = 1.0
-ASK_S = 10.0  # the queue, at most so often
+ASK_S = 10.0  # least time between two queries of the queue
 LONGEST_ARRAY = 1000  # SLURM's default
-TIMEOUTS = 10_000  # how often a task may reach its time limit and go on
+TIMEOUTS = 10_000  # how often a task may reach its time limit and be requeued
 
 
 @dataclass(frozen=True)
 class ArrayTask:
-    """What a task of an array does: its cells, one after another.
+    """The work of one array task: its cells, one after another.
 
     Attributes:
-        cells: the overrides of each, and the file that is to tell how it ended.
-        alive: the folder of the leases of its starts.
-        lease_s: for how long the start of it that is not heard of is believed to live.
+        cells: for each cell its overrides, and the file that records how it ended.
+        alive: folder with a lease for each start of the task.
+        lease_s: seconds without a sign of life after which a start counts as dead.
         reporter: listens to the runs.
     """
 
@@ -49,7 +49,7 @@ class ArrayTask:
 
     def __call__(self) -> None:
         """Run the cells."""
-        signal.signal(signal.SIGTERM, _interrupt)  # submitit would let it pass, and a preempted task wait to be killed
+        signal.signal(signal.SIGTERM, _interrupt)  # submitit ignores it: a preempted task would wait to be killed
         lease = take(Path(self.alive, os.environ.get("SLURM_RESTART_COUNT", "0")), self.lease_s)
         try:
             for words, file in self.cells:
@@ -59,7 +59,7 @@ class ArrayTask:
                 lease.release()
 
     def checkpoint(self) -> Any:
-        """Called by submitit before the time limit is reached: the same again, which skips what is finished."""
+        """Requeue the same work, which skips finished cells; submitit calls this before the time limit is reached."""
         from submitit.helpers import DelayedSubmission
 
         return DelayedSubmission(self)
@@ -72,7 +72,7 @@ def _interrupt(number: int, frame: object) -> None:
 def run_on_slurm(
     cells: Cells, launcher: SlurmLauncher, folder: Path, reporter: RunReporter, runs: RunReporter
 ) -> Outcomes:
-    """Submit what is not in the queue already; wait for all, unless ``launcher.wait`` is false."""
+    """Submit the cells that are not yet queued, and wait for all unless ``launcher.wait`` is false."""
     array = _Arrays(launcher, folder, reporter, runs)
     queue, known = read_queue(), _Known(folder)
     array.submit([cell for cell in cells if known.queued(cell, queue) is None or array.told(cell) is not None])
@@ -89,7 +89,7 @@ def run_on_slurm(
 
 
 def script(cells: Cells, launcher: SlurmLauncher, folder: Path) -> str:
-    """What would be given to sbatch."""
+    """The script that would be given to sbatch."""
     from submitit.slurm.slurm import SlurmExecutor, _make_sbatch_string
 
     path, count = folder / "slurm" / "dry-run", len(_split(cells, launcher.cells_per_task))
@@ -98,7 +98,7 @@ def script(cells: Cells, launcher: SlurmLauncher, folder: Path) -> str:
 
 
 class _Known:
-    """Which task of which array each run was last submitted in."""
+    """The array and task that each run was last submitted in."""
 
     def __init__(self, folder: Path):
         self.place = {
@@ -114,7 +114,7 @@ class _Known:
 
 
 class _Arrays:
-    """The job arrays of one call."""
+    """The job arrays of one call of the launcher."""
 
     def __init__(self, launcher: SlurmLauncher, folder: Path, reporter: RunReporter, runs: RunReporter):
         self.launcher, self.folder, self.reporter, self.runs = launcher, folder, reporter, runs
@@ -137,7 +137,7 @@ class _Arrays:
             self._outcome_file(cell).unlink(missing_ok=True)
             self.attempts[cell.run] += 1
             self.missing_since.pop(cell.run, None)
-        submission.write()  # before sbatch: whoever is killed now finds it in the queue by its name
+        submission.write()  # before sbatch, so that after a kill it can be found in the queue by its name
         executor = SlurmExecutor(submission.path, max_num_timeout=TIMEOUTS)
         executor.update_parameters(**_parameters(self.launcher, submission.name))
         work = [
@@ -159,12 +159,12 @@ class _Arrays:
         return self.folder / "outcomes" / f"{cell.run.parent.name}-{cell.run.name}.json"
 
     def told(self, cell: CellTask) -> dict[str, Any] | None:
-        """How its task says that it ended, which may still be at work on others."""
+        """The outcome that its task recorded; the task itself may still be working on other cells."""
         told = read_json(self._outcome_file(cell))
         return told if isinstance(told, dict) else None
 
     def wait(self, cells: Cells) -> Outcomes:
-        """Until each has ended; what vanished from the queue without a trace is submitted again."""
+        """Wait until each cell has ended; resubmit those that vanished from the queue without a trace."""
         outcomes: dict[Path, dict[str, Any]] = {}
         ask_s, asked = min(ASK_S, self.launcher.lease_s / 3), time.monotonic()
         while True:
@@ -180,10 +180,10 @@ class _Arrays:
             time.sleep(POLL_S)
 
     def _look_after(self, cells: Cells) -> dict[Path, dict[str, Any]]:
-        """Submit again what is lost; returns the outcomes of what is given up."""
+        """Resubmit lost cells, and return the outcomes of those that are given up."""
         try:
             queue = read_queue()
-        except UserError as error:  # SLURM restarts, and its tasks go on
+        except UserError as error:  # SLURM may be restarting while its tasks go on
             self.reporter.say(f"{error.problem}; waiting for it")
             return {}
         known, given_up, again = _Known(self.folder), {}, []
@@ -201,10 +201,10 @@ class _Arrays:
         return given_up
 
     def _is_lost(self, cell: CellTask, queue: Queue, submission: Submission, number: int) -> bool:
-        """Whether its task is not in the queue, or at work without a sign of life, and has been so for a while.
+        """Whether its task has for a while been missing from the queue, or running without a sign of life.
 
-        What counts is a start's own sign of life: a task that is only starting has given none yet, one that was queued
-        again has left a dead one, and the runs that it has yet to come to may have been begun by others.
+        Only the lease of the current start counts. A task that is just starting has no lease yet, a requeued task has
+        left a dead one, and the task's later runs may have been begun by other processes.
         """
         queued = queue.get((submission.name, number))
         if queued is not None:
@@ -215,10 +215,10 @@ class _Arrays:
         since = self.missing_since.setdefault(cell.run, time.monotonic())
         if time.monotonic() - since < self.launcher.lease_s:
             return False
-        if queued is not None:  # its node died, and SLURM has not noticed yet
+        if queued is not None:  # its node died before SLURM noticed
             try:
                 cancel([queued.job])
-            except UserError:  # it ended meanwhile, or SLURM does not answer: the next look decides
+            except UserError:  # it has ended, or SLURM does not answer: decided at the next look
                 return False
         return True
 
@@ -233,7 +233,7 @@ def _split(items: Sequence[Any], size: int) -> list[Sequence[Any]]:
 
 
 def _parameters(launcher: SlurmLauncher, name: str) -> dict[str, Any]:
-    """What submitit's executor is given."""
+    """The parameters of submitit's executor."""
     given: dict[str, Any] = {
         "job_name": name,
         "time": launcher.time_min,

@@ -1,4 +1,4 @@
-"""What SLURM says of the job arrays of a sweep, and what was noted of them before they were submitted."""
+"""The state of a sweep's job arrays in SLURM's queue, and the records made before they were submitted."""
 
 import os
 import shutil
@@ -11,7 +11,7 @@ from sextant.atomic_files import read_json, write_json
 from sextant.config.schema.launchers import SlurmLauncher
 from sextant.errors import UserError
 
-#: states in which a task is or will be running; all others are the end of it
+#: states in which a task is running or will run; all others mean that it has ended
 AT_WORK = ("RUNNING", "SUSPENDED", "STOPPED", "SIGNALING", "STAGE_OUT")
 ALIVE = (*AT_WORK, "PENDING", "CONFIGURING", "REQUEUED", "REQUEUE_FED", "REQUEUE_HOLD", "RESIZING", "SPECIAL_EXIT")
 
@@ -21,9 +21,9 @@ class Submission:
     """A job array.
 
     Attributes:
-        path: its folder, with what submitit keeps there, and the logs.
-        tasks: for each task of the array the names of its runs, in order.
-        cancelled: it was, by the user.
+        path: its folder, which holds submitit's files and the logs.
+        tasks: for each task of the array, the names of its runs in order.
+        cancelled: whether the user cancelled it.
     """
 
     path: Path
@@ -32,19 +32,19 @@ class Submission:
 
     @property
     def name(self) -> str:
-        """The name under which it is in the queue, and that nothing else has."""
+        """Its unique name in the queue."""
         return f"sextant-{self.path.parents[1].name}-{self.path.name}"
 
     def write(self) -> None:
-        """Note it."""
+        """Record the submission in its folder."""
         write_json(self.path / "tasks.json", {"tasks": self.tasks, "cancelled": self.cancelled})
 
     def alive(self, task: int) -> Path:
-        """The folder in which each start of a task, by its number, has a lease."""
+        """The folder that holds a lease for each start of a task, named by the number of the start."""
         return self.path / "alive" / str(task)
 
     def log(self, task: int) -> Path | None:
-        """What a task printed."""
+        """The log file of a task, None if there is none."""
         found = [
             *self.path.glob(f"*_{task}_0_log.out"),
             *(self.path.glob("*_0_log.out") if len(self.tasks) == 1 else ()),
@@ -54,7 +54,7 @@ class Submission:
 
 @dataclass(frozen=True)
 class Queued:
-    """A task in the queue: its job, its state, the node it runs on or why it waits, how often it was queued again."""
+    """A task in the queue: its job, state, node or reason for waiting, and how often it was requeued."""
 
     job: str
     state: str
@@ -62,25 +62,25 @@ class Queued:
     restarts: str
 
 
-#: what squeue is asked for; it cuts off what is longer than the number
+#: fields requested from squeue, which truncates each to the given length
 FIELDS = "Name:500|,ArrayTaskID:30|,ArrayJobID:30|,State:30|,RestartCnt:10|,ReasonList:500"
 
-#: name of an array and number of a task in it -> what the queue says of it
+#: name of an array and number of a task in it -> its entry in the queue
 Queue = dict[tuple[str, int], Queued]
 
 
 def submissions(folder: Path) -> list[Submission]:
-    """Those of a sweep's folder, the oldest first."""
+    """The submissions in a sweep's folder, oldest first."""
     found = [(file.stat().st_mtime_ns, file) for file in folder.glob("slurm/*/tasks.json")]
     read = [(file.parent, read_json(file)) for _, file in sorted(found)]
     return [Submission(path, said["tasks"], said["cancelled"]) for path, said in read if isinstance(said, dict)]
 
 
 def read_queue() -> Queue:
-    """The tasks of this user that are in the queue.
+    """The user's tasks that are in the queue.
 
     Raises:
-        UserError: this machine has no squeue, or the controller of SLURM does not answer.
+        UserError: this machine has no squeue, or SLURM's controller does not answer.
     """
     text = _ask("squeue", "--noheader", "--array", f"--user={os.getuid()}", f"--Format={FIELDS}")
     queue: Queue = {}
@@ -94,30 +94,30 @@ def read_queue() -> Queue:
 
 
 def cancel(jobs: Sequence[str]) -> None:
-    """End jobs, or tasks of arrays."""
+    """Cancel jobs, or tasks of arrays."""
     if jobs:
         _ask("scancel", *jobs)
 
 
 def cancel_all(folder: Path) -> int:
-    """End all that a sweep has in the queue; how many tasks there were.
+    """Cancel all tasks that a sweep has in the queue, and return their number.
 
     Raises:
-        UserError: as :func:`read_queue`; nothing is noted then.
+        UserError: as :func:`read_queue`; no submission is marked as cancelled then.
     """
     read_queue()
     ours = submissions(folder)
-    for submission in ours:  # first, so that nobody who waits for them submits them again
+    for submission in ours:  # first, so that no waiting process resubmits them
         Submission(submission.path, submission.tasks, cancelled=True).write()
-    names, queue = {submission.name for submission in ours}, read_queue()  # with what was submitted until now
+    names, queue = {submission.name for submission in ours}, read_queue()  # including anything submitted meanwhile
     jobs = [queued.job for (name, _), queued in queue.items() if name in names]
     cancel(jobs)
     return len(jobs)
 
 
 def require_commands(launcher: SlurmLauncher) -> None:
-    """Raise a ``UserError`` unless the commands of SLURM are there and the partition exists."""
-    needed = ["sbatch", "squeue", "scancel", "sinfo", "srun"]  # submitit wants the last one, used or not
+    """Raise a ``UserError`` unless SLURM's commands are installed and the partition exists."""
+    needed = ["sbatch", "squeue", "scancel", "sinfo", "srun"]  # submitit requires srun even where it is not used
     missing = [command for command in needed if shutil.which(command) is None]
     if missing:
         raise UserError(

@@ -1,1 +1,1 @@
-"""Searches: which point of a space is tried next, at how many seeds, and what became of it."""
+"""Searches: which point of a space is tried next, at how many seeds, and with what result."""

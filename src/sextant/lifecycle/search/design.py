@@ -1,4 +1,4 @@
-"""What a search is: its space, its seeds, and the config that they vary."""
+"""The design of a search: its space, its seeds, and the config that they vary."""
 
 import hashlib
 import json
@@ -19,7 +19,7 @@ from sextant.lifecycle.sweep_plan import Design, Planned, cell_config, over_seed
 from sextant.recipes import recipe_of
 from sextant.reporter import SILENT, Reporter
 
-#: how far the seeds at which a winner is tested are from those it was chosen at
+#: distance of the seeds at which a winner is tested from those at which it was chosen
 FRESH = 1000
 
 
@@ -28,12 +28,12 @@ class SearchDesign:
     """A search, as its command line and its stored sweep describe it.
 
     Attributes:
-        name: of the sweep.
-        definition: the ``sweep`` node, nothing in it left to a default.
-        arguments: of the command line.
+        name: name of the sweep.
+        definition: the ``sweep`` node, with all defaults filled in.
+        arguments: arguments of the command line.
         fixed: the overrides that all runs share.
-        search: the checked node, metric, direction and fresh seeds filled in.
-        seeds: of each trial, in the order in which they are run.
+        search: the validated node, with metric, direction and fresh seeds filled in.
+        seeds: seeds of each trial, in the order in which they are run.
         experiment: digest of the config in the middle of the space.
     """
 
@@ -47,27 +47,27 @@ class SearchDesign:
 
     @property
     def space(self) -> dict[str, Dimension]:
-        """What is searched."""
+        """The search space, by key."""
         return self.search.dimensions
 
     @property
     def fresh(self) -> tuple[int, ...]:
-        """The seeds that the winner is tested at."""
+        """The seeds at which the winner is tested."""
         return tuple(self.search.fresh_seeds or ())
 
     @property
     def trials(self) -> int:
-        """How many there will be; a grid has no more than its points."""
+        """The number of trials; a grid has no more than its points."""
         return int(min(self.search.n_trials, self.search.points if self.search.method == "grid" else math.inf))
 
     @property
     def sign(self) -> int:
-        """1 if more is better, -1 if less is."""
+        """1 if higher is better, -1 if lower is better."""
         return 1 if self.search.direction == "maximize" else -1
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What makes a search another one; how many trials it has, and how they are raced, does not."""
+        """What identifies a search; the number of its trials and the way they are raced are not part of it."""
         kept = ("method", "space", "metric", "direction", "sampler_seed")
         return {name: getattr(self.search, name) for name in kept} | {
             "seeds": list(self.seeds),
@@ -76,11 +76,11 @@ class SearchDesign:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of :attr:`identity`; names the folder."""
+        """SHA-256 of :attr:`identity`, which names the folder."""
         return hashlib.sha256(json.dumps(self.identity, sort_keys=True).encode()).hexdigest()
 
     def planned(self, arm: str, setting: Mapping[str, str], reporter: Reporter = SILENT) -> list[Planned]:
-        """The runs of a point, at its seeds and then at the fresh ones.
+        """The runs of a point, first at the seeds of the search and then at the fresh ones.
 
         Raises:
             UserError: the config of the point is wrong.
@@ -91,12 +91,12 @@ class SearchDesign:
 
 
 def read_search(arguments: Sequence[str]) -> tuple[SearchDesign, Config] | None:
-    """What overrides ask for, if it is a search, and the config in the middle of its space.
+    """The search that overrides ask for and the config in the middle of its space; None if they ask for no search.
 
-    A key that is given one value is not searched, whatever a stored sweep says; one that lists several is a choice.
+    A key that is given one value is not searched, whatever a stored sweep says; a key that lists several is a choice.
 
     Raises:
-        UserError: a range cannot be read, or its bounds make a wrong config; the method does not suit the space.
+        UserError: a range cannot be parsed, its bounds make an invalid config, or the method does not suit the space.
     """
     parsed = parse(search_words(arguments))
     ranges = {o.key: str(o.value) for o in parsed if _is_range(o)}
@@ -134,7 +134,7 @@ def _is_range(override: Override) -> bool:
 
 
 def _filled(search: Search, monitor: tuple[str, str], seeds: Sequence[int]) -> Search:
-    """A search with its defaults; a metric of one's own has to say which way is better."""
+    """Fill in the defaults of a search; a metric of the user's own needs a direction."""
     metric, mode = monitor
     if search.metric not in (None, metric) and search.direction is None:
         raise UserError(
@@ -150,7 +150,7 @@ def _filled(search: Search, monitor: tuple[str, str], seeds: Sequence[int]) -> S
 
 
 def _check_ends(fixed: Sequence[str], search: Search) -> Config:
-    """The config in the middle of the space; a ``UserError`` unless it and those at the ends of each key are right."""
+    """The config in the middle of the space; raises a ``UserError`` if it or one at the ends of a key is invalid."""
     space = search.dimensions
     middle = {key: found.middle for key, found in space.items()}
     design = Design("search", {}, list(fixed), {}, {"middle": ([], 0)}, [0])

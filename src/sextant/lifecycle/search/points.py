@@ -1,4 +1,4 @@
-"""Points of a space by number: of a grid, and of an evolution that is replayed."""
+"""Points of a space by number: of a grid, and of a replayed evolution."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ Space = Mapping[str, Dimension]
 
 
 def grid_point(space: Space, number: int) -> dict[str, Any]:
-    """Point ``number`` of all combinations, the last key changing fastest."""
+    """Point ``number`` of the grid of all combinations; the last key changes fastest."""
     point: dict[str, Any] = {}
     for key, found in reversed(list(space.items())):
         values = found.options or range(int(found.low), int(found.high) + 1)
@@ -23,13 +23,13 @@ def grid_point(space: Space, number: int) -> dict[str, Any]:
 
 
 def cma_point(space: Space, told: Sequence[tuple[Mapping[str, Any], float]], number: int, seed: int) -> dict[str, Any]:
-    """The next point of CMA-ES, which is fed all whole generations of what was told, in order.
+    """The next point of CMA-ES after replaying all complete generations of ``told`` in order.
 
     Args:
-        space: numbers alone, two or more.
-        told: points with their values; more is better, minus infinity is worst.
-        number: of the trial that is asked for; its random numbers depend on it and on the seed alone.
-        seed: of the search.
+        space: search space of two or more numbers, without choices.
+        told: points with their values; higher is better, minus infinity is worst.
+        number: number of the requested trial; its random numbers depend only on this and the seed.
+        seed: seed of the search.
 
     References:
         Hansen, The CMA Evolution Strategy: A Tutorial, 2016.
@@ -50,13 +50,13 @@ def _unit(space: Space, params: Mapping[str, Any]) -> np.ndarray:
 
 
 def _share(found: Dimension, value: float) -> float:
-    """Where in its bounds a value lies, from 0 to 1."""
+    """The position of a value within its bounds, from 0 to 1."""
     low, high, value = map(math.log if found.kind == "log_uniform" else float, (found.low, found.high, value))
     return (value - low) / (high - low)
 
 
 def _from_unit(found: Dimension, share: float) -> float:
-    """The value at a share of the bounds; of whole numbers the nearest."""
+    """The value at a position within the bounds, rounded for whole numbers."""
     if found.kind == "log_uniform":
         low, high = math.log(found.low), math.log(found.high)
         return min(max(math.exp(low + share * (high - low)), found.low), found.high)

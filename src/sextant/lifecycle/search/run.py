@@ -1,4 +1,4 @@
-"""Running a search: asking for trials, giving seeds to those that deserve them, testing the winner."""
+"""Running a search: ask for trials, give further seeds to the promising ones, test the winner."""
 
 import time
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ def sweep_or_search(
     wait: bool | None = None,
     run_cells: Launch | None = None,
 ) -> SweepOutcome:
-    """Run what overrides describe: a sweep, or a search if they say ``sweep.search``.
+    """Run the sweep that overrides describe, or the search if they set ``sweep.search``.
 
     Args and raises:
         As :func:`~sextant.lifecycle.sweep.run_sweep`.
@@ -61,14 +61,14 @@ def run_search(
     runs: RunReporter = SILENT_RUN,
     run_cells: Launch | None = None,
 ) -> SweepOutcome:
-    """Run what is missing of a search: trials up to its number of them, then the winner at the fresh seeds.
+    """Run the missing runs of a search: its trials, then the winner at the fresh seeds.
 
     Args:
-        design: of the search.
-        config: in the middle of its space.
+        design: design of the search.
+        config: config in the middle of its space.
         reporter: listens to the search.
-        runs: listens to its runs, where they run.
-        run_cells: runs cells in place of the config's launcher.
+        runs: listens to its runs, in the processes that compute them.
+        run_cells: runs cells instead of the config's launcher.
 
     Raises:
         UserError: the storage holds another search, or the launcher cannot be used.
@@ -100,7 +100,7 @@ def _plan(design: SearchDesign, config: Config) -> SweepPlan:
 
 
 class _Search:
-    """A search under way. The storage knows which trials there are, the run directories what became of them."""
+    """A search in progress. The storage holds its trials, the run directories hold their results."""
 
     def __init__(
         self,
@@ -123,7 +123,7 @@ class _Search:
         self.plan.write(outputs)
 
     def run(self) -> None:
-        """Ask, run and tell until all trials are settled; then test the winner."""
+        """Ask for trials, run them and report back until all are settled; then test the winner."""
         self.reporter.planned(self.plan, sum(self._finished(cell.run) for cell in self.plan.cells))
         while batch := self._next():
             self._launch(batch)
@@ -136,9 +136,9 @@ class _Search:
             self.plan, _ = run_missing(self.plan, [], self.config, self.outputs, self.run_cells, self.reporter)
 
     def _next(self) -> list[Planned]:
-        """The runs to start together: a seed for each trial that deserves one, and new trials beside them.
+        """The runs to start together: one more seed for each promising trial, and new trials beside them.
 
-        What a sampler is asked for depends on what it has been told, so all that is known is told before.
+        A sampler's next point depends on what it has been told, so it is told all known results first.
         """
         while True:
             self._tell_settled()
@@ -148,7 +148,7 @@ class _Search:
             self._add(self.study.ask())
 
     def _deserving(self) -> list[tuple[int, int]]:
-        """Trials that get another seed, by number, and which seed that is."""
+        """The trials that get another seed, by number, with the index of that seed."""
         search, scores = self.design.search, self.table.scores()
         if not len(scores):
             return []
@@ -172,7 +172,7 @@ class _Search:
         self.table.failed |= {cell.run: cell.message for cell in self.plan.cells if cell.message}
 
     def _run_cells(self, cells: Cells) -> Outcomes:
-        """Run cells, unless the user ends the search meanwhile: that is no result, nor a reason to try others."""
+        """Run cells; raise an error if the user cancels the search, as that is neither a result nor a failed trial."""
         outcomes = self.run_cells(cells)
         if any(how is not None and how["message"] == CANCELLED for how in outcomes):
             name = self.plan.directory(self.outputs).name
@@ -180,7 +180,7 @@ class _Search:
         return outcomes
 
     def _tell_settled(self) -> None:
-        """Tell the storage of trials that get no further seed."""
+        """Tell the storage which trials get no further seed."""
         scores = self.table.scores()
         waiting = {number for number, _ in self._deserving()}
         for trial, row in zip(self.table.trials, scores, strict=True):
@@ -211,7 +211,7 @@ class _Search:
         return RunDirectory(self.outputs / run).metrics.is_file()
 
     def _summarise(self, best: Trial | None) -> None:
-        """Write what a report needs beside the plan and the run directories."""
+        """Write what a report needs in addition to the plan and the run directories."""
         from sextant.lifecycle.search.study import importances
 
         scores, folder = self.table.scores(), self.plan.directory(self.outputs)

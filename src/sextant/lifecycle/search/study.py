@@ -1,4 +1,4 @@
-"""The trials of a search in Optuna's storage: the only module that knows Optuna."""
+"""The trials of a search in Optuna's storage; the only module that imports Optuna."""
 
 import json
 import warnings
@@ -30,11 +30,11 @@ IDENTITY = "sextant.search"
 
 @dataclass(frozen=True)
 class Asked:
-    """A trial that was asked for.
+    """A trial that the sampler was asked for.
 
     Attributes:
         setting: the value of each key, as in an override.
-        told: it has been told how the trial ended.
+        told: whether the storage has been told how the trial ended.
     """
 
     number: int
@@ -45,15 +45,16 @@ class Asked:
 class Study:
     """The trials of one search, in a file of its folder or in PostgreSQL.
 
-    A sampler is made anew for each trial, seeded by the search's seed and the trial's number: a search that was killed
-    asks what it would have asked, and one whose storage is lost asks for the same trials again.
+    Each trial gets a new sampler, seeded by the search's seed and the trial's number. A search that was killed
+    therefore continues with the trials it would have asked for, and one whose storage is lost asks for the same trials
+    again.
 
     Args:
-        design: of the search.
-        directory: its folder.
+        design: design of the search.
+        directory: folder of the search.
 
     Raises:
-        UserError: the storage cannot be used, or holds a search of another space under this name.
+        UserError: the storage cannot be used, or holds a different search under this name.
     """
 
     def __init__(self, design: SearchDesign, directory: Path):
@@ -85,7 +86,7 @@ class Study:
             ]
 
     def ask(self) -> Asked:
-        """A new trial."""
+        """Ask for a new trial."""
         trials = self.trials()
         with self._telling_errors():
             point = self._own_point(len(trials))
@@ -98,16 +99,16 @@ class Study:
         return Asked(trial.number, self._setting(trial.params), told=False)
 
     def tell(self, number: int, value: float | None, *, diverged: bool = False) -> None:
-        """Say how a trial ended: with this mean, without one since it diverged (the worst end), or since it failed."""
+        """Record how a trial ended: with a mean, or without one because it diverged (the worst result) or failed."""
         state = TrialState.COMPLETE if value is not None else TrialState.PRUNED if diverged else TrialState.FAIL
         with self._telling_errors():
             self._study.tell(number, value, state, skip_if_finished=True)
 
     def _own_point(self, number: int) -> dict[str, Any] | None:
-        """The point that Optuna is to take: of a grid, or of an evolution that is replayed from what was told.
+        """The point that Optuna is made to take: from a grid, or from CMA-ES replayed on the recorded results.
 
-        Optuna's own sampler by CMA-ES keeps its state pickled in the storage, and what is read from a database must
-        not be executed.
+        Optuna's own CMA-ES sampler keeps its state pickled in the storage, and nothing read from a database may be
+        executed.
         """
         search, space = self.design.search, self.design.space
         if search.method == "grid":
@@ -128,13 +129,13 @@ class Study:
         return optuna.samplers.RandomSampler(seed=seed)
 
     def _suggest(self, trial: optuna.trial.Trial) -> None:
-        """Give a trial its values; each has random numbers of its own, so that a kill between two changes neither."""
+        """Draw a trial's values, each from its own random numbers, so that a kill between two draws changes neither."""
         for place, (key, found) in enumerate(self.design.space.items()):
             self._study.sampler = self._sampler(trial.number, place)
             trial._suggest(key, _distribution(found))
 
     def _finish_asking(self) -> None:
-        """Give the trial that a kill left without some of its values these values."""
+        """Draw the missing values of trials that a kill left incomplete."""
         for trial in self._study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
             if len(trial.params) < len(self.design.space):
                 self._study.sampler = self._sampler(trial.number)
@@ -172,14 +173,14 @@ class Study:
 def importances(
     settings: Sequence[Mapping[str, str]], values: Sequence[float], design: SearchDesign
 ) -> dict[str, float]:
-    """How much of the variance of the metric over the space each key accounts for (functional ANOVA of a forest).
+    """The share of the metric's variance over the space that each key explains (functional ANOVA of a forest).
 
     Args:
-        settings, values: of the trials that have a value.
-        design: of the search.
+        settings, values: settings and values of the trials that have a value.
+        design: design of the search.
 
     Returns:
-        Shares that sum to one, the largest first; empty with fewer than four trials or if all have one value.
+        Shares that sum to one, the largest first; empty with fewer than four trials or if all have the same value.
 
     References:
         Hutter, Hoos and Leyton-Brown, An Efficient Approach for Assessing Hyperparameter Importance, ICML 2014.
@@ -199,7 +200,7 @@ def importances(
 
 
 def _value(found: Dimension, text: str) -> Any:
-    """A value as Optuna holds it; rounding to six figures must not take it out of its bounds."""
+    """A value as Optuna holds it, clipped to its bounds, which rounding to six figures may exceed."""
     if found.kind == "choice":
         return text
     return int(text) if found.kind == "int" else min(max(float(text), found.low), found.high)
@@ -214,7 +215,7 @@ def _distribution(found: Dimension) -> BaseDistribution:
 
 
 def _require_same(design: SearchDesign, known: Mapping[str, Any]) -> None:
-    """Raise a ``UserError`` unless a study is of this search; says in what they differ."""
+    """Raise a ``UserError`` that lists the differences unless a study belongs to this search."""
     wanted = design.identity
     differing = [key for key in wanted if wanted[key] != known.get(key)]
     if differing:
@@ -232,7 +233,7 @@ def _plain(value: Any) -> str:
 
 
 def _shown(address: str) -> str:
-    """An address without its password."""
+    """A storage address without its password."""
     head, at, rest = address.rpartition("@")
     scheme, mark, who = head.partition("://")
     return f"{scheme}{mark}{who.partition(':')[0]}{at}{rest}" if at else address

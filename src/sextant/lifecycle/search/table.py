@@ -1,4 +1,4 @@
-"""The trials of a search, and what their run directories say of them."""
+"""The trials of a search, and their results from the run directories."""
 
 import math
 from collections.abc import Mapping
@@ -19,11 +19,11 @@ from sextant.runs.sweep_directory import Cell
 
 @dataclass(frozen=True)
 class Trial:
-    """A point of the space.
+    """A trial: one point of the space.
 
     Attributes:
         setting: the value of each key.
-        planned: its runs, at the seeds of the search and then at the fresh ones; none if its config is wrong.
+        planned: its runs, first at the seeds of the search and then at the fresh ones; empty if its config is invalid.
         problem: what is wrong with its config.
     """
 
@@ -34,7 +34,7 @@ class Trial:
 
     @property
     def arm(self) -> str:
-        """Its name in the plan."""
+        """The trial's name in the plan."""
         return arm_of(self.number)
 
 
@@ -47,7 +47,7 @@ class Table:
     """Trials x seeds, from the run directories.
 
     Args:
-        design: of the search.
+        design: design of the search.
         outputs: output folder.
     """
 
@@ -59,10 +59,9 @@ class Table:
         self._known = ""
 
     def scores(self) -> Scores:
-        """The metric, its sign such that more is better; nan is not run, minus infinity has no result.
+        """The metric of each run, signed so that higher is better; nan if not run, minus infinity without a result.
 
-        A run that failed counts as one without a result as long as this process goes on; the same command tries it
-        again.
+        A failed run counts as one without a result for the rest of this process; the same command retries it.
         """
         scores = np.full((len(self.trials), len(self.design.seeds)), math.nan)
         for row, trial in zip(scores, self.trials, strict=True):
@@ -70,7 +69,7 @@ class Table:
                 row[0] = -math.inf
             for place, entry in enumerate(trial.planned[: len(row)]):
                 row[place] = self._score(entry.cell)
-                if math.isnan(row[place]):  # one that was run for another reason waits for its turn
+                if math.isnan(row[place]):  # later seeds may have been run for another reason; they wait for their turn
                     break
         return scores
 
@@ -80,7 +79,7 @@ class Table:
         return any(results is not None and results["outcome"] == "diverged" for results in found)
 
     def cells(self, running: list[Planned]) -> list[Cell]:
-        """The cells of a plan: what has been run and what is about to be, trial by trial."""
+        """The cells of the plan, trial by trial: those that have been run and those about to be run."""
         counts, seeds = seeds_run(self.scores()), len(self.design.seeds)
         about = {id(entry) for entry in running}
         return [
@@ -91,7 +90,7 @@ class Table:
         ]
 
     def best(self) -> Trial | None:
-        """The trial that leads."""
+        """The leading trial, None if no trial has a result."""
         found = leader(self.scores()) if self.trials else None
         return None if found is None else self.trials[found]
 
@@ -110,13 +109,13 @@ class Table:
             raise UserError(
                 f"sweep.search.metric={metric}: {cell.run} has no such metric", f"It has {', '.join(known) or 'none'}"
             )
-        if not self._known:  # what the report needs is asked of the first run, not of the last
+        if not self._known:  # check at the first run, not the last, that the report's metric exists
             self._known = metric_of_test(self.design.search.model_dump(), results["metrics"])
         value = results["metrics"][metric]
         return -math.inf if value is None else self.design.sign * float(value)
 
     def _results(self, cell: Cell) -> dict[str, Any] | None:
-        """What a finished run found; read once."""
+        """The results of a finished run, read once; None if it is not finished."""
         if cell.run not in self._finished:
             results = RunDirectory(self.outputs / cell.run).results()
             if results is None:

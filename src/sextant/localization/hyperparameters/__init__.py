@@ -1,4 +1,4 @@
-"""The kernel's hyper-parameters: positive, differentiable, and the likelihoods that choose them."""
+"""The kernel's hyper-parameters, positive and differentiable, and the likelihoods that choose them."""
 
 from sextant.localization.hyperparameters.joint_likelihood import joint_log_likelihood
 from sextant.localization.hyperparameters.ordering import random_order

@@ -1,4 +1,4 @@
-"""How far apart the images of a map stand, and how much their descriptors vary."""
+"""How far apart the images of a map are, and how much their descriptors vary."""
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -8,21 +8,21 @@ from torch import Tensor
 
 #: Positions closer than this share of the map's extent are one position.
 SAME = 1e-9
-#: Descriptors that are considered together.
+#: Descriptors that are processed together.
 BLOCK = 16_384
 
 
 def nearest_distance(positions: Float64[ndarray, "n 2"]) -> float:
-    """The median distance from a position to the nearest other one, several images at one position being one; else 1.
+    """The median distance from a position to the nearest other one; 1 if there is no other.
 
-    Without the merging, a map of panoramas cut into views would have distance zero.
+    Images at one position count once. Otherwise a map of panoramas cut into views would have distance zero.
     """
     extent = float(np.ptp(positions, axis=0).max())
     if extent == 0:
         return 1.0
     grain = SAME * extent
     cells = np.round((positions - positions.min(0)) / grain).astype(np.int64)
-    # one number for both coordinates: at most 1e9 each, so their pair fits in 63 bits
+    # one number for both coordinates: each is at most 1e9, so the pair fits in 63 bits
     places = np.unique(cells[:, 0] * (round(1 / SAME) + 1) + cells[:, 1])
     points = grain * np.column_stack(np.divmod(places, round(1 / SAME) + 1)).astype(np.float64)
     distances, _ = cKDTree(points).query(points, k=2)
@@ -30,7 +30,7 @@ def nearest_distance(positions: Float64[ndarray, "n 2"]) -> float:
 
 
 def mean_variance(descriptors: Float[Tensor, "n d"]) -> float:
-    """The variance of a descriptor's values about their means, mean over dimensions; in blocks."""
+    """The variance of descriptor values about their means, averaged over dimensions and computed in blocks."""
     blocks = descriptors.split(BLOCK)
     mean = sum(rows.double().sum(0) for rows in blocks) / len(descriptors)
     squares = [float((rows.double() - mean).square().sum()) for rows in blocks]

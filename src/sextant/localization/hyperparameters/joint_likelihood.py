@@ -1,9 +1,9 @@
-r"""The log marginal likelihood of a Gaussian process whose outputs, all D of them, share one kernel.
+r"""The log marginal likelihood of a Gaussian process whose D outputs share one kernel.
 
 .. math:: \log p(Y) = -\tfrac12 \operatorname{tr}\!\big(\bar Y^\top K_y^{-1} \bar Y\big)
    - \tfrac{D}{2} \log|K_y| - \tfrac{ND}{2} \log 2\pi, \qquad K_y = K + \sigma_n^2 I,\ \bar Y = Y - \mathbf 1 m^\top
 
-One Cholesky factorisation serves all outputs; D models of one output each would need D of it.
+One Cholesky factorisation serves all outputs; D models of one output each would need D factorisations.
 
 Source: C. E. Rasmussen and C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, equation 2.30.
 """
@@ -26,17 +26,18 @@ def joint_log_likelihood(
 ) -> Float64[Tensor, ""]:
     """The log-likelihood of all descriptors in nats, differentiable in the kernel's parameters.
 
-    Time O(n³ + n²d), memory O(n²): for some thousand images. For more see
+    Takes O(n³ + n²d) time and O(n²) memory, which suits a few thousand images. For more see
     :func:`~sextant.localization.hyperparameters.vecchia.vecchia_log_likelihood`.
 
     Args:
-        kernel: with its noise.
-        poses: of the images.
-        descriptors: of the same images, one a row.
-        mean: of the descriptors.
+        kernel: the kernel with its noise.
+        poses: poses of the images.
+        descriptors: descriptors of the same images, one in each row.
+        mean: mean descriptor.
 
     Raises:
-        UserError: the covariance matrix is singular to working precision: the noise is too small for images that close.
+        UserError: the covariance matrix is singular to working precision, as the noise is too small for images so
+            close.
 
     Example:
         >>> from sextant.localization.pose_kernel import PoseKernel

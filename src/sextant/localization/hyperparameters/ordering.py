@@ -1,7 +1,7 @@
 """An order in which Vecchia's approximation conditions images on earlier ones.
 
 Source: J. Guinness, "Permutation and grouping methods for sharpening Gaussian process approximations", Technometrics
-2018: maximum-minimum-distance order is the most accurate, a random one nearly so, that of a coordinate worse.
+2018: a maximum-minimum-distance order is the most accurate, a random one nearly so, and sorting by a coordinate worse.
 """
 
 import torch
@@ -11,7 +11,7 @@ from torch import Generator
 
 
 def random_order(images: int, generator: Generator) -> Int64[ndarray, " n"]:
-    """A random permutation of the images: O(n).
+    """A random permutation of the images, in O(n).
 
     Example:
         >>> order = random_order(5, torch.Generator().manual_seed(0))

@@ -1,13 +1,13 @@
-r"""The kernel on poses with parameters that gradients can move, made of GPyTorch's kernels.
+r"""A kernel over poses with trainable parameters, built from GPyTorch's kernels.
 
 .. math:: k(a, b) = \sigma_f^2\, g\!\left(\sqrt{\tfrac{\Delta x^2}{\ell_x^2} + \tfrac{\Delta y^2}{\ell_y^2}}\right)
    e^{-(1 - \cos\Delta\theta) / \ell_\theta^2}
 
 with g the RBF or a Matérn. GPyTorch's ``PeriodicKernel`` of period 2π is
 :math:`e^{-2\sin^2(\Delta\theta/2)/\lambda} = e^{-(1-\cos\Delta\theta)/\lambda}`: its :math:`\lambda`, which it calls a
-length, is :math:`\ell_\theta^2`. What is trained are logarithms, so that a step is relative and does not depend on the
-unit of positions or descriptors. Everything is float64: covariance matrices of images that lie closely are nearly
-singular.
+length, is :math:`\ell_\theta^2`. The logarithms of parameters are trained, so that a step is relative and does not
+depend on the unit of positions or descriptors. Everything is float64, as covariance matrices of closely spaced images
+are nearly singular.
 """
 
 import math
@@ -24,14 +24,14 @@ from sextant.errors import UserError
 from sextant.localization.hyperparameters._spread import mean_variance, nearest_distance
 from sextant.localization.pose_kernel import PoseKernel, Spatial
 
-#: A start: the lengths in nearest distances between map images, the noise as a share of the descriptors' variance.
+#: Starting values: lengths in nearest distances between map images, the noise as a share of the descriptors' variance.
 STEPS_OF_LENGTH = 4.0
 NOISE_SHARE = 0.2
 #: In rad: views turned by 40 degrees share about half of what they see.
 HEADING_LENGTH = 0.7
-#: The noise never falls below this share of the variance it started from: the factorisation stays possible.
+#: The noise never falls below this share of its starting value, so that the factorisation stays possible.
 LEAST_NOISE = 1e-4
-#: of the mean square of descriptors: a variance of less is that of rounding
+#: share of the descriptors' mean square below which their variance is due to rounding
 ROUNDING = 1e-10
 SMOOTHNESS = {"matern32": 1.5, "matern52": 2.5}
 
@@ -39,11 +39,11 @@ SMOOTHNESS = {"matern32": 1.5, "matern52": 2.5}
 class TrainableKernel(nn.Module):
     """A :class:`~sextant.localization.pose_kernel.PoseKernel` to be trained by gradients.
 
-    A dimension in which the map does not vary - y on a railway - has gradient zero: its length keeps its start.
+    A dimension in which the map does not vary, such as y on a railway, has zero gradient: its length keeps its start.
 
     Args:
-        start: where training begins.
-        ard: a length each for x and y; otherwise they share one, which begins at their geometric mean.
+        start: the kernel from which training starts.
+        ard: train a length each for x and y; otherwise they share one, which starts at their geometric mean.
 
     Example:
         >>> line = torch.tensor([[2.0 * x, 0.0, 0.0] for x in range(5)], dtype=torch.float64)
@@ -69,7 +69,7 @@ class TrainableKernel(nn.Module):
         self.double()
 
         x, y = start.length
-        # as tensors: GPyTorch rounds numbers to the default type, and 2π to single precision is no full turn
+        # as tensors: GPyTorch rounds numbers to the default type, and 2π in single precision is not a full turn
         translation.lengthscale = _exactly([x, y] if ard else [math.sqrt(x * y)])
         rotation.period_length = _exactly(2 * math.pi)
         rotation.raw_period_length.requires_grad_(False)
@@ -87,19 +87,19 @@ class TrainableKernel(nn.Module):
         spatial: Spatial = "rbf",
         ard: bool = True,
     ) -> Self:
-        """A start read off the map.
+        """Make a kernel with starting values taken from the map.
 
-        The length is four times the median distance from a position to the nearest other one (1 if there is none); the
-        descriptors' variance, mean over dimensions, is split into signal and noise.
+        The length is four times the median distance from a position to the nearest other one (1 if there is none). The
+        descriptors' variance, averaged over dimensions, is split into signal and noise.
 
         Args:
-            poses: of the map's images.
-            descriptors: of the same images.
+            poses: poses of the map's images.
+            descriptors: descriptors of the same images.
             spatial: form of the kernel on positions.
             ard: as for the class.
 
         Raises:
-            UserError: the descriptors are all alike.
+            UserError: the descriptors are all equal.
             ValueError: there are no poses, or not one descriptor for each.
         """
         if not len(poses) or len(poses) != len(descriptors):
@@ -122,13 +122,13 @@ class TrainableKernel(nn.Module):
         return cls(start, ard=ard)
 
     def forward(self, a: Float[Tensor, "*batch n 3"], b: Float[Tensor, "*batch m 3"]) -> Float64[Tensor, "*batch n m"]:
-        """The covariance of the signal, without noise, between two sets of poses."""
+        """The covariance of the signal between two sets of poses, without noise."""
         dense: Tensor = self.covariance(a.double(), b.double()).to_dense()
         return dense
 
     @property
     def noise_variance(self) -> Float64[Tensor, ""]:
-        """Of an observation, in every dimension of the descriptor."""
+        """The noise variance of an observation, in every dimension of the descriptor."""
         transformed: Tensor = self.noise_constraint.transform(self.raw_noise)
         return transformed
 
@@ -139,7 +139,7 @@ class TrainableKernel(nn.Module):
         return scale
 
     def frozen(self) -> PoseKernel:
-        """The kernel with the parameters as they stand."""
+        """The kernel with its current parameters."""
         lengths = self._translation.lengthscale.detach().flatten().tolist()
         return PoseKernel(
             spatial=self.spatial,

@@ -1,16 +1,15 @@
-r"""Vecchia's approximation of the marginal likelihood: each image given a few near ones that come before it.
+r"""Vecchia's approximation of the marginal likelihood: each image is conditioned on a few near ones that precede it.
 
 .. math:: \log p(Y) = \sum_i \log p(y_i \mid y_{1:i-1}) \approx \sum_i \log p(y_i \mid y_{N(i)}), \qquad
    N(i) = k \text{ nearest of } 1..i-1
 
-Each term is a small regression, so a whole map costs O(n k³), and a uniformly drawn minibatch B of rows, scaled by
-n / |B|, is an unbiased estimate of the sum and of its gradient: 172,000 images train in constant memory. With
-k = n - 1 it is the exact likelihood. Only hyper-parameters are chosen with it; prediction by the same idea is the local
-Gaussian process.
+Each term is a small regression, so a whole map costs O(n k³). A uniformly drawn minibatch B of rows, scaled by n / |B|,
+is an unbiased estimate of the sum and of its gradient: 172,000 images train in constant memory. With k = n - 1 it is
+the exact likelihood. It serves only to choose hyper-parameters; the local Gaussian process predicts by the same idea.
 
-How the neighbours among earlier images are found: one k-d tree for each prefix of 2^j images of the order. Row i of
+Neighbours among earlier images are found with one k-d tree for each prefix of 2^j images of the order. Row i of
 [2^(j-1), 2^j) asks the tree of the first 2^j for its nearest images and keeps those before i, which are half of them
-or more on average; rows that got too few ask again for twice as many. The result is exact.
+or more on average. Rows that got too few ask again for twice as many. The result is exact.
 
 Sources: A. V. Vecchia, "Estimation and model identification for continuous spatial processes", JRSS B 1988;
 M. Katzfuss and J. Guinness, "A general framework for Vecchia approximations of Gaussian processes", Statistical
@@ -34,12 +33,12 @@ from sextant.localization.hyperparameters.trainable_kernel import TrainableKerne
 
 @dataclass(frozen=True)
 class Conditioning:
-    """On which images each image of a map is conditioned.
+    """The images on which each image of a map is conditioned.
 
     Attributes:
         order: the images in the order of conditioning.
-        neighbours: for image i of the map (not of the order) the images it is conditioned on, nearest first; -1 where
-            fewer than k come before it.
+        neighbours: for image i of the map (not of the order), the images it is conditioned on, nearest first; -1 where
+            fewer than k precede it.
 
     Example:
         >>> places = np.array([[0.0], [1.0], [3.0], [1.2]])
@@ -52,12 +51,12 @@ class Conditioning:
 
     @classmethod
     def of(cls, features: Float64[ndarray, "n f"], order: Int64[ndarray, " n"], neighbours: int) -> Self:
-        """The nearest ``neighbours`` images before each one.
+        """Condition each image on the nearest ``neighbours`` images that precede it.
 
         Args:
-            features: whose Euclidean distance says what is near, as of ``PoseKernel.features``.
+            features: points whose Euclidean distance says what is near, such as those of ``PoseKernel.features``.
             order: a permutation of the images.
-            neighbours: k, at least 1; more than n - 1 are as n - 1.
+            neighbours: k, at least 1; more than n - 1 count as n - 1.
 
         Raises:
             UserError: fewer than one neighbour.
@@ -74,7 +73,7 @@ class Conditioning:
 
 
 def preceding_neighbours(features: Float64[ndarray, "n f"], neighbours: int) -> Int64[ndarray, "n k"]:
-    """The nearest ``neighbours`` rows before each row, nearest first, -1 where there are fewer."""
+    """The nearest ``neighbours`` rows that precede each row, nearest first; -1 where there are fewer."""
     table = np.full((len(features), neighbours), -1, dtype=np.int64)
     start, stop = 1, 2
     while start < len(features):
@@ -102,17 +101,17 @@ def vecchia_log_likelihood(
     conditioning: Conditioning,
     rows: Int64[Tensor, " b"] | None = None,
 ) -> Float64[Tensor, ""]:
-    """An unbiased estimate of Vecchia's log-likelihood in nats, from some rows; from all, it itself.
+    """Vecchia's log-likelihood in nats: exact if all rows are given, otherwise an unbiased estimate from some.
 
-    Time O(b (k³ + k d)), memory O(b k (k + d)): call it with minibatches.
+    Takes O(b (k³ + k d)) time and O(b k (k + d)) memory: call it with minibatches.
 
     Args:
-        kernel: with its noise; the neighbours are not chosen again when it changes.
-        poses: of the images.
-        descriptors: of the same images; may be a tensor over a memory map.
-        mean: of the descriptors.
-        conditioning: of the same images.
-        rows: drawn uniformly; all by default.
+        kernel: the kernel with its noise; the neighbours are not chosen again when it changes.
+        poses: poses of the images.
+        descriptors: descriptors of the same images; may be a tensor over a memory map.
+        mean: mean descriptor.
+        conditioning: conditioning of the same images.
+        rows: rows drawn uniformly; all by default.
 
     Raises:
         UserError: neighbouring images have a covariance that is singular to working precision.
@@ -134,7 +133,7 @@ def vecchia_log_likelihood(
     one = poses[rows][:, None]
     cross = kernel(poses[near], one).squeeze(-1).masked_fill(absent, 0.0)  # (b, k)
     among = kernel(poses[near], poses[near]) + noise * torch.eye(near.shape[1], dtype=torch.float64)
-    # an absent neighbour is an independent one: row and column of the identity
+    # an absent neighbour is treated as independent: a row and column of the identity
     among = torch.where(absent[:, :, None] | absent[:, None, :], torch.eye(near.shape[1], dtype=torch.float64), among)
     factor, failed = torch.linalg.cholesky_ex(among)
     if failed.any():

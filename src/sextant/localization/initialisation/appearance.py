@@ -1,7 +1,7 @@
-r"""Where the first image looks like the map.
+r"""Initialisation at the map images that the first image looks like.
 
-A map image i is drawn with :math:`q(i) \propto e^{l(z | x_i)}`, and the particle near it, :math:`x \sim p(x | i)`. So
-the image z is in the belief already, and must not weigh these particles once more. The weights that make the belief the
+A map image i is drawn with :math:`q(i) \propto e^{l(z | x_i)}`, and a particle near it from :math:`p(x | i)`. The image
+z is then part of the belief already and must not weigh these particles again. The weights that make the belief the
 posterior under the map's prior are
 
 .. math:: W \propto \frac{p_0(i, x)\, e^{l(z \mid x)}}{q(i)\, p(x \mid i)} \propto e^{l(z \mid x) - l(z \mid x_i)},
@@ -27,13 +27,13 @@ from sextant.localization.observation.evidence import Evidence
 class AppearanceStart(Initialisation):
     """Particles at the map images that the first image looks like.
 
-    Without a first image (no evidence, a run that has not ``seen`` one, or one that no image of the map explains),
+    Without a first image (no evidence, a run that has not ``seen`` one, or an image that no map image explains),
     particles are drawn from the map's prior.
 
     Attributes:
-        top: only the best K images are drawn from; None for all.
-        weigh_jitter: weigh each particle by how its own pose explains the image, relative to the map image it was
-            drawn at. Exact, at the cost of one likelihood per particle; without it, weights are uniform.
+        top: draw from the best K images only; None for all.
+        weigh_jitter: weigh each particle by how well its own pose explains the image, relative to the map image it was
+            drawn at. This is exact, at the cost of one likelihood per particle; without it, weights are uniform.
 
     Raises:
         UserError: ``top`` is below 1.
@@ -65,7 +65,7 @@ class AppearanceStart(Initialisation):
         seen: Bool[Tensor, "r"] | None,
         generator: torch.Generator,
     ) -> Belief:
-        """Draws of q with jitter, and draws of the prior in runs without an image."""
+        """Draw from q with jitter, and from the prior in runs without an image."""
         anywhere = prior.sample(runs, particles, generator)
         if evidence is None:
             return Belief.uniform(anywhere)

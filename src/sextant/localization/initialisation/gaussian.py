@@ -1,4 +1,4 @@
-"""Around a pose that is known."""
+"""Initialisation around a known pose."""
 
 from dataclasses import dataclass
 
@@ -16,10 +16,10 @@ from sextant.localization.observation.evidence import Evidence
 
 @dataclass(frozen=True)
 class GaussianStart(Initialisation):
-    """Particles about one pose a run; the first image weighs them in the first step.
+    """Particles around one pose in each run; the first image weighs them in the first step.
 
     Attributes:
-        mean: the pose of each run, or one for all.
+        mean: the pose of each run, or one pose for all.
         sigma: standard deviations of x, y (metres, axes of the map) and heading (rad).
 
     Raises:
@@ -51,7 +51,7 @@ class GaussianStart(Initialisation):
         seen: Bool[Tensor, "r"] | None,
         generator: torch.Generator,
     ) -> Belief:
-        """Draws of the Gaussians, all with the same weight."""
+        """Draw from the Gaussians, with equal weights."""
         mean = self.mean.expand(runs, 3)[:, None]
         noise = torch.randn(runs, particles, 3, generator=generator, dtype=mean.dtype, device=mean.device)
         poses = mean + noise * mean.new_tensor(self.sigma)

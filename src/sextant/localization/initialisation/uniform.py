@@ -1,4 +1,4 @@
-"""Anywhere on the map."""
+"""Initialisation anywhere on the map."""
 
 from dataclasses import dataclass
 
@@ -32,5 +32,5 @@ class UniformStart(Initialisation):
         seen: Bool[Tensor, "r"] | None,
         generator: torch.Generator,
     ) -> Belief:
-        """Draws of the prior, all with the same weight."""
+        """Draw from the prior, with equal weights."""
         return Belief.uniform(prior.sample(runs, particles, generator))

@@ -1,4 +1,4 @@
-r"""The beam model of a laser scan: each range against the one that the map predicts.
+r"""The beam model of a laser scan, which compares each range with the one that the map predicts.
 
 With :math:`z^*` the range at which the beam meets the first occupied cell (at most the reach :math:`z_{\max}`),
 
@@ -6,13 +6,12 @@ With :math:`z^*` the range at which the beam meets the first occupied cell (at m
    + w_{\mathrm{short}}\, \frac{\lambda e^{-\lambda z}}{1 - e^{-\lambda z^*}} [z \le z^*]
    + w_{\mathrm{max}}\, [z = z_{\max}] + w_{\mathrm{rand}}\, [z < z_{\max}] / z_{\max}
 
-per metre, with :math:`\eta` the reciprocal of the normal distribution's mass in :math:`[0, z_{\max}]` and weights that
-are divided by their sum. The log-likelihood of a scan is :math:`\beta` times the sum of the logarithms. Where
-:math:`z^*` is not known (the beam meets an unknown cell first, or leaves the grid) the parts that do not need it
-remain.
+per metre, with :math:`\eta` the reciprocal of the normal distribution's mass in :math:`[0, z_{\max}]` and weights
+divided by their sum. The log-likelihood of a scan is :math:`\beta` times the sum of the logarithms. Where :math:`z^*`
+is not known (the beam meets an unknown cell first, or leaves the grid), only the parts that do not need it remain.
 
-Where the map predicts that nothing comes back (:math:`z^* = z_{\max}`), "nothing came back" is the hit: it is then
-scored as a range of :math:`z_{\max}`, as in the table.
+Where the map predicts no return (:math:`z^* = z_{\max}`), a beam without a return is a hit. It is then scored as a
+range of :math:`z_{\max}`, as in the table.
 
 Source: S. Thrun, W. Burgard & D. Fox, "Probabilistic Robotics", 2005, table 6.1; default weights as in AMCL.
 """
@@ -30,7 +29,7 @@ from sextant.localization.laser.scan_evidence import ScanEvidence, chosen_beams,
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import OccupancyGrid
 
-#: Rays that are cast at a time: bounds the memory.
+#: Rays that are cast at a time, which bounds the memory.
 BLOCK = 2**18
 
 
@@ -40,16 +39,16 @@ class BeamModel:
 
     Attributes:
         grid: the map.
-        scanner: that the scans are from.
+        scanner: the scanner that the scans come from.
         z_hit, z_short, z_max, z_rand: weights of beams that end on what the map has, on something before it, nowhere,
             and anywhere.
         sigma_hit: standard deviation of a range in metres.
-        lambda_short: rate per metre at which unmapped things end a beam.
-        beams: how many of a scan are used, evenly spread.
+        lambda_short: rate per metre at which unmapped objects end a beam.
+        beams: number of beams of a scan that are used, evenly spread.
         tempering: exponent β of the product over the beams.
 
     Raises:
-        ValueError: a weight is negative, those of hits and random beams or another number are not positive.
+        ValueError: ``z_hit`` or ``z_short`` is negative, or another number is not positive.
 
     Example:
         >>> import torch
@@ -86,8 +85,8 @@ class BeamModel:
         """The evidence of one scan for each of r runs.
 
         Args:
-            scans: ranges in metres of all the scanner's beams; its maximal range or nan where nothing came back.
-            map_poses: poses of a map's images, for restarts at them.
+            scans: ranges in metres of all the scanner's beams; its maximum range or nan where nothing came back.
+            map_poses: poses of a map's images, at which restarts are drawn.
 
         Raises:
             ValueError: the number of beams is not the scanner's, or a range is negative.
@@ -113,21 +112,21 @@ class BeamModel:
 
     @property
     def reach(self) -> float:
-        """The scanner's, in metres."""
+        """The scanner's maximum range in metres."""
         return self.scanner.max_range_m
 
     def density(self, measured: Float64[ndarray, " k"], expected: Float64[ndarray, "n k"]) -> Float64[ndarray, "n k"]:
         """Density of each measured range per metre, given the expected ones.
 
         Args:
-            measured: metres; inf where nothing came back.
-            expected: metres; the reach where nothing should come back, nan where it is not known.
+            measured: ranges in metres; inf where nothing came back.
+            expected: ranges in metres; the reach where nothing should come back, nan where they are not known.
         """
         total = self.z_hit + self.z_short + self.z_max + self.z_rand
         missing = np.isinf(measured)
         z = np.where(missing, self.reach, measured)
         known = np.isfinite(expected)
-        # no range is known better than a cell; of a pose in a wall it would be 0, and the short part's density infinite
+        # no range is known better than a cell; in a wall it would be 0, and the density of the short part infinite
         wanted = np.maximum(np.where(known, expected, self.reach), self.grid.resolution_m / 2)
         mass = ndtr((self.reach - wanted) / self.sigma_hit) - ndtr(-wanted / self.sigma_hit)
         hit = np.exp(-(((z - wanted) / self.sigma_hit) ** 2) / 2) / (np.sqrt(2 * np.pi) * self.sigma_hit * mass)

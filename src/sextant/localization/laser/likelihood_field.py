@@ -1,19 +1,20 @@
 r"""The likelihood-field model of a laser scan.
 
-A beam k that ended at range :math:`z_k` has its end at a point of the map that depends on the pose. With :math:`d_k`
-the distance from the cell there to the nearest occupied one,
+A beam k of range :math:`z_k` ends at a point of the map that depends on the pose. With :math:`d_k` the distance from
+the cell there to the nearest occupied one,
 
 .. math:: \log p(z \mid x) = \beta \sum_k \log\Big(w_{\mathrm{hit}}\, e^{-d_k^2 / 2 \sigma^2}
    + w_{\mathrm{rand}} / z_{\max}\Big)
 
 over the beams that ended within the reach :math:`z_{\max}`; the others say nothing. Ends outside the grid, or farther
-than ``max_distance_m`` from everything occupied, have the random part alone. Only a beam's end is looked up: what lies
-on its way is not, so a wall between is not seen (the cost of the model's speed and smoothness).
+than ``max_distance_m`` from everything occupied, have only the random part. Only the end of a beam is looked up, not
+what lies on its way, so a wall in between is not seen: the price of the model's speed and smoothness.
 
 Sources: S. Thrun, W. Burgard & D. Fox, "Probabilistic Robotics", 2005, table 6.3, which multiplies the first part by
-:math:`1/(\sqrt{2\pi}\sigma)`; as the model is used for ratios, that is another ratio of the two weights. The form above
-with its defaults (60 beams, weights 0.5 and 0.5, σ = 0.2 m, 2 m) is that of AMCL. Beams are taken as independent,
-which they are not: β < 1 tempers the product (P. Pfaff, C. Plagemann & W. Burgard, IROS 2007, on peaked likelihoods).
+:math:`1/(\sqrt{2\pi}\sigma)`; as the model is used for ratios, this amounts to a different ratio of the two weights.
+The form above with its defaults (60 beams, weights 0.5 and 0.5, σ = 0.2 m, 2 m) is that of AMCL. Beams are treated as
+independent, which they are not: β < 1 tempers the product (P. Pfaff, C. Plagemann & W. Burgard, IROS 2007, on peaked
+likelihoods).
 """
 
 from dataclasses import dataclass, field
@@ -36,18 +37,18 @@ class LikelihoodField:
 
     Attributes:
         grid: the map.
-        scanner: that the scans are from.
+        scanner: the scanner that the scans come from.
         sigma_m: standard deviation of the distance between a beam's end and the wall it met.
         z_hit: weight of beams that end on something the map has.
         z_rand: weight of beams that end anywhere.
-        max_distance_m: ends farther from everything occupied are random.
-        beams: how many of a scan are used, evenly spread.
+        max_distance_m: ends farther than this from everything occupied are random.
+        beams: number of beams of a scan that are used, evenly spread.
         tempering: exponent β of the product over the beams.
-        unknown: beams that end in an unknown cell count by their distance as in free cells (``distance``, as in AMCL),
-            or are random (``random``).
+        unknown: whether beams that end in an unknown cell count by their distance as in free cells (``distance``, as in
+            AMCL) or are random (``random``).
 
     Raises:
-        ValueError: a number is not positive (``z_hit`` may be 0), or ``unknown`` is neither.
+        ValueError: a number is not positive (``z_hit`` may be 0), or ``unknown`` has another value.
 
     Example:
         >>> import torch
@@ -79,7 +80,7 @@ class LikelihoodField:
         distance = self.grid.distance_m()
         random = (distance > self.max_distance_m) | ((self.grid.cells == UNKNOWN) & (self.unknown == "random"))
         hit = np.where(random, 0.0, self.z_hit * np.exp(-(distance**2) / (2 * self.sigma_m**2)))
-        # a beam that ends anywhere at random is the zero of the table, and is added once for each beam
+        # the table is relative to a random beam, whose score is added once for each beam
         table = np.log1p(hit * self.scanner.max_range_m / self.z_rand)
         object.__setattr__(self, "table", table.astype(np.float32))
 
@@ -87,8 +88,8 @@ class LikelihoodField:
         """The evidence of one scan for each of r runs.
 
         Args:
-            scans: ranges in metres of all the scanner's beams; its maximal range or nan where nothing came back.
-            map_poses: poses of a map's images, for restarts at them.
+            scans: ranges in metres of all the scanner's beams; its maximum range or nan where nothing came back.
+            map_poses: poses of a map's images, at which restarts are drawn.
 
         Raises:
             ValueError: the number of beams is not the scanner's, or a range is negative.
@@ -119,7 +120,7 @@ def _field_sums(poses, ends, counts, table, left, bottom, resolution, out):  # t
     Args:
         poses: ``(r, p, 3)``, or ``(1, p, 3)`` for all runs.
         ends: ``(r, k, 2)`` ends of the beams in the scanner's frame, in cells.
-        counts: ``(r,)`` how many of them there are.
+        counts: ``(r,)`` number of ends.
         table: ``(rows, columns)``.
         left, bottom: outer corner of the table's first cell in metres.
         resolution: side of a cell in metres.

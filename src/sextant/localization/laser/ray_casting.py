@@ -1,13 +1,13 @@
-r"""Where beams end in an occupancy grid.
+r"""Ray casting: where beams end in an occupancy grid.
 
 A ray visits the cells on its way one by one (J. Amanatides & A. Woo, "A fast voxel traversal algorithm for ray
 tracing", Eurographics 1987) and ends in the first that is not free. Where the centre of the nearest such cell is
-:math:`d` cells away from that of the cell the ray is in, no point of it is nearer than :math:`d - \sqrt 2` to the ray's
-own, so the ray skips that far: it finds the same in fewer steps.
+:math:`d` cells away from that of the ray's own cell, no point of it is nearer than :math:`d - \sqrt 2` to the ray.
+The ray skips that far, which gives the same result in fewer steps.
 
-A surface lies somewhere in the occupied cell, so its distance is taken to be that of the middle of the ray's way
-through it. Rays that meet an unknown cell first, or leave the grid, have no known range (nan); those that are longer
-than the reach in free cells end there.
+A surface lies somewhere in the occupied cell, so its distance is taken to be that of the midpoint of the ray's way
+through the cell. Rays that meet an unknown cell first, or leave the grid, have no known range (nan). Rays that reach
+the maximum range in free cells end there.
 """
 
 import numpy as np
@@ -20,10 +20,10 @@ from sextant.worlds.occupancy import FREE, OccupancyGrid
 
 
 def free_steps(grid: OccupancyGrid) -> Float32[ndarray, "rows columns"]:
-    """How many cells a ray may skip from anywhere in each cell without meeting one that is not free."""
+    """The number of cells that a ray may skip from anywhere in each cell without meeting one that is not free."""
     free = grid.cells == FREE
     if free.all():
-        # no cell ends a ray: only the border of the grid does, which the traversal finds
+        # no cell ends a ray: only the border of the grid does, and the traversal finds it
         return np.zeros(free.shape, np.float32)
     distance = ndimage.distance_transform_edt(free)
     return np.asarray(np.maximum(distance - np.sqrt(2), 0.0), np.float32)
@@ -36,14 +36,14 @@ def ray_ranges(
     angles: Float64[ndarray, " k"],
     max_range_m: float,
 ) -> Float64[ndarray, "n k"]:
-    """Metres from each pose to the first occupied cell along each beam, at most the reach; nan where not known.
+    """Distance in metres from each pose to the first occupied cell along each beam; nan where it is not known.
 
     Args:
         grid: the map.
-        steps: of `free_steps`.
+        steps: result of `free_steps`.
         poses: x, y in metres and heading in radians.
-        angles: of the beams from the heading in radians.
-        max_range_m: reach.
+        angles: angles of the beams from the heading in radians.
+        max_range_m: reach, the largest distance returned.
     """
     out = np.empty((len(poses), len(angles)))
     beams = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -53,7 +53,7 @@ def ray_ranges(
 
 @compiled
 def _cast(poses, beams, cells, steps, left, bottom, resolution, reach_m, out):  # type: ignore[no-untyped-def]
-    """Write ranges ``(n, k)`` in metres; see `ray_ranges`. Lengths within are in cells."""
+    """Write ranges ``(n, k)`` in metres; see `ray_ranges`. Lengths inside the function are in cells."""
     rows, columns = cells.shape
     reach = reach_m / resolution
     for number in range(len(poses)):
@@ -65,12 +65,12 @@ def _cast(poses, beams, cells, steps, left, bottom, resolution, reach_m, out):  
             out[number, beam] = np.nan
             if not (0.0 <= x < columns and 0.0 <= y < rows):  # true for nan too
                 continue
-            # a ray along an axis never leaves through the sides that it runs along
+            # a ray along an axis never leaves through the sides it runs parallel to
             per_x, ahead_x = (1 / dx, dx > 0) if dx != 0 else (np.inf, 2)
             per_y, ahead_y = (1 / dy, dy > 0) if dy != 0 else (np.inf, 2)
             column, row, travelled = int(x), int(y), 0.0
             while 0 <= column < columns and 0 <= row < rows:
-                # where the ray leaves the cell, from whole numbers: nothing adds up
+                # where the ray leaves the cell, computed from whole numbers so that rounding does not accumulate
                 to_x = (column + ahead_x - x) * per_x
                 to_y = (row + ahead_y - y) * per_y
                 leaves = max(min(to_x, to_y), travelled)

@@ -19,8 +19,8 @@ class ScanEvidence(Evidence):
     """Log-likelihoods of one scan in each of r runs.
 
     Args:
-        at: their log-likelihoods at poses.
-        map_poses: where `over_map` is asked for, the poses of the images of a visual map: only then is it computed.
+        at: function that gives the scans' log-likelihoods at poses.
+        map_poses: poses of the images of a visual map, at which `over_map` computes log-likelihoods when asked.
     """
 
     def __init__(self, at: AtPoses, map_poses: Float64[Tensor, "n 3"]):
@@ -36,9 +36,9 @@ class ScanEvidence(Evidence):
 
 
 def chosen_beams(scanner: LaserScanner, beams: int) -> Int64[ndarray, " k"]:
-    """Numbers of ``beams`` of the scanner's beams, spread evenly over it; all of them if it has no more.
+    """Indices of ``beams`` evenly spread beams of the scanner; all of them if it has no more.
 
-    Of a scanner with a full turn the last chosen one stays as far from the first as from its other neighbour.
+    In a scanner that covers a full turn, the last chosen beam is as far from the first as from its other neighbour.
 
     Raises:
         ValueError: ``beams`` is not positive.
@@ -56,10 +56,10 @@ def chosen_beams(scanner: LaserScanner, beams: int) -> Int64[ndarray, " k"]:
 def chosen_ranges(
     scans: Float64[Tensor, "r beams"], scanner: LaserScanner, chosen: Int64[ndarray, " k"]
 ) -> Float64[ndarray, "r k"]:
-    """Ranges of the chosen beams in metres; inf where nothing came back: the maximal range, more, or nan.
+    """Ranges of the chosen beams in metres; inf where nothing came back: at least the maximum range, or nan.
 
     Raises:
-        ValueError: scans have another number of beams than the scanner, or a range is negative.
+        ValueError: scans have a different number of beams than the scanner, or a range is negative.
     """
     if scans.shape[-1] != scanner.beams:
         raise ValueError(f"scans have {scans.shape[-1]} beams, the scanner has {scanner.beams}")

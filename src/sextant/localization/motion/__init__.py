@@ -1,4 +1,4 @@
-"""Motion models: where a robot may be after a motion that odometry reports."""
+"""Motion models: where a robot may be after the motion that odometry reports."""
 
 from sextant.localization.motion.exponential import ExponentialMotion
 from sextant.localization.motion.identity import IdentityMotion

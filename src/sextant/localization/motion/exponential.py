@@ -9,7 +9,7 @@ from torch import Tensor
 from sextant.geometry.planar import se2_compose, se2_exp
 from sextant.localization.motion.model import MotionModel, check_not_negative
 
-#: How many times the noise of a step stands for a motion that is unknown.
+#: The noise of an unknown motion, in multiples of the noise of a step.
 STEPS_IF_UNKNOWN = 20.0
 
 
@@ -19,17 +19,17 @@ class ExponentialMotion(MotionModel):
 
     .. math:: v = \sigma_{step}^2 + |t|\, v_{metre} + |\theta|\, v_{radian}
 
-    for a motion :math:`u = (t, \theta)`: noise that grows like a random walk with the way and with the turn.
+    for a motion :math:`u = (t, \theta)`. The noise grows like a random walk with the distance and with the turn.
 
     Args:
-        per_step: standard deviations along, across (metres) and turned (rad), however small the motion.
-        per_metre: variances for each metre.
+        per_step: standard deviations along, across (metres) and in heading (rad), however small the motion.
+        per_metre: variances for each metre travelled.
         per_radian: variances for each radian turned.
-        unknown: standard deviations where odometry was lost; None for twenty times ``per_step``, so that what cannot
-            err when odometry is there cannot when it is lost either: a train stays on its line.
+        unknown: standard deviations where odometry is missing; None for twenty times ``per_step``. Then what cannot err
+            with odometry cannot err without it either: a train stays on its line.
 
     Raises:
-        UserError: one of them is not three finite numbers of at least 0.
+        UserError: an argument is not three finite numbers of at least 0.
 
     Example:
         >>> import torch
@@ -51,7 +51,7 @@ class ExponentialMotion(MotionModel):
         check_not_negative("unknown", self.if_unknown(), 3)
 
     def if_unknown(self) -> Sequence[float]:
-        """``unknown``, or many steps."""
+        """``unknown``, or twenty times ``per_step``."""
         return [STEPS_IF_UNKNOWN * sigma for sigma in self.per_step] if self.unknown is None else self.unknown
 
     def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:

@@ -1,4 +1,4 @@
-"""A robot that does not move."""
+"""The motion model of a robot that does not move."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from sextant.localization.motion.model import MotionModel
 
 @dataclass(frozen=True)
 class IdentityMotion(MotionModel):
-    """:math:`x_t = x_{t-1}`, whatever odometry says, known or not: no noise, so particles never spread.
+    """:math:`x_t = x_{t-1}`, whatever odometry says. There is no noise, so particles never spread.
 
     Example:
         >>> poses, metre = torch.ones(1, 1, 3).double(), torch.tensor([[1.0, 0.0, 0.0]]).double()

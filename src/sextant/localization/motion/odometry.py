@@ -1,13 +1,13 @@
-r"""Odometry as a rotation, a translation and a rotation, each with noise of its own.
+r"""Odometry as a rotation, a translation and a second rotation, each with its own noise.
 
 .. math:: \hat\delta_{1} &= \delta_{1} + \mathcal N(0, \alpha_1 \delta_1^2 + \alpha_2 d^2) \\
    \hat d &= d + \mathcal N(0, \alpha_3 d^2 + \alpha_4 (\delta_1^2 + \delta_2^2)) \\
    \hat\delta_{2} &= \delta_{2} + \mathcal N(0, \alpha_1 \delta_2^2 + \alpha_2 d^2)
 
 Source: Thrun, Burgard & Fox, "Probabilistic Robotics", MIT Press 2005, table 5.6, with the robot's frame as the origin.
-Two cases are taken care of that the table leaves open. A robot that drives backward has not turned round first: the
-first rotation is folded into [-π/2, π/2] and d is then negative. And where it hardly moves, the direction is noise: the
-first rotation then counts for nothing in the variances, and the second counts as the turn.
+The table leaves two cases open. A robot that drives backwards has not turned round first: the first rotation is folded
+into [-π/2, π/2], and d is then negative. Where the robot hardly moves, the direction is noise: in the variances the
+first rotation then counts as zero, and the second as the whole turn.
 """
 
 import math
@@ -24,16 +24,16 @@ from sextant.localization.motion.model import MotionModel, check_not_negative
 
 @dataclass(frozen=True)
 class OdometryMotion(MotionModel):
-    """The model with four alphas; noiseless when they are 0.
+    """The odometry model with four alphas; noiseless when they are 0.
 
     Args:
         alphas: variance of rotation by rotation, of rotation by translation (rad²/m²), of translation by translation,
             of translation by rotation (m²/rad²).
-        least_translation: metres; below it, the direction of a motion is taken for noise.
-        unknown: standard deviations along, across and turned where odometry was lost.
+        least_translation: distance in metres below which the direction of a motion is treated as noise.
+        unknown: standard deviations along, across and in heading where odometry is missing.
 
     Raises:
-        UserError: an argument is negative or not finite, or there are not as many as there should be.
+        UserError: a value is negative or not finite, or an argument has the wrong number of values.
 
     Example:
         >>> exact, motion = OdometryMotion(alphas=(0.0, 0.0, 0.0, 0.0)), torch.tensor([[-1.0, 0.0, 0.0]]).double()
@@ -55,7 +55,7 @@ class OdometryMotion(MotionModel):
         return self.unknown
 
     def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
-        """The motion with its three parts disturbed."""
+        """The motion with noise on each of its three parts."""
         first, way, second = _parts(motion)
         small = way.abs() < self.least_translation
         turned = torch.where(small, 0.0, first)

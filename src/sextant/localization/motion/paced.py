@@ -1,4 +1,4 @@
-"""How particles move where nothing measures the motion but the pace of the drive is known."""
+"""A motion model for drives whose pace is known but whose motion is not measured."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,28 +10,29 @@ from torch import Tensor
 from sextant.geometry.planar import se2_exp
 from sextant.localization.motion.model import MotionModel
 
-#: one particle in so many spreads further along, or in so many where there is no pace, and one in so many turns wider
+#: one particle in this many spreads further along with a pace, one in this many without, and one in this many turns
+#: wider
 FURTHER_ONE_IN, UNPACED_ONE_IN, TURNING_ONE_IN = 4, 2, 4
-#: by so many times the deviations of a motion that is unknown
+#: factor of the standard deviations of an unknown motion for these particles
 FURTHER = 4.0
 
 
 @dataclass(frozen=True)
 class PacedMotion(MotionModel):
-    r"""As ``measured`` where motion is known; where it is unknown, three in four particles keep a pace.
+    r"""Moves as ``measured`` where motion is known; where it is unknown, three in four particles keep the pace.
 
     .. math:: x_t = x_{t-1} \circ \exp\big((v, 0, 0) + D\,\epsilon\big),
 
-    with v the pace and ε of the deviations of ``measured.if_unknown()``. Robots mostly go on as they went: D = I. One
-    particle in four has D = diag(1, 1, 4), for a robot that turns a corner; another has v = 0 and D = diag(4, 1, 1),
-    for one that stops, turns back or drives faster than any particle knew. As long as there is no pace, v = 0, and half
-    of the particles are as that last one. A particle keeps its part until it is resampled. What does not err along does
-    not move of itself either.
+    where v is the pace and ε has the standard deviations ``measured.if_unknown()``. Robots mostly go on as before:
+    D = I. One particle in four has D = diag(1, 1, 4), for a robot that turns a corner. Another has v = 0 and
+    D = diag(4, 1, 1), for a robot that stops, turns back or drives faster than any particle expected. Without a pace
+    v = 0, and half of the particles behave like the latter. A particle keeps its role until it is resampled. A model
+    without noise along the heading gets no pace either.
 
     Args:
-        measured: of motions that are known, and the deviations of those that are not.
-        pace: along, from one step to the next, in the unit of the map, :class:`~sextant.localization.pace.Pace`; None
-            if it is not known.
+        measured: model of known motions, and of the standard deviations of unknown ones.
+        pace: distance along the heading from one step to the next, in the unit of the map
+            (:class:`~sextant.localization.pace.Pace`); None if it is not known.
 
     Example:
         >>> from sextant.localization.motion import ExponentialMotion
@@ -45,15 +46,15 @@ class PacedMotion(MotionModel):
     pace: float | None
 
     def if_unknown(self) -> Sequence[float]:
-        """Those of ``measured``."""
+        """The standard deviations of ``measured``."""
         return self.measured.if_unknown()
 
     def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "#r #p 3"]:
-        """Those of ``measured``."""
+        """The increments of ``measured``."""
         return self.measured.increments(motion, noise)
 
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
-        """Of every four particles the last spreads further, the third turns wider."""
+        """Of every four particles, the last spreads further and the third turns wider."""
         deviations = noise.new_tensor(self.if_unknown())
         twist = noise * deviations
         kept = twist.new_tensor([(self.pace or 0.0) if deviations[0] > 0 else 0.0, 0.0, 0.0])

@@ -1,18 +1,18 @@
-"""Noise of odometry as a share of how far the images of a map are apart."""
+"""Odometry noise as a share of the distance between images of a map."""
 
 from sextant.localization.motion.exponential import ExponentialMotion
 
 
 def motion_of_spacing(spacing: float, line: bool = False) -> ExponentialMotion:
-    """Odometry that errs by three tenths over the spacing of a map, and by two such steps where it is missing.
+    """Odometry that errs by three tenths over one spacing of a map, and by two spacings where it is missing.
 
-    Wheels err by a tenth or less, but alike in each step. What the noise does not allow for, images have to pull back
-    step by step, and the filter falls behind without knowing it (docs/localization_change.md).
+    Wheels err by a tenth or less, but in the same way in each step. Images have to correct step by step what the noise
+    does not allow for, and the filter falls behind without knowing it (docs/localization_change.md).
 
     Args:
-        spacing: of the map's images, in the unit of positions, above 0:
-            :func:`~sextant.localization.map_support.map_spacing`.
-        line: positions are those along a line, and nothing errs across it.
+        spacing: spacing of the map's images, in the unit of positions, above 0
+            (:func:`~sextant.localization.map_support.map_spacing`).
+        line: whether positions lie along a line, with no errors across it.
 
     >>> motion_of_spacing(2.0).unknown
     (4.0, 0.4, 0.1)

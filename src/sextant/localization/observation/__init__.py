@@ -1,4 +1,4 @@
-"""What the image at any pose will look like, as Gaussians of its descriptor: exact, local, sparse and rival models."""
+"""Observation models: Gaussians of the image descriptor at any pose. Exact, local, sparse and baseline models."""
 
 import re
 from importlib import import_module
@@ -10,10 +10,10 @@ from sextant.localization.observation.prediction import Prediction, Residuals
 
 
 def observation_model(name: str) -> type[ObservationModel]:
-    """A class of this package, imported when it is asked for, as some are slow to import: ``LocalGP`` of ``local_gp``.
+    """A class of this package by its name, such as ``LocalGP`` of ``local_gp``; imported on demand, as some are slow.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is no such class.
 
     >>> observation_model("LocalGP").__module__
     'sextant.localization.observation.local_gp'
@@ -27,7 +27,7 @@ def observation_model(name: str) -> type[ObservationModel]:
 
 
 def __getattr__(name: str) -> type[ObservationModel]:
-    """The models, imported when they are asked for."""
+    """The models, imported on demand."""
     try:
         return observation_model(name)
     except ValueError:

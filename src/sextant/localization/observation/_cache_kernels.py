@@ -1,4 +1,4 @@
-r"""What one pose needs of the cache of its neighbourhood, as machine code.
+r"""Computations of one pose with the cache of its neighbourhood, compiled to machine code.
 
 Lower triangles are packed row by row: entry (i, j <= i) is at ``i (i + 1) / 2 + j``. Arithmetic is in float64.
 """
@@ -14,19 +14,19 @@ from numba.extending import intrinsic
 from sextant.compiled import compiled as machine_code
 
 RBF, MATERN32, MATERN52 = 0, 1, 2
-#: Of a line of memory.
+#: Size of a cache line.
 BYTES = 64
-#: Poses between asking for memory and using it.
+#: Number of poses between prefetching memory and using it.
 AHEAD = 4
 
 
-#: sums may be reordered: several at a time are faster
+#: sums may be reordered, which is faster as several terms are added at a time
 compiled = partial(machine_code, fastmath={"contract", "reassoc", "nsz"})
 
 
 @intrinsic
 def _ask_for(context, address):  # type: ignore[no-untyped-def]
-    """Have the line of memory at an address fetched, without waiting for it."""
+    """Prefetch the cache line at an address, without waiting for it."""
 
     def emit(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         pointer, number = ir.IntType(8).as_pointer(), ir.IntType(32)
@@ -35,14 +35,14 @@ def _ask_for(context, address):  # type: ignore[no-untyped-def]
         ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
         to_read, keep, data = (number(value) for value in (0, 3, 1))
         builder.call(ask, [builder.inttoptr(arguments[0], pointer), to_read, keep, data])
-        return context.get_dummy_value()  # what Numba calls the value of a function that returns nothing
+        return context.get_dummy_value()  # Numba's value of a function that returns nothing
 
     return types.void(types.uintp), emit
 
 
 @compiled
 def ask_for(matrix, row, column, count):  # type: ignore[no-untyped-def]
-    """Have ``count`` values of a row fetched."""
+    """Prefetch ``count`` values of a row."""
     start = matrix.ctypes.data + (row * matrix.shape[1] + column) * matrix.itemsize
     last = start + count * matrix.itemsize - 1
     for at in range(start, last, BYTES):
@@ -52,7 +52,7 @@ def ask_for(matrix, row, column, count):  # type: ignore[no-untyped-def]
 
 @compiled
 def covariance(spatial, variance, a, b):  # type: ignore[no-untyped-def]
-    """:class:`PoseKernel` of two poses' features."""
+    """The covariance of :class:`PoseKernel` between two poses, given their features."""
     x, y, cosine, sine = a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
     square, chord = x * x + y * y, cosine * cosine + sine * sine
     if spatial == RBF:
@@ -88,17 +88,17 @@ def gram_residuals(  # type: ignore[no-untyped-def]
 
     Args:
         spatial: RBF, MATERN32 or MATERN52.
-        variance: of the signal.
-        features: ``(m, 4)`` of the poses.
-        runs: ``(m,)`` whose descriptor is compared.
+        variance: variance of the signal.
+        features: ``(m, 4)`` features of the poses.
+        runs: ``(m,)`` the run whose descriptor is compared.
         images: ``(m,)`` the image of the map whose cache is used.
-        map_features: ``(n, 4)``.
-        neighbours: ``(n, k)``.
+        map_features: ``(n, 4)`` features of the map's poses.
+        neighbours: ``(n, k)`` neighbours of the map's images.
         whiteners: ``(n, k (k + 1) / 2)`` packed :math:`L^{-1}`.
         grams: ``(n, k (k + 1) / 2)`` packed M.
-        products: ``(r, n)`` of the map's descriptors with the centred descriptors of the runs.
+        products: ``(r, n)`` products of the map's descriptors with the centred descriptors of the runs.
         offsets: ``(r,)`` products of the map's mean with the centred descriptors.
-        norms: ``(r,)`` squared, of the centred descriptors.
+        norms: ``(r,)`` squared norms of the centred descriptors.
         squared: ``(m,)`` written.
         explained: ``(m,)`` written.
 
@@ -106,7 +106,7 @@ def gram_residuals(  # type: ignore[no-untyped-def]
     k = neighbours.shape[1]
     across, seen, known = np.empty(k), np.empty(k), np.empty(k)
     for pose in range(len(images)):
-        # where particles are spread over a city, nearly all the time is waiting for memory: ask ahead
+        # with particles spread over a city, nearly all the time is spent waiting for memory: prefetch it
         later = pose + 2 * AHEAD
         if later < len(images):
             ask_for(neighbours, images[later], 0, k)
@@ -152,7 +152,7 @@ def interpolation_weights(  # type: ignore[no-untyped-def]
 ):
     r"""Weights :math:`w = L^{-T} L^{-1} k_N` of the neighbours' descriptors, and the variance explained.
 
-    Args: as :func:`gram_residuals`; ``weights`` ``(m, k)`` is written.
+    Args: as for :func:`gram_residuals`; ``weights`` ``(m, k)`` is written.
     """
     k = neighbours.shape[1]
     across = np.empty(k)
@@ -178,11 +178,11 @@ def interpolation_weights(  # type: ignore[no-untyped-def]
 def mean_scores(  # type: ignore[no-untyped-def]
     weights, neighbours, products, offsets, norms, levels, slopes, out
 ):
-    r"""``out[r, i] = levels[i] + slopes[i] (2 m_ri - norms[r])`` with the product m of a run's and a predicted mean.
+    r"""``out[r, i] = levels[i] + slopes[i] (2 m_ri - norms[r])``, m the product of a run's descriptor and a mean.
 
     .. math:: m_{ri} = \sum_j \mathrm{weights}_{ij} \, (\mathrm{products}_{r, N(i, j)} - \mathrm{offsets}_r)
 
-    which is summed in float32, in which the products are given: twice as many go into one instruction.
+    This is summed in float32, the type of the products, as one instruction then handles twice as many.
     """
     for run in range(len(products)):
         row, offset, norm = products[run], np.float32(offsets[run]), norms[run]
@@ -190,7 +190,7 @@ def mean_scores(  # type: ignore[no-untyped-def]
             shares, near = weights[image], neighbours[image]
             total = np.float32(0)
             for j in range(len(near)):
-                total += shares[j] * (row[np.uint32(near[j])] - offset)  # unsigned: no test for indices from the end
+                total += shares[j] * (row[np.uint32(near[j])] - offset)  # unsigned: saves the test for negative indices
             out[run, image] = levels[image] + slopes[image] * (2 * np.float64(total) - norm)
 
 

@@ -1,4 +1,4 @@
-"""The caches of all neighbourhoods of a map, made in blocks of bounded memory, in memory or in files."""
+"""The caches of all neighbourhoods of a map, computed in blocks of bounded size and kept in memory or in files."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -17,18 +17,18 @@ from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.reporter import Advance
 
-#: Noise in shares of the signal below which whiteners are kept in float64: their rounding would show in the variance.
+#: Noise, as a share of the signal, below which whiteners are kept in float64: rounding would show in the variance.
 LITTLE_NOISE = 1e-3
-#: Values of float64 that are held at a time, in each of a handful of arrays: 8 MiB.
+#: Float64 values that are held at a time in each of a handful of arrays: 8 MiB.
 ENTRIES = 2**20
 
 
 @dataclass(frozen=True)
 class Caches:
-    r"""What is prepared for every image i of a map, with N its k nearest images and :math:`L L^T = K_{NN} + s_n^2 I`.
+    r"""Precomputed arrays of every image i of a map, with N its k nearest images and :math:`L L^T = K_{NN} + s_n^2 I`.
 
-    :math:`L^{-1}` and the Gram matrix of the whitened descriptors :math:`L^{-1} Y_c` lose far less to float32 than
-    :math:`(K_{NN} + s_n^2 I)^{-1}` and the Gram matrix of :math:`Y_c`: errors grow with the square root of the
+    In float32, :math:`L^{-1}` and the Gram matrix of the whitened descriptors :math:`L^{-1} Y_c` lose far less accuracy
+    than :math:`(K_{NN} + s_n^2 I)^{-1}` and the Gram matrix of :math:`Y_c`: errors grow with the square root of the
     condition number. Both are packed lower triangles.
 
     Attributes:
@@ -36,7 +36,7 @@ class Caches:
         whiteners: :math:`L^{-1}`; float32, or float64 if there is little noise.
         grams: :math:`L^{-1} Y_c Y_c^T L^{-T}`.
         weights: :math:`(K_{NN} + s_n^2 I)^{-1} k_N` at the image's own pose.
-        variances: of an observation at the image's own pose.
+        variances: variances of an observation at the image's own pose.
         image_norms: :math:`\|y_i - m\|^2`.
         mean_norms: :math:`\|\mu(x_i) - m\|^2`.
     """
@@ -59,7 +59,7 @@ class Caches:
         folder: Path | None,
         progress: Advance | None,
     ) -> Self:
-        """The caches of a map; with a folder they are written there, and mapped.
+        """Compute the caches of a map; if a folder is given, they are written there and mapped.
 
         Raises:
             UserError: a covariance is not positive definite.
@@ -78,7 +78,7 @@ class Caches:
 
     @classmethod
     def of_state(cls, state: dict[str, Tensor], n: int, k: int, kernel: PoseKernel) -> Self:
-        """The caches that :meth:`state` was asked of.
+        """Restore the caches from the result of :meth:`state`.
 
         Raises:
             ValueError: an array is missing or of the wrong shape or type.
@@ -119,7 +119,7 @@ def _room(folder: Path | None, name: str, shape: tuple[int, ...], dtype: type[np
 
 
 def _settled(array: ndarray) -> ndarray:
-    """A file that was written, mapped so that nothing can change it from here on; an array in memory as it is."""
+    """A written file, mapped so that nothing can change it any more; an array in memory is returned as it is."""
     if not isinstance(array, np.memmap):
         return array
     array.flush()
@@ -129,14 +129,14 @@ def _settled(array: ndarray) -> ndarray:
 
 
 def images_at_a_time(k: int, dimension: int) -> int:
-    """Neighbourhoods that are prepared together."""
+    """The number of neighbourhoods that are prepared together."""
     return max(1, ENTRIES // (k * max(k, dimension)))
 
 
 def prepared(
     map: DescriptorMap, kernel: PoseKernel, neighbours: Int64[Tensor, "b k"], rows: Int64[Tensor, " b"]
 ) -> dict[str, Tensor]:
-    """What is cached for some images of a map, whose neighbours are rows of it too.
+    """The cached arrays of some images of a map, whose neighbours are rows of the same map.
 
     Raises:
         UserError: a covariance is not positive definite.

@@ -1,4 +1,4 @@
-"""Cholesky factors of covariances of map poses, and variances that rounding cannot make negative."""
+"""Cholesky factors of the covariance of map poses, and variances that rounding cannot make negative."""
 
 import torch
 from torch import Tensor
@@ -6,15 +6,15 @@ from torch import Tensor
 from sextant.errors import UserError
 from sextant.localization.pose_kernel import PoseKernel
 
-#: Least variance of the signal, in shares of its prior variance: what rounding leaves of nothing.
+#: Smallest variance of the signal, as a share of its prior variance: the level of rounding errors.
 LEAST = 1e-12
 
 
 def noisy_factor(covariance: Tensor, noise_variance: float) -> Tensor:
-    """The lower factor of ``covariance + noise_variance I``, batched; the diagonal of ``covariance`` is changed.
+    """The lower Cholesky factor of ``covariance + noise_variance I``, batched; changes the diagonal of ``covariance``.
 
     Raises:
-        UserError: it is not positive definite, as when there is no noise and poses all but coincide.
+        UserError: the sum is not positive definite, as when there is no noise and poses all but coincide.
     """
     covariance.diagonal(dim1=-2, dim2=-1).add_(noise_variance)
     factor: Tensor

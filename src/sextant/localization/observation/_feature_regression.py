@@ -1,14 +1,14 @@
-r"""Bayesian linear regression on features of the pose: what a Gaussian process becomes when its rank is limited.
+r"""Bayesian linear regression on features of the pose: a Gaussian process of limited rank.
 
 .. math:: \mu(x) = m + W^\top \phi(x), \qquad
    s^2(x) = s_f^2 - \|\phi(x)\|^2 + \phi(x)^\top S\, \phi(x) + s_n^2
 
-with weights whose prior is N(0, I) and whose posterior covariance S all D outputs share:
+with weights whose prior is N(0, I) and whose posterior covariance S is shared by all D outputs:
 
 .. math:: \Lambda = I + \Phi^\top \Phi / s_n^2, \quad S = \Lambda^{-1}, \quad
    W = \Lambda^{-1} \Phi^\top \bar Y / s_n^2
 
-One factorisation of the M x M matrix :math:`\Lambda` serves all outputs, and the map passes by in blocks: memory is
+One factorisation of the M x M matrix :math:`\Lambda` serves all outputs, and the map is read in blocks, so memory is
 O(M² + M D) whatever the size of the map. :math:`s_f^2 - \|\phi\|^2` is the variance that the features cannot express;
 it is 0 for random features.
 
@@ -27,18 +27,18 @@ from sextant.errors import UserError
 from sextant.localization.observation.model import ObservationModel
 from sextant.localization.observation.prediction import Prediction
 
-#: Entries of features that are held at a time: 32 MiB.
+#: Feature values that are held at a time: 32 MiB.
 ENTRIES = 2**22
 
 
 @dataclass(frozen=True)
 class Moments:
-    """All that regression on features needs to know of a map.
+    """The moments of a map that regression on features needs.
 
     Attributes:
         gram: :math:`\\Phi^\\top \\Phi`.
         cross: :math:`\\Phi^\\top \\bar Y`.
-        energy: :math:`\\|\\bar Y\\|^2`, of all outputs.
+        energy: :math:`\\|\\bar Y\\|^2` over all outputs.
     """
 
     gram: Float64[Tensor, "f f"]
@@ -57,12 +57,12 @@ class FeatureRegression(ObservationModel):
 
     @abstractmethod
     def features_at(self, poses: Float64[Tensor, "n 3"]) -> Float64[Tensor, "n f"]:
-        """The features, of whose products the covariance is made."""
+        """The features, whose inner products give the covariance."""
 
     @property
     @abstractmethod
     def size(self) -> int:
-        """How many features there are."""
+        """The number of features."""
 
     def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
         """See :class:`ObservationModel`."""
@@ -72,7 +72,7 @@ class FeatureRegression(ObservationModel):
         return Prediction(self.map.mean.double() + features @ self.weights, variance)
 
     def moments(self) -> Moments:
-        """Of the whole map, in blocks."""
+        """The moments of the whole map, computed in blocks."""
         gram = torch.zeros(self.size, self.size, dtype=torch.float64)
         cross = torch.zeros(self.size, self.map.dimension, dtype=torch.float64)
         energy = torch.zeros((), dtype=torch.float64)
@@ -100,7 +100,7 @@ class FeatureRegression(ObservationModel):
             )
 
     def log_evidence(self, moments: Moments) -> float:
-        r"""The log of :math:`N(\bar Y; 0, \Phi\Phi^\top + s_n^2 I)`, the map's density if the features were all."""
+        r"""The log of :math:`N(\bar Y; 0, \Phi\Phi^\top + s_n^2 I)`, the map's density under the features alone."""
         n, outputs, noise = len(self.map), self.map.dimension, self.kernel.noise_variance
         log_determinant = -2 * self.root.diagonal().log().sum() + n * math.log(noise)
         explained = (self.root.T @ moments.cross).square().sum() / noise

@@ -1,9 +1,9 @@
-r"""Inducing poses: where a sparse Gaussian process keeps what it knows, and the features that they make.
+r"""Inducing poses, at which a sparse Gaussian process summarises a map, and the features that they define.
 
 .. math:: \phi(x) = L_{uu}^{-1} k_u(x), \qquad L_{uu} L_{uu}^\top = K_{uu}
 
 so that :math:`\phi(x)^\top \phi(x')` is the Nyström approximation of the kernel. As the posterior covariance S of the
-weights W is at most I, a prediction is one product with the covariances :math:`k_u(x)`:
+weights W is at most I, a prediction takes a single product with the covariances :math:`k_u(x)`:
 
 .. math:: [\mu(x) - m,\; e] = k_u(x)^\top L_{uu}^{-\top} [W,\; C], \qquad C C^\top = I - S, \qquad
    s^2(x) = s_f^2 - \|e\|^2 + s_n^2
@@ -27,9 +27,9 @@ from sextant.localization.pose_kernel import PoseKernel
 
 Placement = Literal["kmeans", "every"]
 PLACEMENTS: tuple[Placement, ...] = ("kmeans", "every")
-#: Added to the diagonal as shares of the signal variance, the first that makes the factorisation possible.
+#: Jitter for the diagonal, as shares of the signal variance; the first that allows the factorisation is used.
 JITTER = (0.0, 1e-12, 1e-10, 1e-8, 1e-6)
-#: Map poses that the clustering looks at together.
+#: Batch size of the clustering, in map poses.
 KMEANS_BATCH = 1024
 
 
@@ -37,10 +37,10 @@ class InducingRegression(FeatureRegression):
     """A model whose features come from M inducing poses; subclasses find the posterior at them.
 
     Args:
-        inducing: M, at most as many as the map has images.
+        inducing: M, at most the number of images in the map.
         placement: ``kmeans`` puts them at the centres of clusters of map poses in the kernel's own metric; ``every``
-            takes map poses at equal steps. With as many as images both take the map's poses.
-        seed: of the clustering.
+            takes map poses at equal steps. If M is the number of images, both take the map's poses.
+        seed: seed of the clustering.
 
     Raises:
         UserError: fewer than one inducing pose; an unknown placement.
@@ -59,7 +59,7 @@ class InducingRegression(FeatureRegression):
 
     @property
     def size(self) -> int:
-        """How many inducing poses there are."""
+        """The number of inducing poses."""
         return self.inducing
 
     def _fit(self) -> None:
@@ -74,7 +74,7 @@ class InducingRegression(FeatureRegression):
 
     @abstractmethod
     def _fit_posterior(self) -> None:
-        """Set ``weights`` and ``root``; the features are there."""
+        """Set ``weights`` and ``root``; the features are available."""
 
     def features_at(self, poses: Float64[Tensor, "n 3"]) -> Float64[Tensor, "n f"]:
         """See the module's equation."""
@@ -109,7 +109,7 @@ class InducingRegression(FeatureRegression):
 def inducing_poses(
     map: DescriptorMap, kernel: PoseKernel, inducing: int, placement: Placement = "kmeans", seed: int = 0
 ) -> Float64[Tensor, "m 3"]:
-    """Poses that stand for those of a map.
+    """Poses that represent those of a map.
 
     Raises:
         UserError: more inducing poses are asked for than the map has images.
@@ -131,10 +131,10 @@ def inducing_poses(
 
 
 def factor_of(kernel: PoseKernel, poses: Float64[Tensor, "m 3"]) -> Float64[Tensor, "m m"]:
-    """The lower factor of the poses' covariance, with as little jitter as makes it possible.
+    """The lower Cholesky factor of the poses' covariance, with as little jitter as it needs.
 
     Raises:
-        UserError: no jitter that is small against the signal's variance does.
+        UserError: no jitter that is small against the signal's variance is enough.
     """
     covariance = kernel(poses, poses)
     for jitter in JITTER:

@@ -1,4 +1,4 @@
-"""The nearest image of many poses, by square cells on the ground: few jumps in memory, which is what a tree costs."""
+"""Search for the nearest image of many poses by square cells on the ground, with fewer jumps in memory than a tree."""
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -6,18 +6,18 @@ from numpy import ndarray
 
 from sextant.localization.observation._cache_kernels import compiled
 
-#: Images in a cell that is not empty, on average: cells are made smaller down to that.
+#: Average number of images in an occupied cell down to which cells are halved.
 IMAGES_A_CELL = 16
-#: Cells for each image, at most.
+#: Largest number of cells for each image.
 CELLS_AN_IMAGE = 4
-#: Rings of cells around a pose that are considered; poses farther from the map are left to a tree.
+#: Rings of cells searched around a pose; poses farther from the map are left to a tree.
 RINGS = 6
-#: What a pose gets whose nearest image is farther.
+#: Result for a pose whose nearest image is farther away.
 NOT_FOUND = -1
 
 
 class PlaceGrid:
-    """Images sorted by the cell in which they lie; columns 0 and 1 of the features are the ground."""
+    """Images sorted by the cell in which they lie; columns 0 and 1 of the features span the ground."""
 
     def __init__(self, features: Float64[ndarray, "n 4"]):
         self.corner = features[:, :2].min(axis=0)
@@ -30,14 +30,14 @@ class PlaceGrid:
         self.starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(counts)])
 
     def nearest(self, features: Float64[ndarray, "m 4"]) -> Int64[ndarray, " m"]:
-        """The row of the image with the nearest features, or ``NOT_FOUND`` far from the map and for what is nan."""
+        """The row of the image with the nearest features; ``NOT_FOUND`` far from the map and for nan."""
         found = np.empty(len(features), np.int64)
         search(features, self.corner, self.side, *self.shape, self.starts, self.features, self.rows, found)
         return found
 
 
 def _cells(places: ndarray, extent: ndarray) -> tuple[float, tuple[int, int]]:
-    """Side of the cells, and how many in x and y."""
+    """Side of the cells, and their number in x and y."""
     side = float(extent.max()) or 1.0
     shape = (1, 1)
     while True:
@@ -57,7 +57,7 @@ def _cell_of(places: ndarray, side: float, shape: tuple[int, int]) -> ndarray:
 
 @compiled
 def search(queries, corner, side, columns, lines, starts, features, rows, found):  # type: ignore[no-untyped-def]
-    """Look in the square of 3 by 3 cells, then in ring after ring until what is left is farther than the best."""
+    """Search the square of 3 by 3 cells, then ring after ring until all that is left is farther than the best."""
     for query in range(len(queries)):
         found[query] = NOT_FOUND
         x, y = (queries[query, 0] - corner[0]) / side, (queries[query, 1] - corner[1]) / side
@@ -84,7 +84,7 @@ def search(queries, corner, side, columns, lines, starts, features, rows, found)
                         square = a * a + b * b + c * c + d * d
                         if square < best:
                             best, at = square, rows[image]
-            # the square that was looked at reaches at least this far from the pose
+            # the square searched so far extends at least this far from the pose
             reach = side * (ring + min(x - column, column + 1 - x, y - line, line + 1 - y))
             if best <= reach * reach:
                 found[query] = at

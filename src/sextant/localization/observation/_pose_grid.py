@@ -1,9 +1,9 @@
 r"""A regular grid over poses, cubic interpolation from it, and products with the kernel on it.
 
-The RBF kernel on positions and the heading's factor are one product over the dimensions, so on a grid
-:math:`K_G = s_f^2\, K_x \otimes K_y \otimes K_\theta`. The heading's axis is the circle, divided evenly: its weights
-wrap, and :math:`K_\theta` is a circulant of a kernel that is positive definite on the circle. A grid over
-(cos θ, sin θ) would spend a dimension more, 256 weights a pose instead of 64, on points off the circle; one over an
+The RBF kernel on positions and the factor of the heading form a product over the dimensions, so on a grid
+:math:`K_G = s_f^2\, K_x \otimes K_y \otimes K_\theta`. The axis of the heading is the evenly divided circle: its
+weights wrap, and :math:`K_\theta` is a circulant of a kernel that is positive definite on the circle. A grid over
+(cos θ, sin θ) would spend another dimension, 256 weights a pose instead of 64, on points off the circle; one over an
 interval of angles would break at its ends. A dimension in which the map does not vary gets no axis: its factor
 :math:`k_d(x_d, x_d^{map})` is the same for every image of the map, and so is kept exact.
 
@@ -24,13 +24,13 @@ from torch import Tensor
 
 from sextant.localization.pose_kernel import PoseKernel
 
-#: Lengths that the grid goes beyond the map: there the kernel has fallen to 1 %.
+#: Kernel lengths by which the grid extends beyond the map: there the kernel has fallen to 1 %.
 MARGIN = 3.0
 #: A dimension whose extent is below this share of its length does not vary.
 FLAT = 1e-9
-#: Fewest divisions of the circle: four weights on different nodes, and one to spare.
+#: Smallest number of divisions of the circle: four weights on different nodes, and one to spare.
 LEAST_AROUND = 5
-#: Nodes up to which an axis' matrix is made.
+#: Number of nodes up to which the matrix of an axis is built.
 DENSE = 1024
 
 
@@ -39,11 +39,11 @@ class Axis:
     """Evenly spaced nodes in one dimension of the pose.
 
     Attributes:
-        dimension: 0, 1 or 2, of x, y, heading.
-        start: the first node.
-        step: from node to node.
-        nodes: how many.
-        kernel: of poses, whose factor in this dimension holds.
+        dimension: 0, 1 or 2 for x, y or heading.
+        start: value of the first node.
+        step: distance from node to node.
+        nodes: number of nodes.
+        kernel: kernel over poses, whose factor in this dimension is used.
     """
 
     dimension: int
@@ -59,13 +59,13 @@ class Axis:
 
     @cached_property
     def column(self) -> Float64[Tensor, " g"]:
-        """The factor between the first node and all: the matrix of all pairs is the symmetric Toeplitz one of it."""
+        """The factor between the first node and all, the first column of the symmetric Toeplitz matrix of all pairs."""
         return factor_of_dimension(
             self.step * torch.arange(self.nodes, dtype=torch.float64), self.dimension, self.kernel
         )
 
     def times_kernel(self, columns: Float64[Tensor, "g c"]) -> Float64[Tensor, "g c"]:
-        """The matrix times some columns: as such if it is small, else by Fourier transforms."""
+        """The matrix times some columns: directly if it is small, otherwise by Fourier transforms."""
         if self.nodes > DENSE:
             product: Tensor = sym_toeplitz_matmul(self.column, columns)
             return product
@@ -77,14 +77,14 @@ class Axis:
         return self.column[(apart[:, None] - apart).abs()]
 
     def interpolated_variance(self, weights: Float64[ndarray, "n 4"]) -> Float64[ndarray, " n"]:
-        """What interpolation makes of the factor between a value and itself, which is 1."""
+        """The interpolated factor between a value and itself, whose exact value is 1."""
         apart = np.arange(4)
         local = self.column.numpy()[np.abs(apart[:, None] - apart)]
         variance: ndarray = np.einsum("ni,ij,nj->n", weights, local, weights)
         return variance
 
     def interpolation(self, values: Float64[ndarray, " n"]) -> tuple[ndarray, ndarray, ndarray]:
-        """The four nodes about each value, their weights, and whether the value lies within the axis."""
+        """The four nodes around each value, their weights, and whether the value lies within the axis."""
         along = (values - self.start) / self.step
         before = np.floor(along)
         near = before[:, None].astype(np.int64) + np.arange(-1, 3)
@@ -119,13 +119,13 @@ class PoseGrid:
 
     @property
     def nodes(self) -> int:
-        """Of the whole grid; 1 if the map is a single pose."""
+        """The number of nodes of the whole grid; 1 if the map is a single pose."""
         return math.prod(axis.nodes for axis in self.axes)
 
     def interpolation(self, poses: Float64[Tensor, "n 3"]) -> tuple[csr_array, Float64[Tensor, " n"]]:
-        r"""Weights W of shape (n, nodes), and the prior variance :math:`w^\top K_G w` that they make of a pose's.
+        r"""Weights W of shape (n, nodes), and the prior variance :math:`w^\top K_G w` of each pose that they imply.
 
-        For dimensions without an axis W holds their exact factor. Poses beyond the grid have weights zero and the
+        For dimensions without an axis W holds their exact factor. Poses beyond the grid have zero weights and the
         kernel's own variance.
         """
         n = len(poses)
@@ -162,7 +162,7 @@ class PoseGrid:
 
 
 def factor_of_dimension(difference: Float64[Tensor, " n"], dimension: int, kernel: PoseKernel) -> Float64[Tensor, " n"]:
-    """The factor of an RBF kernel that belongs to one dimension of the pose, without the signal's variance."""
+    """The factor of an RBF kernel for one dimension of the pose, without the signal variance."""
     if dimension == 2:
         return torch.exp((difference.cos() - 1) / kernel.heading_length**2)
     return torch.exp(-0.5 * (difference / kernel.length[dimension]).square())
@@ -184,7 +184,7 @@ def _circle(kernel: PoseKernel, spacing: float) -> Axis:
 
 
 def _keys(distance: ndarray) -> ndarray:
-    """Keys' cubic, of a distance in [0, 2] in steps."""
+    """Keys' cubic kernel, for a distance in [0, 2] in steps."""
     near = (1.5 * distance - 2.5) * distance**2 + 1
     far = ((-0.5 * distance + 2.5) * distance - 4) * distance + 2
     weights: ndarray = np.where(distance <= 1, near, far)

@@ -1,4 +1,4 @@
-"""The neighbours of the images of one tile of a map, from that tile and a halo around it: no search over the map."""
+"""Neighbours of the images of one tile of a map, found in that tile and a halo around it, not in the whole map."""
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from torch import Tensor
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.pose_kernel import PoseKernel
 
-#: rounding of distances, relative
+#: margin for the rounding of distances, both relative and absolute
 SLACK = 1e-9
 
 
@@ -18,10 +18,10 @@ class Tiles:
     """Runs of consecutive images of a map, and the box of each on the ground in lengths of the kernel.
 
     Args:
-        poses: of the map, best in spatial order; may be a mapped file.
-        kernel: whose features are compared.
-        size: images of a tile; a last one that would have less than ``least`` belongs to the one before.
-        least: of any tile.
+        poses: poses of the map, best in spatial order; may be a mapped file.
+        kernel: kernel whose features are compared.
+        size: number of images in a tile; a last tile with fewer than ``least`` is merged into the one before.
+        least: smallest number of images in a tile.
     """
 
     def __init__(self, poses: Float64[Tensor, "n 3"], kernel: PoseKernel, size: int, least: int):
@@ -42,7 +42,7 @@ class Tiles:
     def neighbours(self, tile: int, k: int) -> Int64[Tensor, "m k"]:
         """The k nearest images of the whole map to each image of a tile, nearest first.
 
-        The k nearest within the tile bound how far the k nearest of all are; the halo is as wide as the widest of
+        The k nearest within the tile bound the distance of the k nearest of all. The halo is as wide as the widest of
         these bounds, so that nothing beyond it can be nearer.
         """
         own = self.rows(tile)

@@ -1,18 +1,18 @@
-r"""The local Gaussian process with everything but the pose prepared: no solve and no descriptor per pose.
+r"""The local Gaussian process with all that does not depend on the pose precomputed: no solve, no descriptor per pose.
 
 All poses whose nearest image is i use the neighbourhood N of i, with :math:`L L^T = K_{NN} + s_n^2 I` and the centred
-descriptors :math:`Y_c`. Prepared are :math:`L^{-1}` and :math:`M = L^{-1} Y_c Y_c^T L^{-T}`; an observation z costs one
-product of a matrix with a vector, :math:`Y z_c`, and then each pose ``O(k^2)``:
+descriptors :math:`Y_c`. :math:`L^{-1}` and :math:`M = L^{-1} Y_c Y_c^T L^{-T}` are precomputed. An observation z then
+costs one product of a matrix with a vector, :math:`Y z_c`, and each pose ``O(k^2)``:
 
 .. math:: v = L^{-1} k_N, \quad \|z - \mu(x)\|^2 = \|z_c\|^2 - 2 v^T L^{-1} (Y_c z_c)_N + v^T M v, \quad
    s^2(x) = s_f^2 - \|v\|^2 + s_n^2.
 
-It equals :class:`~sextant.localization.observation.local_gp.LocalGP` with ``neighbourhood="nearest_image"`` but for
-rounding. Memory besides the map is ``n (4 k^2 + 12 k + 24)`` bytes, 213 MB for 172,000 images and k = 16; with less
-noise than 1/1000 of the signal, when :math:`L^{-1}` are kept in float64, ``n (6 k^2 + 14 k + 24)`` bytes; searching
-takes some 120 bytes an image more.
+Up to rounding it equals :class:`~sextant.localization.observation.local_gp.LocalGP` with
+``neighbourhood="nearest_image"``. Besides the map it takes ``n (4 k^2 + 12 k + 24)`` bytes of memory, 213 MB for
+172,000 images and k = 16. If the noise is below 1/1000 of the signal, :math:`L^{-1}` is kept in float64, which takes
+``n (6 k^2 + 14 k + 24)`` bytes. Searching takes some 120 bytes more for each image.
 
-Source: all observations at the m nearest images' neighbourhoods weigh as experts in Y. Cao, D. J. Fleet, "Generalized
+Source: the neighbourhoods of the m nearest images are weighted as experts, as in Y. Cao, D. J. Fleet, "Generalized
 product of experts for automatic and principled fusion of Gaussian process predictions", 2014.
 """
 
@@ -43,26 +43,26 @@ from sextant.reporter import Advance
 MapEvidence = Literal["image", "mean"]
 MAP_EVIDENCE: tuple[MapEvidence, ...] = ("image", "mean")
 _SPATIAL = {"rbf": machine.RBF, "matern32": machine.MATERN32, "matern52": machine.MATERN52}
-#: Values of gathered descriptors that are held at a time: 16 MiB in float32.
+#: Gathered descriptor values that are held at a time: 16 MiB in float32.
 ENTRIES = 2**22
 
 
 class CachedLocalGP(ObservationModel):
-    """The local process for large maps and many poses.
+    """The local Gaussian process for large maps and many poses.
 
     Args:
-        neighbours: k.
-        blend: m; with 2 or more the log-likelihood is a weighted mean of those by the m nearest images' neighbourhoods,
-            :func:`~sextant.localization.observation.blending.blending_weights`, and continuous over poses; with 1 it
-            jumps where another image becomes the nearest. (A mixture, a mean of likelihoods, is continuous too but as
-            steep as a jump, where a neighbourhood with a share of next to nothing explains the image far better.)
-        map_evidence: what the likelihood over the map compares with: ``image``: the image of the map itself, for free;
-            ``mean``: what is predicted at its pose, which is what poses are compared with, at about the cost of
-            another product of the map with a vector.
-        tile: images of the map, one after the other, that an observation is compared with together, once poses ask for
-            one of them: of a mapped map larger than memory, in
+        neighbours: k, the number of neighbours.
+        blend: m. With 2 or more, the log-likelihood is a weighted mean over the neighbourhoods of the m nearest images
+            (:func:`~sextant.localization.observation.blending.blending_weights`) and continuous over poses. With 1 it
+            jumps where another image becomes the nearest. (A mixture, a mean of likelihoods, is continuous too, but as
+            steep as a jump where a neighbourhood with next to no share explains the image far better.)
+        map_evidence: what the likelihood over the map compares an observation with. ``image``: the map image itself, at
+            no cost. ``mean``: the prediction at its pose, as for other poses, at about the cost of another product of
+            the map with a vector.
+        tile: number of consecutive map images that an observation is compared with together, once poses ask for one of
+            them. Of a mapped map larger than memory, in
             :func:`~sextant.localization.spatial_order.spatial_order`, only these are read. None: all at once, which is
-            quickest in memory. The likelihood over the map asks for all.
+            fastest in memory. The likelihood over the map asks for all.
 
     Example:
         >>> from sextant.localization.observation import LocalGP
@@ -92,14 +92,14 @@ class CachedLocalGP(ObservationModel):
         """Prepare all neighbourhoods, a block of images at a time.
 
         Args:
-            map: its descriptors may be a mapped file larger than memory, best in
+            map: the map, whose descriptors may be a mapped file larger than memory, best in
                 :func:`~sextant.localization.spatial_order.spatial_order`.
-            kernel: with its hyper-parameters.
-            folder: where the caches are written, and mapped from; without it they are kept in memory.
-            progress: called with the number of images done, and of all.
+            kernel: the kernel with its hyper-parameters.
+            folder: where the caches are written and mapped from; without it they are kept in memory.
+            progress: called with the number of images done and of all.
 
         Raises:
-            UserError: ``neighbours`` or ``blend`` is not a number of images that the map has, or the covariance of
+            UserError: ``neighbours`` or ``blend`` is not between 1 and the number of map images, or the covariance of
                 neighbours is not positive definite.
             OSError: the folder cannot be written.
         """
@@ -122,7 +122,7 @@ class CachedLocalGP(ObservationModel):
         self._terms: tuple[Likelihood, Tensor, Tensor] | None = None
 
     def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
-        """See :class:`ObservationModel`; of a blend the Gaussian that is proportional to the product."""
+        """See :class:`ObservationModel`; for a blend, the Gaussian proportional to the product of experts."""
         images, shares = self._near(poses)
         mean, variance = self._predict(poses.repeat_interleave(self.blend, dim=0), images.flatten())
         if self.blend == 1:
@@ -152,7 +152,7 @@ class CachedLocalGP(ObservationModel):
         return _SPATIAL[self.kernel.spatial], self.kernel.signal_variance
 
     def _near(self, poses: Tensor) -> tuple[Tensor, Tensor]:
-        """The ``blend`` nearest images and their shares."""
+        """The ``blend`` nearest images and their weights."""
         if self.blend == 1:
             return self.neighbourhoods.nearest(poses)[:, None], torch.ones(len(poses), 1, dtype=torch.float64)
         nearest = self.neighbourhoods.of_poses(poses, min(self.blend + 1, len(self.map)))
@@ -172,7 +172,7 @@ class CachedLocalGP(ObservationModel):
         r"""Level and slope of the log-likelihood over the map, which is affine in the squared distance if Gaussian.
 
         With :math:`\|z - y_i\|^2 = c + \|y_i - m\|^2 - 2 s_i`, it is ``level + slope (2 s - c)``. The variances of the
-        map do not change, so their logarithms are computed once for a likelihood.
+        map do not change, so their logarithms are computed once for each likelihood.
         """
         if self._terms is None or self._terms[0] != likelihood:
             variances, norms = torch.from_numpy(self.caches.variances), torch.from_numpy(self._map_norms)
@@ -195,7 +195,7 @@ class CachedLocalGP(ObservationModel):
 
 
 class CachedEvidence(Evidence):
-    """One observation in each of r runs, by its products with descriptors of the map: of all, or tile by tile.
+    """One observation in each of r runs, compared with the map's descriptors by products: with all, or tile by tile.
 
     Attributes:
         unread: tiles of the map that no pose has asked for yet.
@@ -215,7 +215,7 @@ class CachedEvidence(Evidence):
         self.norms = centred.double().square().sum(dim=1)
 
     def under(self, model: CachedLocalGP) -> "CachedEvidence":
-        """The same observations under another kernel; how they compare with the images of the map is shared."""
+        """The same observations under another kernel; their products with the images of the map are shared."""
         other = copy(self)
         other.model = model
         return other
@@ -270,12 +270,12 @@ class CachedEvidence(Evidence):
         return self._over_map(levels.numpy(), slopes.numpy())
 
     def squared_over_map(self) -> Float64[Tensor, "r n"]:
-        """Distances from the observation to the images of the map, or to what is predicted at their poses."""
+        """Squared distances from the observation to the images of the map, or to the predictions at their poses."""
         self._read(np.ones_like(self.unread))
         return self._over_map(self.model._map_norms, np.full(len(self.model.map), -1.0)).clamp_min_(0)
 
     def _over_map(self, levels: Float64[ndarray, " n"], slopes: Float64[ndarray, " n"]) -> Float64[Tensor, "r n"]:
-        r""":math:`\mathrm{level} + \mathrm{slope}\,(2 z_c^T m - \|z_c\|^2)`, m the image or what is predicted there."""
+        r""":math:`\mathrm{level} + \mathrm{slope}\,(2 z_c^T m - \|z_c\|^2)`, m the image or the prediction there."""
         caches, norms, offsets = self.model.caches, self.norms.numpy(), self.offsets.numpy()
         scores = np.empty(self.products.shape)
         if self.model.map_evidence == "image":
@@ -289,7 +289,7 @@ class CachedEvidence(Evidence):
 
 def _products(rows: Float32[ndarray, "n d"], centred: Float32[ndarray, "r d"]) -> Float32[ndarray, "r n"]:
     # NumPy's products with tall matrices are several times faster than torch's where it is built without OpenBLAS
-    with np.errstate(invalid="ignore", over="ignore"):  # an image that is nan has nothing to tell, and that is all
+    with np.errstate(invalid="ignore", over="ignore"):  # an image that is nan only says nothing
         if len(centred) == 1:
             return np.asarray(rows @ centred[0], np.float32)[None]
         return np.asarray(centred @ rows.T, np.float32)

@@ -9,13 +9,13 @@ from torch import Tensor
 class Evidence(ABC):
     """Log-likelihoods of one observation in each of r runs, such as an image or a laser scan.
 
-    Values are in nats, and comparable between all poses of a run, whichever method they come from. What an observation
-    costs once, whatever the number of poses, is computed when the evidence is made.
+    Values are in nats and comparable between all poses of a run, whichever method they come from. Everything that does
+    not depend on the poses is computed once, when the evidence is made.
     """
 
     @abstractmethod
     def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
-        """The log-likelihood of each run's observation at poses of its own."""
+        """The log-likelihood of each run's observation at that run's poses."""
 
     @abstractmethod
     def over_map(self) -> Float64[Tensor, "r n"]:
@@ -23,10 +23,10 @@ class Evidence(ABC):
 
 
 class EvidenceOfSome(Evidence):
-    """Evidence where only some of r runs look: in the others all poses are as likely, and nothing is computed.
+    """Evidence of some of r runs: in the others all poses are equally likely, and nothing is computed.
 
     Args:
-        evidence: of the runs that look.
+        evidence: evidence of the runs that have an observation.
         looked: which of the r runs these are.
 
     Example:

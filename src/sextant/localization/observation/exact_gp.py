@@ -1,4 +1,4 @@
-r"""Gaussian-process regression from poses to descriptors without approximation.
+r"""Exact Gaussian-process regression from poses to descriptors.
 
 All D dimensions share one covariance, so one Cholesky factor :math:`L L^T = K + s_n^2 I` serves them all:
 
@@ -28,10 +28,11 @@ ENTRIES = 2**22
 
 
 class ExactGP(ObservationModel):
-    """The posterior given the whole map: cubic in its images, and the yardstick of all other models.
+    """The posterior given the whole map: cubic in the number of images, and the reference for all other models.
 
     Args:
-        max_images: of a map; beyond it the ``16 n^2`` bytes and ``n^3 / 3`` operations of fitting are refused.
+        max_images: largest number of images n in a map. Beyond it fitting, which takes ``16 n^2`` bytes and ``n^3 / 3``
+            operations, is refused.
 
     Example:
         >>> from sextant.localization.descriptor_map import DescriptorMap
@@ -57,7 +58,7 @@ class ExactGP(ObservationModel):
             )
         factor = noisy_factor(self.kernel(self.map.poses, self.map.poses), self.kernel.noise_variance)
         self.weights = torch.cholesky_solve(self._centred(), factor).contiguous()
-        self.factor = factor.contiguous()  # as it will be loaded: another layout would round otherwise
+        self.factor = factor.contiguous()  # the layout in which it is loaded: another would round differently
 
     def _centred(self) -> Tensor:
         return (self.map.descriptors - self.map.mean).double()
@@ -73,7 +74,7 @@ class ExactGP(ObservationModel):
         return Prediction(torch.cat(means), torch.cat(variances))
 
     def log_marginal_likelihood(self) -> float:
-        """The log-density in nats of all descriptors of the map together."""
+        """The joint log-density of all descriptors of the map, in nats."""
         n, d = self.map.descriptors.shape
         fitted = (self._centred() * self.weights).sum()
         determinant = self.factor.diagonal().log().sum()

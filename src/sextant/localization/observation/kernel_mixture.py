@@ -1,17 +1,17 @@
-r"""The local process under several kernels, any of which may be right.
+r"""The local Gaussian process under several kernels, any of which may be right.
 
-A map whose images look into few directions does not show how alike the views between them are: of headings 45 degrees
-apart a kernel learns next to nothing about those in the middle, and is too unsure of them, or too sure. So the
-heading's length is not one but m, the learnt one times :math:`c_1, \dots, c_m`, each as likely as another, and the
-likelihood of an image is the mean over them:
+A map whose images look in few directions does not show how alike the views between them are. From headings 45 degrees
+apart, a kernel learns next to nothing about those in the middle, and is too sure or too unsure of them. So the heading
+has m length scales, the learnt one times :math:`c_1, \dots, c_m`, all equally likely. The likelihood of an image is the
+mean over them:
 
 .. math:: l(z \mid x) = \log \tfrac1m \sum_{j=1}^m e^{l_j(z \mid x)}.
 
-At the poses of the map's own images the kernels nearly agree, and the first speaks for all: there the mixture is at
-least that less log m.
+At the poses of the map's own images the kernels nearly agree, and the first stands for all: there the log-likelihood of
+the mixture is at least that of the first minus log m.
 
-Source: a sum over hyper-parameters in place of the likeliest ones: C. E. Rasmussen, C. K. I. Williams, "Gaussian
-Processes for Machine Learning", 2006, section 5.2.
+Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, section 5.2, for a sum over
+hyper-parameters instead of the likeliest ones.
 """
 
 import math
@@ -32,20 +32,20 @@ from sextant.localization.pose_kernel import PoseKernel
 
 
 class KernelMixture(ObservationModel):
-    """:class:`CachedLocalGP` with the mean likelihood over several lengths of the heading.
+    """:class:`CachedLocalGP` with the mean likelihood over several length scales of the heading.
 
-    Memory besides the map is m times that of one. An observation is compared with the map's images once for all. What
-    is predicted at a pose, and so what appearance noise is fitted to, is a Gaussian with the mixture's mean and
-    variance.
+    Besides the map it takes m times the memory of one model. An observation is compared with the map's images once for
+    all of them. The prediction at a pose, to which appearance noise is fitted, is a Gaussian with the mixture's mean
+    and variance.
 
     Args:
-        neighbours: k, of each.
+        neighbours: k, the number of neighbours in each model.
         map_evidence: see :class:`CachedLocalGP`.
-        headings: c, what the kernel's length in the heading is multiplied by.
+        headings: c, the factors of the kernel's length in the heading.
 
     Raises:
-        UserError: there is no heading, or one that is not above 0.
-        ValueError: ``map_evidence`` is none.
+        UserError: there is no factor, or one that is not above 0.
+        ValueError: ``map_evidence`` is unknown.
 
     Example:
         >>> from sextant.localization.descriptor_map import DescriptorMap
@@ -79,14 +79,14 @@ class KernelMixture(ObservationModel):
         return [replace(self.kernel, heading_length=c * self.kernel.heading_length) for c in self.headings]
 
     def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
-        """The Gaussian of the mixture's mean and of its variance, averaged over the dimensions."""
+        """The Gaussian with the mixture's mean and its variance, averaged over dimensions."""
         of_parts = [part.predict(poses) for part in self.parts]
         means = torch.stack([one.mean for one in of_parts])
         mean, within = means.mean(0), torch.stack([one.variance for one in of_parts]).mean(0)
         return Prediction(mean, within + (means - mean).square().mean((0, 2)))
 
     def residuals_over_map(self, descriptors: Float32[Tensor, "r d"]) -> Residuals:
-        """See :class:`ObservationModel`; those of the first kernel."""
+        """See :class:`ObservationModel`; uses the first kernel."""
         return self.parts[0].residuals_over_map(descriptors)
 
     def observe(self, descriptors: Float32[Tensor, "r d"], likelihood: Likelihood) -> "MixtureEvidence":
@@ -115,5 +115,5 @@ class MixtureEvidence(Evidence):
         return torch.stack([part.log_likelihood(poses) for part in self.parts]).logsumexp(0) - math.log(len(self.parts))
 
     def over_map(self) -> Float64[Tensor, "r n"]:
-        """See :class:`Evidence`; that of the first model."""
+        """See :class:`Evidence`; uses the first model."""
         return self.parts[0].over_map()

@@ -1,11 +1,11 @@
-r"""The observation likelihood of Xu, Sünderhauf and Milford: a sum over the nearest map images, no Gaussian process.
+r"""The observation likelihood of Xu, Sünderhauf and Milford: a sum over the nearest map images, not a Gaussian process.
 
 .. math:: g(x) = \sum_{j \in N_3(x)} e^{-\lambda_2 d(x, x_j)}\; e^{-\lambda_1 \|z - y_j\|}, \qquad
    d(x, x_j) = \|\Delta t\| + \omega\, |\Delta\theta|
 
-over the nearest map images by that same distance. :math:`\lambda_1 = \log\delta / (q_{.975} - q_{.025})`, of the
+over the nearest map images by that same distance. :math:`\lambda_1 = \log\delta / (q_{.975} - q_{.025})`, with the
 quantiles of the distances from the first query's descriptor to the map's: 95 % of the map span a factor δ in
-likelihood, which tempers it. It does not say how a descriptor is distributed, so :meth:`KernelSum.predict`, which the
+likelihood, which tempers it. This does not say how a descriptor is distributed, so :meth:`KernelSum.predict`, which the
 filter does not need, gives the neighbours' mean and variance under the weights of their poses.
 
 Source: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic visual place recognition for hierarchical localization", RA-L
@@ -34,18 +34,18 @@ QUANTILES = (0.025, 0.975)
 class KernelSum(ObservationModel):
     """A kernel sum over the nearest images.
 
-    Of the kernel only the noise variance is used, in :meth:`predict`; of the likelihood only the tempering, which
+    Only the noise variance of the kernel is used, in :meth:`predict`, and only the tempering of the likelihood, which
     multiplies log g.
 
     Args:
-        neighbours: images in the sum.
+        neighbours: number of images in the sum.
         pose_rate: λ2, per metre.
-        heading_weight: ω, metres that one radian is worth.
+        heading_weight: ω, the number of metres that one radian is worth.
         contrast: δ, above 1.
-        appearance_rate: λ1; computed from the first descriptor that is observed if none, and kept from then on.
+        appearance_rate: λ1; if None, it is computed from the first observed descriptor and kept from then on.
 
     Raises:
-        UserError: a number outside its range.
+        UserError: a number is outside its range.
 
     Example:
         >>> from sextant.localization.descriptor_map import DescriptorMap
@@ -92,18 +92,18 @@ class KernelSum(ObservationModel):
 
     def _points(self, poses: Tensor) -> ndarray:
         circle = 2 * math.pi
-        # the remainder of a tiny negative angle rounds to 2 pi, which the periodic tree refuses
+        # the remainder of a tiny negative angle rounds to 2 pi, which the periodic tree rejects
         around = torch.remainder(poses[:, 2:], circle)
         around = torch.where(around >= circle, 0.0, around)
         points: ndarray = torch.cat([poses[:, :2], around * self.heading_weight], dim=1).numpy()
         return points
 
     def nearest(self, poses: Float64[Tensor, "n 3"]) -> tuple[Int64[Tensor, "n k"], Float64[Tensor, "n k"]]:
-        r"""The nearest map images by d, nearest first, and their d: exact.
+        r"""The exact nearest map images by d, nearest first, and their distances d.
 
-        The tree knows the Euclidean distance :math:`e = \sqrt{\|\Delta t\|^2 + \omega^2 \Delta\theta^2}`, and
-        :math:`e \le d \le \sqrt2 e`: once the k-th best d among the nearest by e is at most the largest e among them,
-        no other image can be nearer. Where it is not, twice as many are considered.
+        The tree uses the Euclidean distance :math:`e = \sqrt{\|\Delta t\|^2 + \omega^2 \Delta\theta^2}`, with
+        :math:`e \le d \le \sqrt2 e`. Once the k-th best d among the nearest by e is at most the largest e among them,
+        no other image can be nearer. Until then, twice as many are considered.
         """
         images = torch.empty(len(poses), self.neighbours, dtype=torch.int64)
         far = torch.empty(len(poses), self.neighbours, dtype=torch.float64)
@@ -122,13 +122,13 @@ class KernelSum(ObservationModel):
         return images, far
 
     def nearest_of_map(self) -> tuple[Int64[Tensor, "n k"], Float64[Tensor, "n k"]]:
-        """:meth:`nearest` of the map's own poses, looked up once."""
+        """:meth:`nearest` of the map's own poses, computed once."""
         if self._over_map is None:
             self._over_map = self.nearest(self.map.poses)
         return self._over_map
 
     def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
-        """The neighbours' mean under the weights of their poses; their variance about it, plus the noise variance."""
+        """The neighbours' mean under the weights of their poses, and their variance about it plus that of the noise."""
         images, distance = self.nearest(poses)
         weights = torch.softmax(-self.pose_rate * distance, dim=1)
         descriptors = self.map.descriptors[images].double()
@@ -142,13 +142,13 @@ class KernelSum(ObservationModel):
         return KernelSumEvidence(self, self._distances(descriptors), likelihood.tempering)
 
     def rate(self, distances: Float64[Tensor, "r n"]) -> float:
-        """λ1, from the first row of distances to the map if it is not known yet; nan if there is none."""
+        """λ1; if it is not known yet, it is found from the first finite row of distances to the map, else it is nan."""
         if self._rate is None:
             first = next((row for row in distances if torch.isfinite(row).all()), None)
             if first is None:
                 return math.nan
             low, high = np.quantile(first.numpy(), QUANTILES)
-            # a map whose images are all as far says nothing of places: any rate is as good
+            # if all images of the map are equally far, they do not tell places apart, and any rate will do
             self._rate = math.log(self.contrast) / (high - low) if high > low else 0.0
         return self._rate
 
@@ -157,7 +157,7 @@ class KernelSum(ObservationModel):
         return torch.stack(rows).double()
 
     def state(self) -> dict[str, Tensor]:
-        """λ1, nan while it is not known."""
+        """λ1; nan while it is not known."""
         rate = math.nan if self._rate is None else self._rate
         return {"appearance_rate": torch.tensor([rate], dtype=torch.float64)}
 
@@ -168,7 +168,7 @@ class KernelSum(ObservationModel):
 
 
 class KernelSumEvidence(Evidence):
-    """Log g of one query a run."""
+    """Log g of one query in each run."""
 
     def __init__(self, model: KernelSum, distances: Float64[Tensor, "r n"], tempering: float):
         self.model, self.tempering = model, tempering

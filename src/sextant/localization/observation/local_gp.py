@@ -1,16 +1,16 @@
-r"""Gaussian-process regression with the k nearest images of the map only.
+r"""Gaussian-process regression on only the k nearest images of the map.
 
 For a pose x with neighbours N, k of them:
 
 .. math:: w = (K_{NN} + s_n^2 I)^{-1} k_N, \quad \mu(x) = m + \sum_{j \in N} w_j (y_j - m), \quad
    s^2(x) = s_f^2 - k_N^T w + s_n^2.
 
-It is the exact posterior given these images, so it is calibrated, and surer of nothing than the exact one. The set N
-changes as x moves, and with it mean and variance jump a little.
+This is the exact posterior given these images, so it is calibrated and never surer than the exact one. The set N
+changes as x moves, and mean and variance jump a little with it.
 
-Source: A. V. Vecchia, "Estimation and model identification for continuous spatial processes", J. R. Stat. Soc. B 50,
-1988; for localization in a city M. Lopez-Antequera, N. Petkov, J. Gonzalez-Jimenez, "City-scale continuous visual
-localization", ECMR 2017, in the reading of the public code AppearanceSeqMCL.
+Sources: A. V. Vecchia, "Estimation and model identification for continuous spatial processes", J. R. Stat. Soc. B 50,
+1988; for localization in a city, M. Lopez-Antequera, N. Petkov, J. Gonzalez-Jimenez, "City-scale continuous visual
+localization", ECMR 2017, as read by the public code AppearanceSeqMCL.
 """
 
 from typing import Literal
@@ -26,17 +26,17 @@ from sextant.localization.observation.prediction import Prediction
 
 Neighbourhood = Literal["own", "nearest_image"]
 NEIGHBOURHOODS: tuple[Neighbourhood, ...] = ("own", "nearest_image")
-#: Values of gathered descriptors and covariances that are held at a time: 16 MiB in float32.
+#: Gathered descriptor and covariance values that are held at a time: 16 MiB in float32.
 ENTRIES = 2**22
 
 
 class LocalGP(ObservationModel):
-    """The posterior given the images near each pose, solved again for each: ``O(k^3 + k d)`` a pose.
+    """The posterior given the images near each pose, solved anew for each in ``O(k^3 + k d)``.
 
     Args:
-        neighbours: k.
-        neighbourhood: ``own``: the images nearest the pose; ``nearest_image``: those nearest the one image that is
-            nearest the pose, which are the same for all poses around it and so can be prepared: see
+        neighbours: k, the number of neighbours.
+        neighbourhood: ``own``: the images nearest to the pose. ``nearest_image``: those nearest to the image that is
+            nearest to the pose. These are the same for all poses around it and can be precomputed, as in
             :class:`~sextant.localization.observation.cached_local_gp.CachedLocalGP`.
 
     Example:
@@ -81,7 +81,7 @@ class LocalGP(ObservationModel):
         return self.neighbourhoods.of_images(self.neighbourhoods.nearest(poses), self.neighbours).rows
 
     def state(self) -> dict[str, Tensor]:
-        """Nothing: all is in the map, and the tree over its poses is made in a moment."""
+        """Nothing: everything is in the map, and the tree over its poses is quickly rebuilt."""
         return {}
 
     def _load(self, state: dict[str, Tensor]) -> None:

@@ -1,4 +1,4 @@
-"""Observation models: what the descriptor of an image at any pose will be, learned from images at known poses."""
+"""Observation models: predictions of the image descriptor at any pose, learned from images at known poses."""
 
 import inspect
 from abc import ABC, abstractmethod
@@ -15,24 +15,24 @@ from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.prediction import Prediction, Residuals
 from sextant.localization.pose_kernel import PoseKernel
 
-#: Poses whose means are held at a time: 8 MiB of 128 values in float64.
+#: Poses whose means are held at a time: 8 MiB for 128 values in float64.
 BLOCK = 8192
 
 
 class ObservationModel(ABC):
     """A Gaussian for the descriptor at any pose, with one variance for all its dimensions.
 
-    A subclass keeps the arguments of its constructor as attributes of the same names, which is how a saved model is
-    made again, and fits in :meth:`fit`; ``map`` and ``kernel`` are there from then on.
+    A subclass keeps the arguments of its constructor as attributes of the same names, so that a saved model can be
+    rebuilt. It is fitted in :meth:`fit`, after which ``map`` and ``kernel`` are set.
     """
 
     map: DescriptorMap
     kernel: PoseKernel
-    #: what is predicted at the map's own poses: means in float32 and variances; computed when it is first needed
+    #: predictions at the map's own poses, means in float32 and variances; computed when first needed
     _over_map: tuple[Tensor, Tensor] | None = None
 
     def fit(self, map: DescriptorMap, kernel: PoseKernel) -> Self:
-        """Learn the map; a model that was fitted before forgets what it knew.
+        """Fit the model to a map, replacing any earlier fit.
 
         Raises:
             UserError: the model cannot be fitted to this map or kernel.
@@ -40,14 +40,14 @@ class ObservationModel(ABC):
         self.map, self.kernel, self._over_map = map, kernel, None
         try:
             self._fit()
-        except ArgumentError as error:  # in which ``self.neighbours``, say, does not go with the map
+        except ArgumentError as error:  # an argument, such as ``self.neighbours``, does not suit the map
             error.of = type(self).__name__
             raise
         return self
 
     @abstractmethod
     def _fit(self) -> None:
-        """Work out from ``map`` and ``kernel`` what predictions need."""
+        """Compute what predictions need from ``map`` and ``kernel``."""
 
     @abstractmethod
     def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
@@ -55,10 +55,10 @@ class ObservationModel(ABC):
 
     @abstractmethod
     def state(self) -> dict[str, Tensor]:
-        """What was computed from the map: contiguous tensors by name, which :meth:`load_state` takes back."""
+        """What was computed from the map, as contiguous tensors by name; :meth:`load_state` takes it back."""
 
     def load_state(self, map: DescriptorMap, kernel: PoseKernel, state: dict[str, Tensor]) -> Self:
-        """Become the model that ``state`` was asked of; its tensors are kept, not copied, and may be mapped files.
+        """Restore a fitted model from its ``state``; the tensors are not copied and may be mapped files.
 
         Raises:
             ValueError: the state is not one of this class with these arguments.
@@ -69,14 +69,14 @@ class ObservationModel(ABC):
 
     @abstractmethod
     def _load(self, state: dict[str, Tensor]) -> None:
-        """Take back what :meth:`state` gave; ``map`` and ``kernel`` are set."""
+        """Take back the result of :meth:`state`; ``map`` and ``kernel`` are set."""
 
     def arguments(self) -> dict[str, Any]:
         """The constructor's arguments by name."""
         return {name: getattr(self, name) for name in inspect.signature(type(self)).parameters}
 
     def residuals(self, descriptors: Float32[Tensor, "r d"], poses: Float64[Tensor, "r p 3"]) -> Residuals:
-        """How far each run's descriptor is from the mean at its poses, without all means at once."""
+        """How far each run's descriptor is from the mean at its poses, without holding all means at once."""
         runs, particles, _ = poses.shape
         owner = torch.arange(runs).repeat_interleave(particles)
         squared, variance = [], []
@@ -100,7 +100,7 @@ class ObservationModel(ABC):
         """The evidence of the descriptors, one per run, about each run's pose. A descriptor with nan gives nan.
 
         Raises:
-            UserError: the descriptors have another dimension than the map's.
+            UserError: the descriptors have a different dimension from the map's.
         """
         self.check_dimension(descriptors)
         return GaussianEvidence(self, descriptors, likelihood)
@@ -116,7 +116,7 @@ class ObservationModel(ABC):
 
 
 class GaussianEvidence(Evidence):
-    """Evidence by the predicted mean and variance at every pose that is asked for."""
+    """Evidence from the predicted mean and variance at each requested pose."""
 
     def __init__(self, model: ObservationModel, descriptors: Float32[Tensor, "r d"], likelihood: Likelihood):
         self.model, self.descriptors, self.likelihood = model, descriptors, likelihood
@@ -137,7 +137,7 @@ def stored(state: dict[str, Tensor], name: str, shape: tuple[int, ...], dtype: t
     """The tensor of that name.
 
     Raises:
-        ValueError: it is not there, or has another shape or type.
+        ValueError: it is missing, or has a different shape or type.
     """
     if name not in state:
         raise ValueError(f"the state has no {name}")

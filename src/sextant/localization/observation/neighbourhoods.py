@@ -1,4 +1,4 @@
-"""Which images of the map are near a pose, by the covariance between them."""
+"""Search for the images of the map near a pose, by the covariance between them."""
 
 from dataclasses import dataclass
 
@@ -18,8 +18,8 @@ class Nearest:
     """The k nearest images of each of n poses, nearest first.
 
     Attributes:
-        rows: of the map.
-        squared: distances in the kernel's features.
+        rows: rows of the map.
+        squared: squared distances in the kernel's features.
     """
 
     rows: Int64[Tensor, "n k"]
@@ -27,17 +27,17 @@ class Nearest:
 
 
 class Neighbourhoods:
-    """Search among the kernel's features of the map's poses, :meth:`PoseKernel.features`: a k-d tree, and a grid.
+    """Search among the kernel's features of the map's poses, :meth:`PoseKernel.features`, by a k-d tree and a grid.
 
     Args:
-        poses: of the map.
-        kernel: whose features are compared.
+        poses: poses of the map.
+        kernel: kernel whose features are compared.
     """
 
     def __init__(self, poses: Float64[Tensor, "n 3"], kernel: PoseKernel):
         self.kernel = kernel
         self.features = kernel.features(poses).numpy()
-        # split in the middle, not at the median: a quarter quicker to search where many headings share a place
+        # split in the middle, not at the median: searching is a quarter faster where many headings share a place
         self._tree = cKDTree(self.features, leafsize=16, balanced_tree=False)
         self._grid = PlaceGrid(self.features)
 
@@ -45,7 +45,7 @@ class Neighbourhoods:
         return len(self.features)
 
     def nearest(self, poses: Float64[Tensor, "m 3"]) -> Int64[Tensor, " m"]:
-        """The row of the image nearest each pose; of equally near ones, any."""
+        """The row of the image nearest to each pose; any of those equally near."""
         features = self.kernel.features(poses).numpy()
         rows = self._grid.nearest(features)
         far = np.flatnonzero(rows == NOT_FOUND)
@@ -54,11 +54,11 @@ class Neighbourhoods:
         return torch.from_numpy(rows)
 
     def of_poses(self, poses: Float64[Tensor, "m 3"], k: int) -> Nearest:
-        """The k images nearest each pose."""
+        """The k images nearest to each pose."""
         return self._query(self.kernel.features(poses).numpy(), k)
 
     def of_images(self, rows: Int64[Tensor, " m"], k: int) -> Nearest:
-        """The k images nearest each of these images of the map, itself among them."""
+        """The k images nearest to each of these images of the map, itself included."""
         return self._query(self.features[rows.numpy()], k)
 
     def _query(self, features: np.ndarray, k: int) -> Nearest:
@@ -67,7 +67,7 @@ class Neighbourhoods:
 
 
 def check_neighbours(neighbours: int, images: int) -> None:
-    """Raise a UserError unless ``neighbours`` is a number of images that the map has."""
+    """Raise a UserError unless ``neighbours`` is between 1 and the number of map images."""
     if not 1 <= neighbours <= images:
         raise ArgumentError(
             f"neighbours={neighbours} must be in [1, {images}], the number of images in the map",

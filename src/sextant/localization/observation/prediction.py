@@ -1,4 +1,4 @@
-"""What a map lets one expect of an image."""
+"""What a map predicts of an image."""
 
 from dataclasses import dataclass
 
@@ -11,8 +11,8 @@ class Prediction:
     """A Gaussian for the descriptor of an image at each of n poses, with the same variance in all dimensions.
 
     Attributes:
-        mean: of the descriptor.
-        variance: of one of its dimensions about the mean, observation noise included.
+        mean: mean of the descriptor.
+        variance: variance of each of its dimensions about the mean, observation noise included.
     """
 
     mean: Float64[Tensor, "n d"]
@@ -21,11 +21,11 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Residuals:
-    """How far observed descriptors are from the predicted ones, and how far they may be.
+    """How far observed descriptors are from the predicted ones, and how far they are expected to be.
 
     Attributes:
-        squared: distance between descriptor and predicted mean.
-        variance: predicted, of one dimension, observation noise included.
+        squared: squared distance between descriptor and predicted mean.
+        variance: predicted variance of one dimension, observation noise included.
     """
 
     squared: Float64[Tensor, "r p"]

@@ -1,4 +1,4 @@
-r"""Random Fourier features: the kernel as a mean of waves of random frequencies, and a linear regression on them.
+r"""Random Fourier features: the kernel as a mean of waves of random frequencies, and linear regression on them.
 
 .. math:: k(x, x') \approx \phi(x)^\top \phi(x'), \qquad
    \phi(x) = s_f \sqrt{\tfrac 2R}\, \big[\cos(\omega_j^\top u),\ \sin(\omega_j^\top u)\big]_{j \le R/2}, \qquad
@@ -7,10 +7,10 @@ r"""Random Fourier features: the kernel as a mean of waves of random frequencies
 The frequencies are drawn from the kernel's spectral density: for positions the normal distribution of variance
 :math:`1/\ell^2` (RBF), or the t distribution of two dimensions with 2ν degrees of freedom (Matérn of smoothness ν); for
 the circle the normal one of variance :math:`1/\ell_\theta^2`, as the factor of the heading is an RBF of its chord. With
-cosine and sine in pairs :math:`\phi^\top\phi = s_f^2` exactly, and the error of k falls as :math:`1/\sqrt R`.
+cosine and sine in pairs, :math:`\phi^\top\phi = s_f^2` exactly, and the error of k falls as :math:`1/\sqrt R`.
 
-A known weakness: with fewer features than the data have directions the posterior variance is too small far from the
-map, because R waves, once pinned there, are pinned everywhere.
+A known weakness: with fewer features than the data have directions, the posterior variance is too small far from the
+map, because R waves that are pinned on the map are pinned everywhere.
 
 Sources: A. Rahimi and B. Recht, "Random features for large-scale kernel machines", NeurIPS 2007; D. J. Sutherland and
 J. Schneider, "On the error of random Fourier features", UAI 2015, for the pairs.
@@ -35,8 +35,8 @@ class RandomFeatures(FeatureRegression):
     """Bayesian linear regression on random Fourier features.
 
     Args:
-        features: R, an even number.
-        seed: of the frequencies.
+        features: R, the number of features, which is even.
+        seed: seed of the frequencies.
 
     Raises:
         UserError: the number of features is odd or below 2.
@@ -62,7 +62,7 @@ class RandomFeatures(FeatureRegression):
 
     @property
     def size(self) -> int:
-        """How many features there are."""
+        """The number of features."""
         return self.features
 
     def _fit(self) -> None:
@@ -94,7 +94,7 @@ def spectral_frequencies(kernel: PoseKernel, number: int, generator: Generator) 
     waves = torch.randn(4, number, generator=generator, dtype=torch.float64)
     if kernel.spatial != "rbf":
         dof = DOF[kernel.spatial]
-        # a t variate is a normal one over the root of a mean of squares; one divisor for x and y together
+        # a t variate is a normal one over the root of a mean of squares; x and y share one divisor
         squares = torch.randn(dof, number, generator=generator, dtype=torch.float64).square().mean(0)
         waves[:2] /= squares.sqrt()
     scale = torch.tensor([*kernel.length, kernel.heading_length, kernel.heading_length], dtype=torch.float64)

@@ -1,11 +1,11 @@
-r"""Sparse Gaussian process regression: the best summary of a map at M inducing poses, in closed form.
+r"""Sparse Gaussian process regression: the optimal summary of a map at M inducing poses, in closed form.
 
 .. math:: \Lambda = I + L_{uu}^{-1} K_{uf} K_{fu} L_{uu}^{-\top} / s_n^2, \qquad
    \log p(Y) \ge \log N(\bar Y;\, 0,\, Q_{ff} + s_n^2 I) - \frac{D}{2 s_n^2} \operatorname{tr}(K_{ff} - Q_{ff}),
    \quad Q_{ff} = K_{fu} K_{uu}^{-1} K_{uf}
 
-Of all Gaussian posteriors at the inducing poses it is the one nearest to the true posterior in Kullback-Leibler
-divergence. One factorisation serves all D outputs: time O(n M² + n M D), once; O(M² + M D) for a pose.
+Of all Gaussian posteriors at the inducing poses, it is the nearest to the true posterior in Kullback-Leibler
+divergence. One factorisation serves all D outputs. Fitting takes O(n M² + n M D) time, and each pose O(M² + M D).
 
 Source: M. Titsias, "Variational learning of inducing variables in sparse Gaussian processes", AISTATS 2009.
 """
@@ -18,9 +18,9 @@ from sextant.localization.observation.model import stored
 
 
 class SGPR(InducingRegression):
-    """The variational sparse Gaussian process, fitted at once. Arguments and errors: as its base class.
+    """The variational sparse Gaussian process, fitted in closed form. Arguments and errors are those of its base class.
 
-    With inducing poses at the map's it is the exact Gaussian process.
+    With inducing poses at the map's own poses it is the exact Gaussian process.
 
     Example:
         >>> from sextant.localization.descriptor_map import DescriptorMap
@@ -40,7 +40,7 @@ class SGPR(InducingRegression):
         self._elbo = self.log_evidence(moments) - self.map.dimension / (2 * noise) * left_out
 
     def elbo(self) -> float:
-        """The lower bound of the log marginal likelihood of all outputs, in nats."""
+        """The evidence lower bound on the log marginal likelihood of all outputs, in nats."""
         return self._elbo
 
     def state(self) -> dict[str, Tensor]:

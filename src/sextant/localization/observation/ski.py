@@ -4,13 +4,13 @@ r"""Structured kernel interpolation: the kernel between any poses, interpolated 
    \mu(x) = m + w(x)^\top \underbrace{K_G W^\top A^{-1} \bar Y}_{\text{grid}}, \qquad
    s^2(x) = w^\top K_G w - \|w(x)^\top \underbrace{K_G W^\top R}_{\text{grid}}\|^2 + s_n^2
 
-with cubic weights w, 64 a pose. :math:`A^{-1} \bar Y` comes from conjugate gradients, all outputs at once, and
-:math:`A^{-1} \approx R R^\top` of rank T from the Lanczos process. Both are products with A, which cost O(n + G) for G
-nodes. The Lanczos root leaves out, so :math:`R R^\top \preceq A^{-1}`: variances err on the side of caution, the
-less so the higher T. A prediction costs 64 (D + T), whatever the map's size.
+with cubic weights w, 64 a pose. :math:`A^{-1} \bar Y` comes from conjugate gradients, for all outputs at once, and
+:math:`A^{-1} \approx R R^\top` of rank T from the Lanczos process. Both take products with A, which cost O(n + G) for G
+nodes. The Lanczos root is incomplete, :math:`R R^\top \preceq A^{-1}`, so variances err on the side of caution, and
+less so the higher T. A prediction costs 64 (D + T), whatever the size of the map.
 
 GPyTorch's own ``GridInterpolationKernel`` would put the heading on an interval that does not wrap, and keeps a copy of
-the kernel for each output; its solvers from ``linear_operator`` are used here on the grid of
+the kernel for each output. Its solvers from ``linear_operator`` are used here on the grid of
 :mod:`~sextant.localization.observation._pose_grid`.
 
 Sources: A. G. Wilson and H. Nickisch, "Kernel interpolation for scalable structured Gaussian processes (KISS-GP)", ICML
@@ -38,9 +38,9 @@ from sextant.localization.observation.prediction import Prediction
 #: Relative residual at which the solver stops.
 TOLERANCE = 1e-5
 MAX_ITERATIONS = 2000
-#: Inducing poses of the preconditioner.
+#: Number of inducing poses of the preconditioner.
 PRECONDITIONER = 200
-#: Nodes of a grid: 0.5 GB for 128 outputs.
+#: Largest number of nodes of a grid: 0.5 GB for 128 outputs.
 MAX_NODES = 2**20
 LEAST = 1e-12
 
@@ -49,9 +49,9 @@ class SKI(ObservationModel):
     """A Gaussian process on a grid. Only for the ``rbf`` kernel, which is a product over dimensions.
 
     Args:
-        spacing: of the grid's nodes, in lengths of the kernel; in (0, 1].
-        rank: T, of the root of the inverse that variances come from; at most the number of images is used.
-        seed: of the vector that the Lanczos process starts from, and of the preconditioner.
+        spacing: spacing of the grid's nodes in lengths of the kernel, in (0, 1].
+        rank: T, the rank of the inverse root that variances come from; at most the number of images is used.
+        seed: seed of the start vector of the Lanczos process and of the preconditioner.
 
     Raises:
         UserError: the spacing or the rank is outside its range.
@@ -117,7 +117,7 @@ class SKI(ObservationModel):
     def _solve(self, covariance: Callable[[Tensor], Tensor]) -> Tensor:
         right = (self.map.descriptors - self.map.mean).double()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NumericalWarning)  # judged below, by the residual itself
+            warnings.simplefilter("ignore", NumericalWarning)  # the residual itself is checked below
             solution: Tensor = linear_cg(
                 covariance,
                 right,
@@ -158,7 +158,7 @@ class SKI(ObservationModel):
         return root
 
     def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
-        """See :class:`ObservationModel`. More than three lengths beyond the map it is the prior."""
+        """See :class:`ObservationModel`. More than three lengths beyond the map, the prediction is the prior."""
         weights, prior = self._grid.interpolation(poses)
         weights = weights.astype("float32")
         mean = torch.from_numpy(weights @ self.grid_mean.numpy()).double()

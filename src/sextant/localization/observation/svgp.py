@@ -1,16 +1,16 @@
-r"""Stochastic variational Gaussian process: the sparse posterior found from minibatches of the map.
+r"""Stochastic variational Gaussian process: the sparse posterior, fitted on minibatches of the map.
 
 The posterior at the inducing poses is :math:`N(w_d; W_d, \Lambda^{-1})` in whitened coordinates, one covariance for all
 D outputs. For Gaussian noise the natural gradient of the bound is linear in the data, so a step of length
-:math:`\rho_t` takes the natural parameters towards what a minibatch B says of them,
+:math:`\rho_t` moves the natural parameters towards their estimate from a minibatch B,
 
 .. math:: \Lambda \leftarrow (1 - \rho_t) \Lambda + \rho_t \Big(I + \tfrac{n}{|B| s_n^2} \Phi_B^\top \Phi_B\Big), \qquad
    \Lambda W \leftarrow (1 - \rho_t) \Lambda W + \rho_t \tfrac{n}{|B| s_n^2} \Phi_B^\top \bar Y_B, \qquad
    \rho_t = (t + 1)^{-\kappa}
 
-and for :math:`\kappa \in (1/2, 1]` this converges to SGPR with the same inducing poses. At :math:`\kappa = 1` it is the
-plain mean of the minibatches, and no other step has less variance; smaller ones forget, which is of use where a
-map changes. Inducing poses and hyper-parameters stay fixed: the latter are trained beforehand, for all models alike.
+and for :math:`\kappa \in (1/2, 1]` this converges to SGPR with the same inducing poses. :math:`\kappa = 1` gives the
+plain mean over minibatches, and no other value has less variance; smaller ones forget, which is useful where a map
+changes. Inducing poses and hyper-parameters stay fixed: the latter are trained beforehand, as for all models.
 
 Source: J. Hensman, N. Fusi, N. D. Lawrence, "Gaussian processes for big data", UAI 2013.
 """
@@ -30,15 +30,15 @@ class SVGP(InducingRegression):
 
     Args:
         inducing: as for the base class.
-        steps: minibatches that are considered.
-        batch: images of a minibatch; the whole map where it has fewer.
+        steps: number of minibatches.
+        batch: number of images in a minibatch; the whole map if it has fewer.
         forgetting: :math:`\\kappa` in (0.5, 1].
         placement: as for the base class.
-        seed: of the inducing poses and of the minibatches, which are drawn without replacement until the map is
+        seed: seed of the inducing poses and of the minibatches, which are drawn without replacement until the map is
             used up.
 
     Raises:
-        UserError: a size is below 1, the forgetting rate is outside its range, or as the base class.
+        UserError: a size is below 1, the forgetting rate is outside its range, or as for the base class.
 
     Example:
         >>> from sextant.localization.descriptor_map import DescriptorMap
@@ -89,7 +89,7 @@ class SVGP(InducingRegression):
         self.solve(precision, linear)
 
     def elbo(self) -> float:
-        """The lower bound of the log marginal likelihood of all outputs in nats, over the whole map, in blocks."""
+        """The lower bound on the log marginal likelihood of all outputs in nats, over the whole map, in blocks."""
         n, outputs, noise = len(self.map), self.map.dimension, self.kernel.noise_variance
         squared = left = 0.0
         rows = max(1, ENTRIES // max(self.size, outputs))

@@ -1,4 +1,4 @@
-"""Recovery: particles elsewhere, for a robot that is not where the filter believes it to be."""
+"""Recovery: particles placed elsewhere, for a robot that is not where the filter believes it to be."""
 
 from sextant.localization.recovery.augmented import AugmentedMCL
 from sextant.localization.recovery.bayes_restart import BayesRestart

@@ -1,12 +1,13 @@
-r"""Some particles anywhere, when images fit worse of late than they used to.
+r"""Augmented MCL: random particles are injected when recent images fit worse than they used to.
 
 .. math:: w_{slow} \leftarrow w_{slow} + \alpha_{slow} (\bar w - w_{slow}), \quad
    w_{fast} \leftarrow w_{fast} + \alpha_{fast} (\bar w - w_{fast}), \quad
    \mathrm{share} = \max(0, 1 - w_{fast} / w_{slow})
 
-with :math:`\bar w = \sum_i W_i e^{l(z|x_i)}` the mean likelihood of the particles. Both are kept as logarithms, in
-which likelihoods of a hundred dimensions neither vanish nor overflow. Averages of the logarithms themselves (geometric,
-the default) are not ruled by the best image ever seen, as arithmetic ones are. After an injection both are forgotten.
+with :math:`\bar w = \sum_i W_i e^{l(z|x_i)}` the mean likelihood of the particles. Both averages are kept as
+logarithms, so that likelihoods of a hundred dimensions neither vanish nor overflow. Averages of the logarithms
+themselves (geometric, the default) are not dominated by the best image ever seen, as arithmetic ones are. Both averages
+are reset after an injection.
 
 Source: Thrun, Burgard & Fox, "Probabilistic Robotics", MIT Press 2005, table 8.3; forgetting as in the AMCL of ROS.
 """
@@ -32,13 +33,13 @@ class AugmentedMCL(Recovery):
     """Injection by the ratio of a short-term to a long-term average of the likelihood.
 
     Attributes:
-        alpha_slow: of the long-term average.
-        alpha_fast: of the short-term one; larger.
+        alpha_slow: rate of the long-term average.
+        alpha_fast: rate of the short-term average, which is larger.
         average: how likelihoods are averaged over time.
         most: the largest share of the particles that is replaced in one step.
 
     Raises:
-        UserError: not 0 < alpha_slow < alpha_fast < 1, or another argument is not one of what is allowed.
+        UserError: not 0 < alpha_slow < alpha_fast < 1, or another argument is not allowed.
 
     Example:
         >>> from sextant.localization.belief import Belief
@@ -81,7 +82,7 @@ class AugmentedMCL(Recovery):
     def inject(
         self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
     ) -> tuple[Injection | None, Memory]:
-        """Draws of the prior, as many as the averages ask for."""
+        """Draw as many particles from the prior as the averages ask for."""
         before, now = memory, weighed.log_evidence[:, None]
         known = torch.where(memory.isnan(), now, memory)
         memory = torch.where(now.isfinite(), self._averaged(known, now), memory)

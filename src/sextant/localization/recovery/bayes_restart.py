@@ -1,27 +1,27 @@
-r"""A robot that may be carried away: restarts with the weight that Bayes' rule gives them.
+r"""Restarts for a kidnapped robot, with the weight that Bayes' rule gives them.
 
-At each observation the robot has been carried with probability :math:`\epsilon` to a place drawn from the map's prior:
+Before each observation the robot is kidnapped with probability :math:`\epsilon`, to a place drawn from the map's prior:
 
 .. math:: p(x_t \mid z_{1:t}) \propto e^{l(z_t \mid x_t)}
    \big[(1 - \epsilon)\, p(x_t \mid z_{1:t-1}) + \epsilon\, p_0(x_t)\big].
 
-The first term is that of the particles, with :math:`\log w = \log W + l(z|x) + \log(1 - \epsilon)`. The second is that
-of m particles drawn at map images, :math:`i \sim q(i) \propto e^{l(z \mid x_i)}`, :math:`x \sim p(x|i)`:
+The first term is represented by the particles, with :math:`\log w = \log W + l(z|x) + \log(1 - \epsilon)`, and the
+second by m particles drawn at map images, :math:`i \sim q(i) \propto e^{l(z \mid x_i)}`, :math:`x \sim p(x|i)`:
 
 .. math:: \log w = \log\epsilon - \log m + \log Z + l(z \mid x) - l(z \mid x_i)
    \;\approx\; \log\epsilon - \log m + \log Z, \qquad \log Z = \log \tfrac1N \sum_i e^{l(z \mid x_i)}.
 
 The form on the left, which is the default, is exact. The one on the right holds where the likelihood hardly changes
-over the jitter, and does not weigh the particles by z: q already did. Both sums together are the evidence of z: the
+over the jitter, and does not weigh the particles by z, as q already did. Both sums together are the evidence of z, the
 filter's ``log_evidence``.
 
-A single image seldom tells enough: where many places look alike, a restart at the true one is one of many, and thinned
-out before the next images could tell. With a *window* of n observations the robot may have been carried off before any
-of the last n + 1, and a restart is weighed by all that it would have seen on its way since
-(:mod:`~sextant.localization.recovery.trail`): :math:`\log w` gains :math:`\log T(x) - \log(n + 1)`. What a wrong
-street and the true one looked like from the start of the window on is then compared in a single step. One kidnapping is
-considered in n + 1 steps, and counts for one part in n + 1 in each; where the motion before an observation is unknown,
-it can be considered in that step alone, and counts whole.
+A single image seldom says enough: where many places look alike, a restart at the true one is one of many, and is
+thinned out before the next images can tell them apart. With a *window* of n observations, the robot may have been
+kidnapped before any of the last n + 1. A restart is weighed by all that it would have seen on its way since
+(:mod:`~sextant.localization.recovery.trail`): :math:`\log w` gains :math:`\log T(x) - \log(n + 1)`. A single step then
+compares what a wrong street and the true one would have looked like since the start of the window. One kidnapping is
+considered in n + 1 steps, and counts as one part in n + 1 in each. Where the motion before an observation is unknown,
+it can only be considered in that step, and counts fully.
 """
 
 import math
@@ -41,18 +41,18 @@ from sextant.localization.weighed import Weighed
 
 @dataclass(frozen=True)
 class BayesRestart(Recovery):
-    r"""Restarts at the map images that the observation looks like, weighted by the chance of having been carried away.
+    r"""Restarts at the map images that the observation looks like, weighted by the probability of a kidnapping.
 
-    A step without an observation adds nothing: the hazard is one of observations.
+    A step without an observation adds nothing: the hazard is per observation.
 
     Attributes:
-        hazard: :math:`\epsilon`.
-        share: of the particles that are spent on restarts: m/p. It does not change the belief, only its noise. A
+        hazard: :math:`\epsilon`, the probability of a kidnapping.
+        share: m/p, the share of the particles spent on restarts. It does not change the belief, only its noise. A
             filter of one particle never restarts.
         weigh_jitter: weigh restarts by the likelihood at their own pose (the form on the left), at the cost of m more
-            likelihoods; false takes that of the image they were drawn at.
-        window: n, past observations that restarts are weighed by as well, at the cost of m n likelihoods a step; the
-            motion between them is taken as odometry tells it.
+            likelihoods; if false, use that of the image they were drawn at.
+        window: n, the number of past observations that also weigh restarts, at the cost of m n likelihoods a step. The
+            motion between them is taken from odometry as it is.
 
     Raises:
         UserError: the hazard or the share is not between 0 and 1, or the window is negative.
@@ -83,7 +83,7 @@ class BayesRestart(Recovery):
             raise ArgumentError(f"window={self.window!r} must be a whole number, at least 0", "For example window=20")
 
     def memory(self, runs: int, device: torch.device | None = None) -> Trail:
-        """Nothing was seen yet."""
+        """An empty trail: nothing has been seen yet."""
         return Trail()
 
     def moved(self, memory: Trail, motion: Float64[Tensor, "r 3"]) -> Trail:
@@ -93,12 +93,12 @@ class BayesRestart(Recovery):
     def inject(
         self, weighed: Weighed, prior: MapPrior, memory: Trail, generator: torch.Generator
     ) -> tuple[Injection | None, Trail]:
-        """Draws of q with jitter."""
+        """Draw restarts from q with jitter."""
         injection = self._restarts(weighed, prior, memory, generator)
         if self.window == 0:
             return injection, memory
         foreseen = weighed.log_evidence
-        if injection is not None:  # what stands beyond a run's own count means nothing
+        if injection is not None:  # entries beyond a run's own count are meaningless
             drawn = torch.arange(injection.log_weights.shape[1], device=foreseen.device) < injection.count[:, None]
             restarts = injection.log_weights.masked_fill(~drawn, -torch.inf).logsumexp(1)
             foreseen = torch.where(

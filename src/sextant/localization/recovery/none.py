@@ -1,4 +1,4 @@
-"""No way back for a filter that is lost."""
+"""No recovery: a filter that is lost stays lost."""
 
 from dataclasses import dataclass
 
@@ -21,5 +21,5 @@ class NoRecovery(Recovery):
     def inject(
         self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
     ) -> tuple[Injection | None, Memory]:
-        """Nothing."""
+        """Add nothing."""
         return None, memory

@@ -1,12 +1,12 @@
-r"""What every recovery offers: particles elsewhere, for a robot that is not where the filter believes it to be.
+r"""The interface of recoveries: particles placed elsewhere, for a robot that is not where the filter believes it to be.
 
-A recovery adds a second measure to that of the particles that are kept,
+A recovery adds a second measure to that of the kept particles,
 
 .. math:: e^{\kappa} \sum_i W_i e^{l(z \mid x_i)} \, \delta(x - x_i) + \sum_{k=1}^{m} e^{v_k}\, \delta(x - \tilde x_k),
 
 and the filter makes room for the m injected particles by thinning the others without bias
-(:func:`~sextant.localization.resampling.thin`); to leave out the m lightest would lose their mass. What a recovery
-remembers from step to step is handed to it and back: it has no state of its own.
+(:func:`~sextant.localization.resampling.thin`); leaving out the m lightest would lose their mass. A recovery has no
+state of its own: what it remembers from step to step is passed to it and returned.
 """
 
 from abc import ABC, abstractmethod
@@ -21,7 +21,7 @@ from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.weighed import Weighed
 
-#: what a recovery remembers of all runs from step to step; only it can tell what that is
+#: what a recovery remembers of all runs from step to step; only the recovery itself knows its type
 Memory = Any
 
 
@@ -32,8 +32,8 @@ class Injection:
     Attributes:
         poses: :math:`\tilde x_k`.
         log_weights: :math:`v_k`, on the scale of :attr:`Weighed.log_weights`.
-        count: m of each run; what stands beyond it means nothing.
-        log_kept: :math:`\kappa`, what the kept particles' weights are lowered by.
+        count: m of each run; entries beyond it are meaningless.
+        log_kept: :math:`\kappa`, which is added to the log weights of the kept particles.
     """
 
     poses: Float64[Tensor, "r m 3"]
@@ -46,11 +46,11 @@ class Recovery(ABC):
     """Proposes particles after each observation."""
 
     def memory(self, runs: int, device: torch.device | None = None) -> Memory:
-        """What it remembers before the first observation; None for a recovery that remembers nothing."""
+        """The memory before the first observation; None for a recovery that remembers nothing."""
         return None
 
     def moved(self, memory: Memory, motion: Float64[Tensor, "r 3"]) -> Memory:
-        """What it remembers after a motion of each run, in the robot's frame; nan where it is unknown."""
+        """The memory after a motion of each run in the robot's frame, nan where it is unknown."""
         return memory
 
     @abstractmethod
@@ -61,26 +61,26 @@ class Recovery(ABC):
         memory: Memory,
         generator: torch.Generator,
     ) -> tuple[Injection | None, Memory]:
-        """What to add, and what to remember; of runs that saw nothing that is what they remembered.
+        """The particles to add, and the new memory, which does not change for runs that saw nothing.
 
         Args:
             weighed: the particles and what the observation says of them.
-            prior: where a robot may be that was carried away.
-            memory: what it remembered.
-            generator: of random numbers.
+            prior: where a kidnapped robot may be.
+            memory: the memory so far.
+            generator: generator of random numbers.
         """
 
 
 def whole_number(
     share: float | Float64[Tensor, "r"], particles: Int64[Tensor, "r"], generator: torch.Generator
 ) -> Int64[Tensor, "r"]:
-    """A share of each run's particles, rounded at random so that its mean is right; at least one particle stays."""
+    """A share of each run's particles, randomly rounded so that its mean is exact; at least one particle stays."""
     chance = torch.rand(len(particles), generator=generator, dtype=torch.float64, device=particles.device)
     return (share * particles + chance).floor().long().minimum(particles - 1).clamp(min=0)
 
 
 def check_share(argument: str, share: float) -> None:
-    """Refuse a share that is not in (0, 1).
+    """Reject a share that is not in (0, 1).
 
     Raises:
         ArgumentError: names the argument and the value.

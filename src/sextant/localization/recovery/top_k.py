@@ -1,7 +1,7 @@
-"""Particles at the map images the observation looks like, weighed by that observation again: a known mistake.
+"""Particles at the map images that the observation looks like, weighed by that observation again: a known mistake.
 
-Kept to be measured against :class:`~sextant.localization.recovery.BayesRestart`. An image that looks like a wrong place
-proposes that place, and then the same image confirms it: its likelihood counts twice.
+It is kept for comparison with :class:`~sextant.localization.recovery.BayesRestart`. An image that looks like a wrong
+place proposes that place, and then the same image confirms it: its likelihood counts twice.
 """
 
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ from sextant.localization.weighed import Weighed
 
 @dataclass(frozen=True)
 class TopKInjection(Recovery):
-    """A share of the particles is drawn at the best map images, by their likelihood, before the image weighs them all.
+    """Draws a share of the particles at the best map images, by their likelihood, before the image weighs them all.
 
     Attributes:
-        share: of the particles, and of the mass before the observation.
-        top: how many map images are drawn from.
+        share: share of the particles, and of the mass before the observation.
+        top: number of map images that are drawn from.
 
     Raises:
         UserError: the share is not between 0 and 1, or ``top`` is below 1.
@@ -51,7 +51,7 @@ class TopKInjection(Recovery):
     def inject(
         self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
     ) -> tuple[Injection | None, Memory]:
-        """Draws of the best images with jitter, weighed by the same observation."""
+        """Draw from the best images with jitter, weighed by the same observation."""
         particles = weighed.particles
         proposal = AppearanceProposal.of(weighed.evidence.over_map(), self.top)
         count = whole_number(self.share, particles, generator)

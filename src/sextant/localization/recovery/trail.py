@@ -1,9 +1,9 @@
 r"""The last observations, joined by odometry: what a robot would have seen on its way to where it may be now.
 
-A robot that was carried off before the observation at τ and stands at x now has come by the poses
+A robot that was kidnapped before the observation at τ and is now at x has come through the poses
 :math:`x_k = x \circ u_{k:t}^{-1}`, with u the odometry since step k. The belief had foreseen the observations with
 :math:`C_k = p(z_k \mid z_{1:k-1})`. Summed over the last n + 1 observations before which the robot may have been
-carried off, its being at x is worth
+kidnapped, the pose x is worth
 
 .. math:: T(x) = \sum_{\tau=t-n}^{t} \prod_{k=\tau}^{t-1} \frac{e^{l(z_k \mid x_k)}}{C_k}.
 """
@@ -25,9 +25,9 @@ class Passed:
     Attributes:
         evidence: what was seen.
         log_evidence: :math:`\log C_k` of the belief then.
-        since: the motion since then, in the robot's frame then.
-        counts: in which runs something was seen, and the motion since is known.
-        begins: in which runs the robot may have been carried off just before, and this was not yet counted whole.
+        since: the motion since then, in the robot's frame at that time.
+        counts: in which runs something was seen and the motion since then is known.
+        begins: in which runs the robot may have been kidnapped just before, and this was not yet counted fully.
     """
 
     evidence: Evidence
@@ -39,10 +39,10 @@ class Passed:
 
 @dataclass(frozen=True)
 class Trail:
-    """What was seen, the latest last.
+    """The past observations, the latest last.
 
     Attributes:
-        passed: of each run at most n observations.
+        passed: at most n observations of each run.
         unknown: in which runs the motion since the last observation is unknown; None before the first.
     """
 
@@ -50,7 +50,7 @@ class Trail:
     unknown: Bool[Tensor, "r"] | None = None
 
     def moved(self, motion: Float64[Tensor, "r 3"]) -> "Trail":
-        """After a motion of each run; one with nan is unknown, and ends the trail of its run."""
+        """The trail after a motion of each run; an unknown motion, with nan, ends the trail of its run."""
         known = motion.isfinite().all(1)
         motion = motion.nan_to_num(0.0, 0.0, 0.0)
         passed = (replace(one, since=se2_compose(one.since, motion), counts=one.counts & known) for one in self.passed)
@@ -60,7 +60,7 @@ class Trail:
     def seen(
         self, evidence: Evidence, log_evidence: Float64[Tensor, "r"], seen: Bool[Tensor, "r"], most: int
     ) -> "Trail":
-        """With one observation more, of which each run keeps its ``most`` latest."""
+        """The trail after one more observation; each run keeps its ``most`` latest."""
         unknown = torch.zeros_like(seen) if self.unknown is None else self.unknown
         still = log_evidence.new_zeros(len(seen), 3)
         now = Passed(evidence, log_evidence, still, seen & log_evidence.isfinite(), ~unknown)
@@ -73,7 +73,7 @@ class Trail:
         return Trail(tuple(reversed(kept)), unknown & ~seen)
 
     def log_worth(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
-        """log T of poses now."""
+        """The log worth, log T, of current poses."""
         total = poses.new_zeros(poses.shape[:2])
         worth = total
         for one in reversed(self.passed):

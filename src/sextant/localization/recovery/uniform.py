@@ -1,4 +1,4 @@
-"""Some particles anywhere, at every observation."""
+"""Random particles anywhere on the map, injected at every observation."""
 
 from dataclasses import dataclass
 
@@ -13,13 +13,13 @@ from sextant.localization.weighed import Weighed
 
 @dataclass(frozen=True)
 class UniformInjection(Recovery):
-    """A share of the posterior is replaced by the map's prior, after the image was weighed.
+    """Replaces a share of the posterior by the map's prior after the image has weighed it.
 
-    So each injected particle weighs what an average one weighs, and the next image decides. It is no Bayesian filter:
-    that share of the belief is lost again at every step, whatever was seen.
+    Each injected particle thus has the weight of an average one, and the next image decides. This is not a Bayesian
+    filter: that share of the belief is lost again at every step, whatever was seen.
 
     Attributes:
-        share: of the particles, and of the mass.
+        share: share of the particles, and of the mass.
 
     Raises:
         UserError: the share is not between 0 and 1.
@@ -46,7 +46,7 @@ class UniformInjection(Recovery):
     def inject(
         self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
     ) -> tuple[Injection | None, Memory]:
-        """Draws of the prior."""
+        """Draw from the prior."""
         count = whole_number(self.share, weighed.particles, generator)
         return anywhere(weighed, prior, count, generator), memory
 
@@ -54,7 +54,7 @@ class UniformInjection(Recovery):
 def anywhere(
     weighed: Weighed, prior: MapPrior, count: Int64[Tensor, "r"], generator: torch.Generator
 ) -> Injection | None:
-    """``count`` draws of the prior with an average weight each, in place of as much of the posterior."""
+    """``count`` draws from the prior with an average weight each, in place of an equal share of the posterior."""
     most = int(count.max())
     if most == 0:
         return None

@@ -1,4 +1,4 @@
-"""Resampling: which particles the next ones descend from, and fewer particles without bias."""
+"""Resampling: which particles the next ones descend from, and unbiased thinning."""
 
 from sextant.localization.resampling.multinomial import MultinomialResampling
 from sextant.localization.resampling.resampling import Resampling

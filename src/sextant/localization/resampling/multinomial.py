@@ -1,4 +1,4 @@
-"""Independent draws."""
+"""Multinomial resampling: independent draws."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from sextant.localization.resampling.resampling import Resampling, at_quantiles
 
 @dataclass(frozen=True)
 class MultinomialResampling(Resampling):
-    """Each ancestor is drawn by itself: the bootstrap filter of Gordon, Salmond & Smith (IEE-F 1993).
+    """Draws each ancestor independently, as in the bootstrap filter of Gordon, Salmond & Smith (IEE-F 1993).
 
     Example:
         >>> log_weights = torch.tensor([[0.5, 0.25, 0.25]]).double().log()
@@ -26,6 +26,6 @@ class MultinomialResampling(Resampling):
         width: int,
         generator: torch.Generator,
     ) -> Int64[Tensor, "r c"]:
-        """Draws with replacement."""
+        """Draw with replacement."""
         uniform = torch.rand(len(weights), width, generator=generator, dtype=weights.dtype, device=weights.device)
         return at_quantiles(weights, uniform)

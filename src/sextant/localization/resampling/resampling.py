@@ -1,6 +1,6 @@
-r"""What every resampling offers: which particles the next ones descend from.
+r"""The interface of resampling schemes, which choose the particles that the next ones descend from.
 
-All are unbiased: of n draws, particle i is expected to be :math:`n W_i`. They differ in the variance of that number.
+All are unbiased: of n draws, an expected :math:`n W_i` are of particle i. They differ in the variance of that number.
 Source: Douc, Cappé & Moulines, "Comparison of Resampling Schemes for Particle Filtering", ISPA 2005.
 """
 
@@ -24,9 +24,9 @@ class Resampling(ABC):
 
         Args:
             log_weights: need not be normalised.
-            count: particles to draw, one number for all runs or one for each. Then the result is as wide as the
-                largest, and beyond its own count a run holds indices that mean nothing.
-            generator: of random numbers.
+            count: number of particles to draw, one for all runs or one for each. In the second case the result is as
+                wide as the largest count, and indices beyond a run's own count are meaningless.
+            generator: generator of random numbers.
 
         Raises:
             ValueError: a run has no weight above zero or one that is nan or infinite, or a count is below 1.
@@ -48,15 +48,15 @@ class Resampling(ABC):
         width: int,
         generator: torch.Generator,
     ) -> Int64[Tensor, "r c"]:
-        """The indices, from weights that sum to one."""
+        """Draw the indices, given weights that sum to one."""
 
 
 def at_quantiles(weights: Float64[Tensor, "r p"], quantiles: Float64[Tensor, "r c"]) -> Int64[Tensor, "r c"]:
-    """The particle in which each quantile in [0, 1) of the distribution lies; never one of weight zero.
+    """The particle at each quantile in [0, 1) of the weight distribution; never one of weight zero.
 
-    Quantiles from 1 on give the last particle with a weight.
+    Quantiles of 1 and above give the last particle with a weight.
     """
     cumulative = weights.cumsum(1)
     total = cumulative[:, -1:].contiguous()
-    last = torch.searchsorted(cumulative, total)  # the first to reach the total: what follows weighs nothing
+    last = torch.searchsorted(cumulative, total)  # the first to reach the total: all after it have no weight
     return torch.searchsorted(cumulative, quantiles * total, right=True).minimum(last)

@@ -1,4 +1,4 @@
-"""Whole copies first, and draws for what is left."""
+"""Residual resampling: whole copies first, then draws for the remainder."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from sextant.localization.resampling.resampling import Resampling, at_quantiles
 
 @dataclass(frozen=True)
 class ResidualResampling(Resampling):
-    r""":math:`\lfloor n W_i \rfloor` copies of each particle; the others by what is left of :math:`n W_i`.
+    r"""Makes :math:`\lfloor n W_i \rfloor` copies of each particle and draws the others by the rest of :math:`n W_i`.
 
     Source: Liu & Chen, "Sequential Monte Carlo Methods for Dynamic Systems", JASA 1998.
 
@@ -28,13 +28,13 @@ class ResidualResampling(Resampling):
         width: int,
         generator: torch.Generator,
     ) -> Int64[Tensor, "r c"]:
-        """Copies in the particles' order, then draws."""
+        """Copy in the order of the particles, then draw."""
         expected = weights * counts
         copies = expected.floor()
         slots = torch.arange(width, dtype=torch.int64, device=weights.device).expand(len(weights), -1).contiguous()
         taken = copies.long().cumsum(1)
         copied = torch.searchsorted(taken, slots, right=True).clamp(max=weights.shape[1] - 1)
         left = expected - copies
-        left = torch.where(left.sum(1, keepdim=True) > 0, left, weights)  # nothing is left: no draw will be used
+        left = torch.where(left.sum(1, keepdim=True) > 0, left, weights)  # if nothing is left, no draw will be used
         uniform = torch.rand(len(weights), width, generator=generator, dtype=weights.dtype, device=weights.device)
         return torch.where(slots < taken[:, -1:], copied, at_quantiles(left, uniform))

@@ -1,4 +1,4 @@
-"""One random number in each of n equal strata."""
+"""Stratified resampling: one random number in each of n equal strata."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ from sextant.localization.resampling.resampling import Resampling, at_quantiles
 
 @dataclass(frozen=True)
 class StratifiedResampling(Resampling):
-    r"""Particles at the quantiles :math:`(k + u_k)/n`, :math:`u_k \sim U[0, 1)`.
+    r"""Draws particles at the quantiles :math:`(k + u_k)/n`, :math:`u_k \sim U[0, 1)`.
 
-    The variance is never more than that of independent draws.
+    The variance is never larger than that of independent draws.
 
     Example:
         >>> log_weights = torch.tensor([[0.5, 0.25, 0.25]]).double().log()
@@ -28,6 +28,6 @@ class StratifiedResampling(Resampling):
         width: int,
         generator: torch.Generator,
     ) -> Int64[Tensor, "r c"]:
-        """A draw within each stratum."""
+        """Draw once within each stratum."""
         offsets = torch.rand(len(weights), width, generator=generator, dtype=weights.dtype, device=weights.device)
         return at_quantiles(weights, (torch.arange(width, device=weights.device) + offsets) / counts)

@@ -1,4 +1,4 @@
-"""One random offset and equal steps."""
+"""Systematic resampling: one random offset and equal steps."""
 
 from dataclasses import dataclass
 
@@ -11,10 +11,10 @@ from sextant.localization.resampling.resampling import Resampling, at_quantiles
 
 @dataclass(frozen=True)
 class SystematicResampling(Resampling):
-    r"""Particles at the quantiles :math:`(k + u)/n`, :math:`u \sim U[0, 1)` one number a run.
+    r"""Draws particles at the quantiles :math:`(k + u)/n`, with one number :math:`u \sim U[0, 1)` for each run.
 
-    Each particle descends :math:`\lfloor n W_i \rfloor` or :math:`\lceil n W_i \rceil` times: in practice the least
-    variance, though what one particle gets depends on the others' order.
+    Each particle is drawn :math:`\lfloor n W_i \rfloor` or :math:`\lceil n W_i \rceil` times. In practice this has the
+    least variance, though the number of copies of a particle depends on the order of the others.
 
     Example:
         >>> log_weights = torch.tensor([[0.6, 0.3, 0.1]]).double().log()
@@ -29,6 +29,6 @@ class SystematicResampling(Resampling):
         width: int,
         generator: torch.Generator,
     ) -> Int64[Tensor, "r c"]:
-        """Equal steps from a random offset."""
+        """Draw at equal steps from a random offset."""
         offset = torch.rand(len(weights), 1, generator=generator, dtype=weights.dtype, device=weights.device)
         return at_quantiles(weights, (torch.arange(width, device=weights.device) + offset) / counts)

@@ -1,8 +1,8 @@
-r"""Fewer particles without bias: heavy ones stay as they are, light ones survive by chance with a common weight.
+r"""Unbiased thinning: heavy particles stay as they are, and light ones survive by chance with a common weight.
 
 Particle i of weight w survives with probability :math:`\pi_i = \min(w_i / c, 1)` and then weighs :math:`\max(w_i, c)`,
-where c solves :math:`\sum_i \pi_i = K`. So expected weights do not change, K particles remain, none of them twice, and
-among such schemes the expected squared error of the weights is least.
+where c solves :math:`\sum_i \pi_i = K`. So expected weights do not change, and K particles remain, none of them twice.
+Among such schemes, this one has the least expected squared error of the weights.
 
 Source: Fearnhead & Clifford, "On-line inference for hidden Markov models via particle filters", JRSS-B 2003, section 3.
 """
@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
-#: The random offset stays this far below 1, so that rounding makes no particle too many.
+#: Upper bound of the random offset: just below 1, so that rounding does not add a particle.
 BELOW_ONE = 1 - 1e-9
 
 
@@ -21,9 +21,9 @@ def thin(
     """Which particles survive, and their log weights (-inf for the others).
 
     Args:
-        log_weights: need not be normalised; a run may have none above zero, and then none survives.
-        keep: K of each run, at least 1; if no more particles than that have a weight above zero, all of them survive.
-        generator: of random numbers.
+        log_weights: need not be normalised; if a run has no weight above zero, no particle survives.
+        keep: K of each run, at least 1; if no more particles than this have a weight above zero, all of them survive.
+        generator: generator of random numbers.
 
     >>> weights = torch.tensor([[0.7, 0.1, 0.1, 0.1]], dtype=torch.float64)
     >>> survives, log_weights = thin(weights.log(), torch.tensor([2]), torch.Generator().manual_seed(0))
@@ -45,7 +45,7 @@ def thin(
 
 
 def _threshold(weights: Tensor, keep: Tensor) -> Tensor:
-    """c: with the j heaviest kept whole, the others share K - j places; the least j for which all others are light."""
+    """The threshold c: the j heaviest are kept, the others share K - j places; j is least such that these are light."""
     particles = weights.shape[1]
     ascending = weights.sort(1).values
     rest = ascending.cumsum(1).flip(1)  # mass of all but the j heaviest
@@ -57,6 +57,6 @@ def _threshold(weights: Tensor, keep: Tensor) -> Tensor:
 
 
 def _to_whole(sums: Tensor) -> Tensor:
-    """The last sum is a whole number but for rounding: make it one."""
+    """Make the last sum, a whole number but for rounding, exactly whole."""
     last = sums[:, -1:]
     return torch.where(last > 0, sums * (last.round() / last), sums)

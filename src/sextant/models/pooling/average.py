@@ -10,7 +10,7 @@ class Average(Pooling):
     """Global average pooling.
 
     Args:
-        channels, size: of the map; any size is taken.
+        channels, size: those of the map; any size is accepted.
 
     Example:
         >>> import torch

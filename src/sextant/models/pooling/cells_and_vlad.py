@@ -1,9 +1,9 @@
-r"""What is seen where, and what is seen at all: means over the cells of a grid beside NetVLAD of the whole map.
+r"""NetVLAD of the whole map joined with means over the cells of a grid: what is seen at all, and what is seen where.
 
 .. math:: \Big[\frac{V}{\lVert V \rVert},\; c\,\frac{\bar x}{\lVert \bar x \rVert}\Big]
 
-with V of :class:`~sextant.models.pooling.NetVLAD` and the map :math:`\bar x` of cell means. The first survives another
-viewpoint and the second other seasons, where a camera returns to the same spots.
+with V from :class:`~sextant.models.pooling.NetVLAD` and the map :math:`\bar x` of cell means. The first survives a
+change of viewpoint; the second survives a change of season where a camera returns to the same spots.
 """
 
 import torch
@@ -19,7 +19,7 @@ class CellsAndVLAD(NetVLAD):
     """NetVLAD and the means over cells, joined; see the module.
 
     Args:
-        channels, size: of the map; any size is taken.
+        channels, size: those of the map; any size is accepted.
         clusters: number of centres, at least 2.
         grid: rows and columns of cells.
         cells: c, the weight of the means.

@@ -1,6 +1,6 @@
-r"""A feature mixer: every channel's map is mixed as a whole, some times over, then channels and cells are projected.
+r"""Feature mixing: every channel's map is mixed as a whole, several times; then channels and cells are projected.
 
-The map is a matrix :math:`X \in R^{c \times n}`, n = h w, one row a channel. For each row, ``depth`` times,
+The map is a matrix :math:`X \in R^{c \times n}`, n = h w, one row per channel. For each row, ``depth`` times,
 
 .. math:: x \leftarrow W_2\, \operatorname{ReLU}(W_1\, \operatorname{LN}(x)) + x
 
@@ -46,11 +46,11 @@ class FeatureMixer(Pooling):
     """Feature mixing; see the module.
 
     Args:
-        channels, size: of the map; other sizes are refused.
+        channels, size: those of the map; other sizes are refused.
         out_channels: d.
         out_rows: r.
         depth: number of mixings.
-        ratio: hidden units of a mixing over cells.
+        ratio: number of hidden units of a mixing, divided by the number of cells.
 
     Raises:
         UserError: a number is below 1, or the ratio leaves no hidden unit.

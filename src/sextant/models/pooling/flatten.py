@@ -1,7 +1,7 @@
 """All features of all cells, one after another: with the linear layer that follows, a fully connected layer.
 
-Every place on the image has weights of its own, so that it matters where something is seen: right for a camera that
-returns to the same spots, wrong for one that looks from elsewhere. The form of Lopez-Antequera et al. 2017.
+Every position in the image has its own weights, so that it matters where something is seen: right for a camera that
+returns to the same spots, wrong for one that looks from elsewhere. This is the form of Lopez-Antequera et al. 2017.
 """
 
 from jaxtyping import Float
@@ -12,10 +12,10 @@ from sextant.models.pooling.pooling import Pooling
 
 
 class Flatten(Pooling):
-    """Concatenates the cells of the map, of all of it or of its means over a smaller grid.
+    """Concatenates all cells of the map, or its means over a smaller grid.
 
     Args:
-        channels, size: of the map; other sizes are refused unless there is a grid.
+        channels, size: those of the map; other sizes are refused unless there is a grid.
         grid: height and width to average to first, which bounds the weights that follow; None keeps every cell.
 
     Raises:

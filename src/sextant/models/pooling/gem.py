@@ -1,4 +1,4 @@
-r"""Generalised mean pooling: of each channel :math:`\big(\frac1{hw} \sum_i \max(x_i, \epsilon)^p\big)^{1/p}`, p learnt.
+r"""Generalised mean pooling: per channel :math:`\big(\frac1{hw} \sum_i \max(x_i, \epsilon)^p\big)^{1/p}`, p learnt.
 
 p = 1 is the mean, and p to infinity the maximum.
 
@@ -14,7 +14,7 @@ from sextant.errors import ArgumentError
 from sextant.models.pooling.pooling import Pooling
 
 SMALLEST_FEATURE = 1e-6
-#: p beyond these is taken as the nearest of them: there the powers of float32 would run over, or the mean mean nothing
+#: p is clamped to this range: beyond it, powers would overflow in float32, or the mean would lose its meaning
 P_RANGE = (1.0, 12.0)
 
 
@@ -26,12 +26,12 @@ def generalised_mean(x: Float[Tensor, "b c h w"], p: Float[Tensor, ""] | float) 
 
 
 class GeM(Pooling):
-    """Generalised mean; see the module. In float32, whatever the features are.
+    """Generalised mean; see the module. It is computed in float32 or wider.
 
     Args:
-        channels, size: of the map; any size is taken.
-        p: where the exponent starts, within :data:`P_RANGE`.
-        train_p: learn it.
+        channels, size: those of the map; any size is accepted.
+        p: initial value of the exponent, within :data:`P_RANGE`.
+        train_p: learn the exponent.
 
     Raises:
         UserError: p is out of its range.
@@ -50,6 +50,6 @@ class GeM(Pooling):
         self.p = nn.Parameter(torch.tensor(float(p)), requires_grad=train_p)
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c"]:
-        """Generalised mean of each channel; p is taken within its range, but has its gradient beyond as well."""
+        """Generalised mean of each channel; p is clamped to its range but keeps its gradient beyond."""
         p = self.p + (self.p.clamp(*P_RANGE) - self.p).detach()
         return generalised_mean(x.to(torch.promote_types(x.dtype, torch.float32)), p)

@@ -8,11 +8,12 @@ With the features :math:`x_i` of the cells at unit length, centres :math:`c_k`, 
 
 each :math:`V_k` is brought to unit length (intra-normalisation), then all of them together. With
 :math:`w_k = 2\alpha c_k`, :math:`b_k = -\alpha\|c_k\|^2` the assignment is
-:math:`a_k \propto e^{-\alpha\|x - c_k\|^2}`; so it starts, and w, b and c are learnt apart. :meth:`NetVLAD.initialise`
-finds the centres by k-means; α is chosen so that on average the nearest centre weighs 100 times the second.
+:math:`a_k \propto e^{-\alpha\|x - c_k\|^2}`. It starts like this; then w, b and c are learnt separately.
+:meth:`NetVLAD.initialise` finds the centres by k-means and chooses α so that, on average, the nearest centre has 100
+times the weight of the second.
 
 Source: R. Arandjelovic et al., "NetVLAD: CNN architecture for weakly supervised place recognition", CVPR 2016; the 100
-is of the authors' code.
+is from the authors' code.
 """
 
 import math
@@ -28,7 +29,7 @@ from sextant.models.pooling.pooling import Pooling
 
 NEAREST_OVER_SECOND = 100.0
 START_ALPHA = 10.0
-#: largest alpha: where the centres are as good as equally far, no assignment would be hard enough
+#: largest alpha: where centres are almost equally far, no assignment would be hard enough
 MOST_ALPHA = 1000.0
 
 
@@ -36,7 +37,7 @@ class NetVLAD(Pooling):
     """NetVLAD; see the module. Without :meth:`initialise` the centres start at random directions.
 
     Args:
-        channels, size: of the map; any size is taken.
+        channels, size: those of the map; any size is accepted.
         clusters: number of centres, at least 2.
 
     Raises:
@@ -70,11 +71,11 @@ class NetVLAD(Pooling):
         """Set centres and assignment by k-means of features sampled from maps; returns α.
 
         Args:
-            features: of single cells, at any length, from many images.
-            seed: of k-means.
+            features: features of single cells, of any norm, from many images.
+            seed: seed of k-means.
 
         Raises:
-            ValueError: there are fewer features than clusters, other channels, or one that is not finite.
+            ValueError: there are fewer features than clusters, they have other channels, or one is not finite.
         """
         from sklearn.cluster import KMeans
         from sklearn.exceptions import ConvergenceWarning

@@ -1,4 +1,4 @@
-"""What every pooling offers: from a feature map to one vector."""
+"""The interface of every pooling: from a feature map to one vector."""
 
 from abc import abstractmethod
 
@@ -12,7 +12,7 @@ class Pooling(nn.Module):
     Args:
         channels: c.
         size: h and w.
-        features: how many numbers come out.
+        features: length of the vector.
 
     Raises:
         ValueError: there are no channels or no cells.
@@ -26,4 +26,4 @@ class Pooling(nn.Module):
 
     @abstractmethod
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
-        """One vector an image."""
+        """One vector per image."""

@@ -1,4 +1,4 @@
-"""Answers to the page: uploaded files and settings in, plain values out."""
+"""Answers for the page: uploaded files and settings in, plain values out."""
 
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,8 +10,8 @@ from typing import Any
 
 from sextant.errors import UserError
 
-#: a folder in memory, so that what is dropped never reaches a disk; where it is missing or full, the default folder of
-#: temporary files takes its place
+#: a folder in memory, so that dropped files never reach a disk; where it is missing or full, the default folder for
+#: temporary files is used instead
 MEMORY = Path("/dev/shm")
 SAMPLES = ("china.jpg", "flower.jpg")
 _one_at_a_time = Lock()
@@ -22,23 +22,22 @@ def prepare() -> None:
     from sextant.pages.demo import questions
 
     for load in (questions.calibrator, questions.same_place, questions.digit_trial):
-        with _one_at_a_time, suppress(UserError):  # a question may come between; it says what is wrong
+        with _one_at_a_time, suppress(UserError):  # a question may come between; it reports what is wrong
             load()
 
 
 def answer(question: str, files: Sequence[tuple[str, bytes]], settings: Mapping[str, str]) -> dict[str, Any]:
-    """The answer to one of :data:`~sextant.pages.demo.questions.QUESTIONS`, one at a time.
+    """Answer one of :data:`~sextant.pages.demo.questions.QUESTIONS`; questions are answered one at a time.
 
-    Files are there while their question is answered, and then they are gone. Messages call them by the names they have
-    where they come from.
+    Files exist only while their question is answered. Messages call them by the names under which they were uploaded.
 
     >>> found = answer("photo", [("house.jpg", content)], {})  # doctest: +SKIP
     >>> print(found["verdict"], found["reasons"])  # doctest: +SKIP
 
     Args:
-        question: which.
+        question: name of the question.
         files: names and contents.
-        settings: of the question.
+        settings: settings of the question.
 
     Raises:
         UserError: there is no such question, files are missing or cannot be used, or a setting is wrong.
@@ -68,7 +67,7 @@ def sample_photo(name: str) -> bytes:
 
 @contextmanager
 def _stored(files: Sequence[tuple[str, bytes]]) -> Iterator[list[Path]]:
-    """Files of these contents while the block runs; its mistakes name them as the user does."""
+    """Store files with these contents while the block runs; errors in the block name them as the user does."""
     with ExitStack() as stack:
         try:
             try:

@@ -1,4 +1,4 @@
-"""The server of the demonstration as a WSGI application, which takes requests of its own page alone."""
+"""The server of the demonstration as a WSGI application, which accepts requests of its own page only."""
 
 import io
 from pathlib import Path
@@ -12,10 +12,10 @@ from sextant.pages.demo.answers import answer, sample_photo
 from sextant.pages.loopback import page_app
 
 PAGE = Path(__file__).with_name("page.html")
-#: bytes of a photo, and of a request, which has two at most
+#: largest size of a photo, and of a request with at most two photos, in bytes
 LARGEST_FILE = 64_000_000
 LARGEST_REQUEST = 2 * LARGEST_FILE + 100_000
-#: bytes of a setting
+#: largest size of a setting, in bytes
 LARGEST_TEXT = 500_000
 TOO_LARGE = f"the file is too large: {LARGEST_FILE // 10**6} MB are taken", "Save the photo smaller, or as JPEG."
 REQUEST_TOO_LARGE = (

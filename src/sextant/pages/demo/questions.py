@@ -1,4 +1,4 @@
-"""What the page can ask, and who answers. Heavy to import: only when something is asked."""
+"""The questions that the page can ask, and the functions that answer them. Heavy: imported only for a question."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -38,7 +38,7 @@ def _digit(paths: Sequence[Path], settings: Mapping[str, str]) -> dict[str, Any]
         raise UserError("there is no digit to look at", "Draw one, choose a picture, or choose a sample.") from None
 
 
-#: question -> how many files it takes, least and most, and who answers
+#: question -> minimum and maximum number of files, and the function that answers
 QUESTIONS: dict[str, tuple[int, int, Callable[[Sequence[Path], Mapping[str, str]], dict[str, Any]]]] = {
     "photo": (1, 1, lambda paths, _: photo_answer(calibrator(), *paths)),
     "picture": (1, 1, lambda paths, _: page_picture(*paths)),

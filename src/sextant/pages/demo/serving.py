@@ -1,4 +1,4 @@
-"""The demonstration on a port of this machine; what it needs is loaded while the user still looks for a photo."""
+"""Serving the demonstration on a port of this machine; what it needs loads while the user still looks for a photo."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,10 +11,10 @@ from sextant.pages.loopback import served as served_page
 
 @contextmanager
 def served(port: int = 0) -> Iterator[str]:
-    """The address of the demonstration, which is served while the block runs.
+    """Serve the demonstration while the block runs; yields its address.
 
     Args:
-        port: of the loopback interface; 0 takes one that is free.
+        port: port of the loopback interface; 0 takes a free one.
 
     Raises:
         UserError: the port is taken.

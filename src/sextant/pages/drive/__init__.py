@@ -1,1 +1,1 @@
-"""A drive in the browser while it is localized: :mod:`~sextant.pages.drive.watch` hands each step to the page."""
+"""A drive in the browser while it is localized: :mod:`~sextant.pages.drive.watch` passes each step to the page."""

@@ -1,4 +1,4 @@
-"""The page of a drive on a port of this machine, while the drive is localized."""
+"""Serving the page of a drive on a port of this machine, while the drive is localized."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,7 +16,7 @@ PAGE = Path(__file__).with_name("page.html")
 
 
 def drive_app(watch: Watch) -> Flask:
-    """The application: its page, and ``/after?step=3``, which waits for a later step."""
+    """The application: the page, and ``/after?step=3``, which waits for a later step."""
     app = page_app("sextant.pages.drive", PAGE)
 
     @app.get("/after")
@@ -28,12 +28,12 @@ def drive_app(watch: Watch) -> Flask:
 
 @contextmanager
 def watched(localizer: Localizer, port: int, tell: Callable[[str], None]) -> Iterator[Callable[[Moment], None]]:
-    """Something to hand each step of a drive to, which the page shows while the block runs.
+    """A function to call with each step of a drive, which the page shows while the block runs.
 
     Args:
-        localizer: of the drive.
-        port: of the loopback interface; 0 takes one that is free.
-        tell: called with the page's address, once it answers.
+        localizer: localizer of the drive.
+        port: port of the loopback interface; 0 takes a free one.
+        tell: called with the page's address once it answers.
 
     Raises:
         UserError: the port is taken.

@@ -1,4 +1,4 @@
-"""The newest step of a drive, for whoever looks: drawn when somebody asks, so that localizing waits for nobody."""
+"""The newest step of a drive for its viewers, drawn only on request so that localization never waits for a viewer."""
 
 import base64
 import io
@@ -13,18 +13,18 @@ from PIL import Image
 
 from sextant.applications.localization.written_poses import Moment
 
-#: seconds that a question waits for something new
+#: seconds that a request waits for something new
 PATIENCE_S = 2.0
 QUALITY = 85
 
 
 class Watch:
-    """What is shown of a drive.
+    """The view of a drive that the page shows.
 
     Args:
-        map_positions: of the map's images.
-        unit: of positions.
-        pictures: whether images are shown beside the map.
+        map_positions: positions of the map's images.
+        unit: unit of positions.
+        pictures: show images beside the map.
     """
 
     def __init__(self, map_positions: Float64[ndarray, "n 2"], unit: str = "m", *, pictures: bool = True):
@@ -37,23 +37,23 @@ class Watch:
         self._began, self._told = time.monotonic(), dict[str, Any]()
 
     def show(self, moment: Moment) -> None:
-        """The step that is the newest from now on."""
+        """Make this step the newest."""
         with self._changed:
             self._moment = moment
             self._changed.notify_all()
 
     def end(self) -> None:
-        """No more steps come."""
+        """Announce that no more steps come."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
 
     def after(self, step: int, patience_s: float = PATIENCE_S) -> dict[str, Any]:
-        """What the page shows once there is a later step than this: its picture and its numbers; nothing if none comes.
+        """Wait for a step later than ``step``; return its picture and numbers, or only whether the drive has ended.
 
         Args:
-            step: that the page shows; -1 for none.
-            patience_s: how long to wait.
+            step: the step that the page shows; -1 for none.
+            patience_s: how long to wait, in seconds.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._ended or self._is_after(step), patience_s)
@@ -61,7 +61,7 @@ class Watch:
         if moment is None or moment.step <= step:
             return {"ended": ended}
         with self._drawing:
-            if self._told.get("step") != moment.step:  # of several who look, the first has it drawn
+            if self._told.get("step") != moment.step:  # of several viewers, the first has it drawn
                 self._told = self._drawn(moment)
             return {**self._told, "ended": ended and moment.step == self._told["step"]}
 

@@ -1,1 +1,1 @@
-"""Reports as single pages that need no server and no network."""
+"""Reports as self-contained pages that need no server and no network."""

@@ -1,4 +1,4 @@
-"""The board of claims as a page."""
+"""The board of claims as an HTML page."""
 
 import math
 from collections.abc import Sequence
@@ -13,11 +13,11 @@ BESIDE = "beside"
 
 
 def claims_page(claims: Sequence[DecidedClaim], board: str) -> str:
-    """A page of the board: its text, with a chart of all claims above and one of each in place of its picture.
+    """The board as an HTML page: its text, with a chart of all claims on top and one per claim instead of its picture.
 
     Args:
-        claims: that were decided.
-        board: their text, as :func:`~sextant.reports.claims_board.board` writes it.
+        claims: the decided claims.
+        board: their Markdown text from :func:`~sextant.reports.claims_board.board`.
     """
     title, rest = board.split("\n", 1)
     text = f"{title}\n\n![all claims](overview.svg)\n{rest}"
@@ -25,7 +25,7 @@ def claims_page(claims: Sequence[DecidedClaim], board: str) -> str:
 
 
 def _overview(claims: Sequence[DecidedClaim]) -> Spec:
-    """All claims in units of the smallest effect that matters; those to which any effect does are left out."""
+    """All claims in units of the smallest effect that matters, except claims for which any effect matters."""
     rows = []
     for claim in claims:
         first = claim.deciding
@@ -43,7 +43,7 @@ def _overview(claims: Sequence[DecidedClaim]) -> Spec:
 
 
 def _of_claim(claim: DecidedClaim) -> list[Spec]:
-    """A chart of the comparisons in each unit."""
+    """One chart of the comparisons per unit."""
     charts, count = [], len(claim.counting)
     for unit in dict.fromkeys(each.unit for each in claim.comparisons):
         rows = []

@@ -1,4 +1,4 @@
-"""A text with tables and charts as one page of HTML that holds all it needs."""
+"""A text with tables and charts as one self-contained HTML page."""
 
 import base64
 import hashlib
@@ -15,10 +15,10 @@ from sextant.figures.charts import Spec
 if TYPE_CHECKING:
     from markdown_it.token import Token
 
-#: what is drawn in the place of a picture, by the picture's name without its folder and suffix
+#: charts that replace a picture, by the picture's name without folder and suffix
 Charts = Mapping[str, Sequence[Spec]]
 
-#: the only markup that a text may hold: where links within the page lead to
+#: the only HTML allowed in a text: anchors for links within the page
 ANCHOR = r'<a name="[\w-]+">|</a>'
 KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
 HINT = (
@@ -28,18 +28,19 @@ HINT = (
 
 
 def html_page(title: str, text: str, charts: Charts, pictures: Path | None = None) -> str:
-    """A page from Markdown.
+    """Render Markdown as an HTML page.
 
-    It loads nothing and runs no scripts but its own two, which it names by their hashes: what the text holds is text.
+    The page loads nothing, and its content security policy allows only its own two scripts, by their hashes, so that
+    nothing in the text can run.
 
     Args:
-        title: of the page.
-        text: Markdown; links to other files, which a page by itself has not, become plain text.
-        charts: in the place of pictures.
-        pictures: folder of the other pictures, which are taken into the page.
+        title: title of the page.
+        text: Markdown; links to other files become plain text, as the page stands alone.
+        charts: charts that replace pictures.
+        pictures: folder of the other pictures, which are embedded in the page.
 
     Returns:
-        HTML; the same arguments give the same.
+        HTML; the same arguments give the same page.
 
     Example:
         >>> page = html_page("Runs", "| arm |\\n| --- |\\n| a |\\n", {})  # doctest: +SKIP
@@ -68,7 +69,7 @@ def html_page(title: str, text: str, charts: Charts, pictures: Path | None = Non
 
 @cache
 def vega() -> str:
-    """Vega, Vega-Lite and their embedding, as one script."""
+    """Vega, Vega-Lite and Vega-Embed as one script."""
     import vl_convert
 
     bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # its stub asks for what has a default
@@ -101,7 +102,7 @@ def _body(text: str, charts: Charts, pictures: Path | None, data: list[str]) -> 
 
 
 def _standing_alone(token: "Token") -> "Token":
-    """A token; a link to another file is none any more."""
+    """The token, without its attributes if it links to another file."""
     if token.type == "link_open" and not str(token.attrs["href"]).startswith(("#", "http://", "https://")):
         token.attrs = {}
     return token

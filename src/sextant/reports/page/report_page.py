@@ -1,4 +1,4 @@
-"""The report of a sweep or a search as a page."""
+"""The report of a sweep or a search as an HTML page."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -16,14 +16,14 @@ from sextant.reports.tables import interval, number
 
 
 def write_report_page(results: SweepResults, folder: Path) -> Path:
-    """Write a page of a report that is there: its text and pictures, and charts of what was found above them.
+    """Write the HTML page of an existing report: charts of the results, then the report's text and pictures.
 
     Args:
-        results: what the runs found.
-        folder: of the page, which is named like the sweep's directory.
+        results: results of the runs.
+        folder: folder for the page, which is named after the sweep's directory.
 
     Returns:
-        The page.
+        The path of the page.
     """
     path = folder / f"{results.directory.name}.html"
     text = _page(results, results.directory / "report")
@@ -42,7 +42,7 @@ def _page(results: SweepResults, report: Path) -> str:
 
 
 def _arms(results: SweepResults, summaries: Sequence[Summary]) -> Iterator[Spec]:
-    """The means of the arms under each condition, a chart for each setting."""
+    """The means of the arms under each condition, one chart per setting."""
     measure = results.measure
     for setting in results.settings:
         rows = [
@@ -67,7 +67,7 @@ def _arm(row: Summary, digits: int) -> IntervalRow:
 
 
 def _contrasts(results: SweepResults) -> Iterator[Spec]:
-    """The differences under each condition, a chart for each contrast and setting."""
+    """The differences under each condition, one chart per contrast and setting."""
     rows, digits = contrasts(results), results.measure.digits
     axis = f"{results.measure.difference}; {results.measure.better} is better"
     for name, setting in dict.fromkeys((row.contrast, row.setting) for row in rows):

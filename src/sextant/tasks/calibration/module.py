@@ -31,7 +31,7 @@ class CalibrationResult:
     Attributes:
         truth: the true cameras.
         aspect: of each image.
-        panoramas: which panorama each image was cut from: crops of one are not independent.
+        panoramas: which panorama each image was cut from; crops of the same panorama are not independent.
         predictions: by condition key.
     """
 
@@ -45,14 +45,14 @@ class Calibration(CameraNetwork, pl.LightningModule):
     """Trains a :class:`~sextant.tasks.calibration.network.CameraNetwork`.
 
     Args:
-        network: gives the four numbers along their ranges, and the expected errors.
+        network: predicts the four numbers along their ranges, and the expected errors.
         spec: sizes and ranges.
         parameterization: what the four numbers are.
         loss: between predicted and true numbers.
         suite: test conditions.
-        optimizer: builds the optimiser from the parameters; None for a model that is only used.
+        optimizer: builds the optimiser from the parameters; None for a model used only for inference.
         schedule: factor on the learning rate as a function of the share of epochs done.
-        clip: largest norm of a gradient, of the network and of the heads of expected errors apart.
+        clip: largest gradient norm, applied separately to the network and to the heads of expected errors.
         log_every: steps between two logged training losses.
     """
 
@@ -83,7 +83,7 @@ class Calibration(CameraNetwork, pl.LightningModule):
     # -- training ------------------------------------------------------------------------------------------------------
 
     def training_step(self, batch: CropBatch, batch_idx: int) -> Tensor:
-        """The loss of the cameras, and of the expected errors given the errors made."""
+        """The loss of the cameras plus the loss of the expected errors given the actual errors."""
         output = self.network(batch.images_in_unit_range(), batch.aspect)
         values = self.space.from_unit(output.unit)
         truth = self.encoded(batch.cameras, batch.aspect)
@@ -91,26 +91,24 @@ class Calibration(CameraNetwork, pl.LightningModule):
         loss = batch.weight * self.loss(values, truth, shape).mean()
         with torch.no_grad():
             error = (reported(self.decoded(values, batch.aspect)) - reported(batch.cameras)).abs()
-        # the likelihood of Laplace's distribution: smallest where the scale is the mean absolute error
+        # negative log-likelihood of a Laplace distribution, smallest if the scale is the mean absolute error
         expected = batch.weight * (output.log_scale + error * torch.exp(-output.log_scale)).mean()
         log_training_loss(self, self.step_losses.add(self.global_step, loss))
-        total: Tensor = (
-            loss + expected
-        )  # the heads of ``expected`` are fed features without gradient: the sum couples nothing
+        total: Tensor = loss + expected  # the heads of ``expected`` get detached features, so the sum couples nothing
         return total
 
     def on_train_epoch_end(self) -> None:
-        """Look at the losses since the last logged one, so that no epoch ends unseen."""
+        """Check and log the losses since the last logged one, so that no epoch ends unchecked."""
         log_training_loss(self, self.step_losses.flush())
 
     def configure_gradient_clipping(self, optimizer: Optimizer, *arguments: Any, **options: Any) -> None:
-        """Clip the gradients of the network and of the expected errors apart, so that neither slows the other."""
+        """Clip the gradients of the network and of the expected errors separately, so that neither slows the other."""
         expected = set(self.network.scales.parameters())
         clip_grad_norm_([p for p in self.parameters() if p not in expected], self.clip)
         clip_grad_norm_(expected, self.clip)
 
     def configure_optimizers(self) -> Any:
-        """The optimiser, with the schedule stepped once an epoch."""
+        """The optimiser, with the schedule stepped once per epoch."""
         return optimizers(self, self.optimizer_factory, self.schedule)
 
     # -- validation ----------------------------------------------------------------------------------------------------
@@ -126,7 +124,7 @@ class Calibration(CameraNetwork, pl.LightningModule):
         self._validation.append((error, error / scale, bearing, beside, looks, batch.panoramas))
 
     def on_validation_epoch_end(self) -> None:
-        """Log median errors, and keep the scores that the intervals rest on, and what the images look like."""
+        """Log median errors, and keep the scores on which the intervals are based, and the looks of the images."""
         columns = (torch.cat(column).cpu() for column in zip(*self._validation, strict=True))
         error, scores, bearing, beside, looks, panoramas = columns
         self._validation = []

@@ -1,4 +1,4 @@
-"""The network of calibration with all that makes cameras with intervals of what it says; needs no Lightning."""
+"""The calibration network, with all that turns its output into cameras with intervals; needs no Lightning."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,26 +16,26 @@ from sextant.geometry.canvas import of_picture, on_canvas
 from sextant.models import CalibrationNet
 from sextant.models.canvas import pictures_of_canvas
 
-#: share of validation images that look usual
+#: share of validation images that count as looking usual
 USUAL = 0.95
 
 
 @dataclass(frozen=True)
 class CalibrationSpec:
-    """What a trained network expects and may say: with the weights, all that prediction needs.
+    """The inputs and output ranges of a trained network: with the weights, all that prediction needs.
 
     Attributes:
         height: of its input in pixels.
         width: of its input in pixels.
-        aspects: of the images it was trained on, before they were brought to the input.
+        aspects: of the images it was trained on, before they were resized to the input.
         low: lower ends of the four ranges.
         high: upper ends of the four ranges.
-        validation_crops: scores that the intervals rest on.
-        per_panorama: of them from each panorama.
+        validation_crops: number of scores on which the intervals are based.
+        per_panorama: number of them from each panorama.
         median: tilt, roll, focal and k1 in the middle of the training distribution.
-        spread: half the width of the central 68 % of tilt, roll, vfov (radians) and k1_hat in training.
+        spread: half-width of the central 68 % of tilt, roll, vfov (radians) and k1_hat in training.
         canvas: the input is a square with the picture in its middle (:mod:`sextant.geometry.canvas`), and the ranges
-            are those of cameras on it; else the picture is squashed to the input.
+            are those of cameras on it; otherwise the picture is squashed to the input.
     """
 
     height: int
@@ -56,15 +56,15 @@ class CalibrationSpec:
 
 @dataclass(frozen=True)
 class CalibrationPrediction:
-    """Cameras that were predicted, with their uncertainty.
+    """Predicted cameras with their uncertainty.
 
     Attributes:
         parameters: the cameras.
         scale: expected absolute error of tilt, roll, vfov (radians) and k1_hat.
         scores: ratios of error to expected error on the validation split, one column each.
         per_panorama: validation crops of each panorama.
-        strangeness: how far the looks of each image are from those of the validation split, in units of the distance
-            that 95 % of such images stay below; 0 where that is not known. None if nothing was asked.
+        strangeness: distance of each image's looks from those of the validation split, in units of the distance below
+            which 95 % of such images stay; 0 if that is unknown, None if not computed.
     """
 
     parameters: CameraParameters
@@ -74,12 +74,12 @@ class CalibrationPrediction:
     strangeness: Float[Tensor, "b"] | None = None
 
     def quantile(self, level: float) -> Float[Tensor, "4"]:
-        """Multipliers of ``scale`` that make intervals which hold the truth in a share ``level`` of images."""
+        """Multipliers of ``scale`` that make intervals which cover the truth in a share ``level`` of images."""
         return conformal_quantile(self.scores, level, self.per_panorama)
 
 
 def reported(camera: CameraParameters) -> Float[Tensor, "*b 4"]:
-    """What intervals are given for, whatever is predicted: tilt, roll, vfov (radians) and apparent distortion."""
+    """The quantities with intervals, whatever is predicted: tilt, roll, vfov (radians) and apparent distortion."""
     return torch.stack([camera.tilt, camera.roll, vfov_from_focal(camera.focal), camera.k1 / camera.focal.square()], -1)
 
 
@@ -87,7 +87,7 @@ class CameraNetwork(nn.Module):
     """Predicts cameras of images, with the uncertainty of each parameter.
 
     Args:
-        network: gives the four numbers along their ranges, and the expected errors.
+        network: predicts the four numbers along their ranges, and the expected errors.
         spec: sizes and ranges.
         parameterization: what the four numbers are.
     """
@@ -109,10 +109,10 @@ class CameraNetwork(nn.Module):
     def forward(
         self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]
     ) -> tuple[CameraParameters, Float[Tensor, "b 4"]]:
-        """Cameras of images in [0, 1], and the expected absolute errors of what :func:`reported` gives.
+        """Cameras of images in [0, 1], and the expected absolute errors of the quantities of :func:`reported`.
 
-        On a canvas, the mean of what the network says of an image and of its mirror image, in which roll changes its
-        sign and nothing else does.
+        On a canvas, this is the mean of the network's outputs for an image and for its mirror image, in which only roll
+        changes sign.
         """
         if not self.spec.canvas:
             output = self.network(images, aspect)
@@ -124,7 +124,7 @@ class CameraNetwork(nn.Module):
         return camera, output.log_scale.exp().reshape(2, -1, 4).mean(0)
 
     def looks(self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 16"]:
-        """What images in [0, 1] look like to the network, by :mod:`sextant.evaluation.calibration.picture_looks`."""
+        """The looks of images in [0, 1] to the network, by :mod:`sextant.evaluation.calibration.picture_looks`."""
         if self.network.lines is None:
             return picture_looks(images)
         pictures = pictures_of_canvas(images, aspect, self.network.lines)
@@ -136,12 +136,12 @@ class CameraNetwork(nn.Module):
         return of_picture(camera, aspect) if self.spec.canvas else camera
 
     def encoded(self, camera: CameraParameters, aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 4"]:
-        """The four numbers of cameras of pictures."""
+        """The four numbers that describe the cameras of pictures."""
         return self.parameterization.encode(on_canvas(camera, aspect) if self.spec.canvas else camera)
 
     @torch.no_grad()
     def predict(self, images: Tensor, aspect: Float[Tensor, "b"]) -> CalibrationPrediction:
-        """Cameras and their uncertainty for images of bytes, ``(b, 3, h, w)``, and how strange these look."""
+        """Cameras and their uncertainty for images of bytes, ``(b, 3, h, w)``, and how strange the images look."""
         images, aspect = images.to(self.scores.device).float() / 255, aspect.to(self.scores.device)
         camera, scale = self(images, aspect)
         looks = self.looks(images, aspect)
@@ -150,16 +150,16 @@ class CameraNetwork(nn.Module):
         return CalibrationPrediction(camera, scale, self.scores, self.spec.per_panorama, distance / usual)
 
     def position(self, camera: CameraParameters, aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 4"]:
-        """Where each of the four numbers of a camera lies along the range trained on: 0 to 1 inside it."""
+        """The position of each of a camera's four numbers along the range trained on: 0 to 1 inside it."""
         return self.space.to_unit(self.encoded(camera, aspect))
 
     def keep_validation(self, scores: Float[Tensor, "n 4"], looks: Float[Tensor, "n 16"], panoramas: Tensor) -> None:
-        """Keep what intervals and strangeness rest on.
+        """Keep the data on which intervals and strangeness are based.
 
         Args:
             scores: ratios of error to expected error on the validation split.
             looks: of its images, by :func:`~sextant.evaluation.calibration.picture_looks.picture_looks`.
-            panoramas: that each was cut from.
+            panoramas: the panorama that each image was cut from.
         """
         spread = LooksSpread.fit(looks)
         self.scores.copy_(scores)
@@ -168,9 +168,9 @@ class CameraNetwork(nn.Module):
         self.looks_scores.copy_(own_distances(looks, panoramas))
 
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *arguments: Any) -> None:
-        for name in ("looks_mean", "looks_whitening", "looks_scores"):  # which runs of before do not have
+        for name in ("looks_mean", "looks_whitening", "looks_scores"):  # missing in runs from before these existed
             state_dict.setdefault(prefix + name, getattr(self, name))
-        for name in ("scores", "looks_scores"):  # a run that goes on from another with other panoramas has its own
+        for name in ("scores", "looks_scores"):  # a run continued from another with other panoramas has its own
             if state_dict.get(prefix + name, self.scores).shape != getattr(self, name).shape:
                 state_dict[prefix + name] = getattr(self, name)
         super()._load_from_state_dict(state_dict, prefix, *arguments)
@@ -179,12 +179,12 @@ class CameraNetwork(nn.Module):
 def network_parts(
     raw: Mapping[str, Any], spec: Mapping[str, Any], build: Callable[..., Any]
 ) -> tuple[CalibrationNet, CalibrationSpec, Parameterization]:
-    """The arguments of a :class:`CameraNetwork` with new weights.
+    """Build the arguments of a :class:`CameraNetwork`, with new weights.
 
     Args:
         raw: the config, as plain values.
         spec: the fields of a :class:`CalibrationSpec`.
-        build: makes the part of a group of the config, with further arguments.
+        build: builds the part for a group of the config, with further arguments.
 
     Raises:
         UserError: a part cannot be built, or the inhibition does not fit the backbone.

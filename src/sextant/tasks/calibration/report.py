@@ -1,4 +1,4 @@
-"""The trained network beside methods that learn nothing or look at lines alone: errors, table, figures."""
+"""The trained network compared with methods that learn nothing or use only lines: errors, table, figures."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
     from sextant.baselines.calibration import CameraBelief
 
-#: errors that are kept as metrics of a run
+#: errors kept as metrics of a run
 KEPT = ("tilt_deg", "roll_deg", "vfov_deg", "k1", "k1_hat", "bearing_deg", "undistortion_px")
-#: columns of the table that is printed
+#: columns of the printed table
 COLUMNS = ("method", "tilt (°)", "roll (°)", "vfov (°)", "k1", "k1/f²", "bearing (°)", "undistortion (px @480)")
 REPORTED = ("tilt", "roll", "vfov", "k1_hat")
 BATCH, SHEET = 64, 16
@@ -41,10 +41,10 @@ class CalibrationReport:
     """Errors of every method on the test crops.
 
     Attributes:
-        cameras: predicted ones by method, in the order of the table.
+        cameras: predicted cameras by method, in the order of the table.
         errors: by method, then by name.
         few_lines: which crops are poor in lines; None without geometric methods.
-        few_lines_below: the number of long segments that makes a crop poor, fixed on validation.
+        few_lines_below: crops with fewer long segments count as poor in lines; fixed on validation.
     """
 
     cameras: dict[str, CameraParameters]
@@ -54,7 +54,7 @@ class CalibrationReport:
 
 
 def compare(module: Calibration, data: CalibrationData, *, geometric: bool, progress: Advance) -> CalibrationReport:
-    """The network's test predictions beside the baselines, on the same crops; geometric ones see them larger."""
+    """Compare the network's test predictions with the baselines on the same crops; geometric ones see them larger."""
     from sextant.baselines.calibration import ConstantCamera, PriorCamera
 
     assert module.result is not None
@@ -112,7 +112,7 @@ def _geometric(
 
 
 def network_beliefs(prediction: CalibrationPrediction) -> "list[CameraBelief]":
-    """What the network says of each image, its standard errors half the widths of the 68 % intervals."""
+    """The network's belief about each image, with half-widths of the 68 % intervals as standard errors."""
     from sextant.baselines.calibration import CameraBelief
 
     sigmas = (prediction.scale * prediction.quantile(0.68).nan_to_num(posinf=3.0)).double().tolist()
@@ -132,7 +132,7 @@ def _segment_counts(data: CalibrationData, split: str, n: int, progress: Advance
 def _over_crops(
     data: CalibrationData, split: str, n: int, look: Callable[..., Any], progress: Advance, *beside: Sequence[Any]
 ) -> Iterator[Any]:
-    """``look(image, *beside[i])`` for the first ``n`` crops of a split, in order, on as many processes as train."""
+    """``look(image, *beside[i])`` for the first ``n`` crops of a split, in order, on as many processes as training."""
     from joblib import Parallel, delayed
 
     crops = data.larger(split)
@@ -154,9 +154,9 @@ def _repeated(camera: CameraParameters, n: int) -> CameraParameters:
 
 
 def table(report: CalibrationReport, panoramas: Int64[ndarray, "n"]) -> list[dict[str, str]]:
-    """Rows of the comparison: median errors with intervals over panoramas, and areas under the recall curve.
+    """Rows of the comparison: median errors, and areas under the recall curve.
 
-    With geometric methods, rows of the crops that are poor in lines follow.
+    With geometric methods, rows for the crops poor in lines follow.
     """
     titles, rows = methods_table({name: summary(of, panoramas) for name, of in report.errors.items()})
     if report.few_lines is not None and report.few_lines.any():
@@ -171,7 +171,7 @@ def table(report: CalibrationReport, panoramas: Int64[ndarray, "n"]) -> list[dic
 
 
 def metrics(module: Calibration, report: CalibrationReport) -> dict[str, float]:
-    """Median errors of every method, coverage of the network's intervals, and how well it knows its errors."""
+    """Median errors of every method, and coverage and sparsification of the network's uncertainty."""
     assert module.result is not None
     result = module.result
     numbers = {
@@ -207,7 +207,7 @@ def arrays(module: Calibration, report: CalibrationReport) -> dict[str, ndarray]
 
 
 def figures(module: Calibration, data: CalibrationData, report: CalibrationReport) -> "Iterator[tuple[str, Figure]]":
-    """Crops with their horizons, errors against the true parameters, what was predicted, and the uncertainty."""
+    """Yield figures: crops with horizons, errors against true parameters, predictions, and uncertainty."""
     from sextant.evaluation.conformal import coverage_curve
     from sextant.figures.calibration.coverage import coverage_curves
     from sextant.figures.calibration.error_by_parameter import error_by_parameter

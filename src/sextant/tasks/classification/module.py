@@ -1,4 +1,4 @@
-"""Image classification, tested under corruptions that training never saw (chapter 7)."""
+"""Image classification, tested under corruptions unseen in training (chapter 7)."""
 
 from typing import Any
 
@@ -65,7 +65,7 @@ class Classification(pl.LightningModule):
         return loss
 
     def on_train_epoch_end(self) -> None:
-        """Look at the losses since the last logged one, so that no epoch ends unseen."""
+        """Check and log the losses since the last logged one, so that no epoch ends unchecked."""
         log_training_loss(self, self.step_losses.flush())
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
@@ -107,7 +107,7 @@ class Classification(pl.LightningModule):
         return torch.softmax(self(images), 1)
 
     def configure_optimizers(self) -> Any:
-        """The optimiser, with the schedule stepped once an epoch."""
+        """The optimiser, with the schedule stepped once per epoch."""
         return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:
@@ -115,12 +115,12 @@ class Classification(pl.LightningModule):
         return classification_converged(validation["val/accuracy"], len(self.spec.classes))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What the run keeps besides its metrics: labels, and predictions by condition."""
+        """The arrays kept besides the metrics: labels, and predictions by condition."""
         assert self.result is not None
         return {"labels": self.result.labels, **self.result.predictions}
 
     def facts(self) -> dict[str, Any]:
-        """Multiplications of the network for an image, how its inhibition is computed, and the protocol of the test."""
+        """The network's multiplications per image, how its inhibition is computed, and the protocol of the test."""
         size = (self.spec.height, self.spec.width)
         cost = network_cost(self.network, size, self.spec.channels)
         image = torch.zeros(1, self.spec.channels, *size, device=self.device)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from sextant.tasks.classification.result import ClassificationResult
 
-#: what corruption errors of a set are divided by
+#: baselines by which the corruption errors of a set are divided
 BASELINES: Mapping[str, CorruptionBaseline] = {"cifar10_c": ALEXNET_CIFAR10_C, "imagenet_c": ALEXNET_IMAGENET_C}
 #: images on a sheet, and conditions above which it shows one severity of each corruption
 SHEET_IMAGES, SHEET_CONDITIONS = 10, 20
@@ -51,7 +51,7 @@ def condition_metrics(result: "ClassificationResult", suite: CorruptionSuite) ->
 
 
 def flip_metrics(result: "ClassificationResult", suite: PerturbationSuite) -> dict[str, float]:
-    """``test/flip_probability/<perturbation>``, and ``mean`` where all ten of the benchmark are there."""
+    """``test/flip_probability/<perturbation>``, and ``mean`` if all ten of the benchmark are present."""
     found = {}
     for name in suite.corruptions:
         frames = np.stack([result.predictions[condition.key] for condition in suite.sequence(name)], axis=1)
@@ -64,7 +64,7 @@ def flip_metrics(result: "ClassificationResult", suite: PerturbationSuite) -> di
 def corruption_metrics(accuracy: Mapping[str, float], suite: CorruptionSuite) -> dict[str, float]:
     """``test/error/corrupted``, the mean over a published set; with all five severities also mCE and relative mCE.
 
-    They are shares: 1 is the error of the set's baseline.
+    The latter are shares: 1 is the error of the set's baseline.
     """
     if suite.protocol is None:
         return {}
@@ -79,7 +79,7 @@ def corruption_metrics(accuracy: Mapping[str, float], suite: CorruptionSuite) ->
 
 
 def sheet_conditions(suite: CorruptionSuite) -> list[Condition]:
-    """All conditions, or with many of them the clean images and the middle severity of each corruption."""
+    """All conditions, or if there are many, the clean images and the middle severity of each corruption."""
     conditions = suite.conditions()
     if len(conditions) <= SHEET_CONDITIONS:
         return conditions
@@ -94,7 +94,7 @@ def result_figures(
     classes: tuple[str, ...],
     test_images: UInt8[Tensor, "n c h w"],
 ) -> "Iterator[tuple[str, Figure]]":
-    """Accuracy against severity or a heat map of errors, confusions, corrupted inputs, and first-layer kernels."""
+    """Yield accuracy by severity or a heat map of errors, confusions, corrupted inputs, and first-layer kernels."""
     from sextant.figures.classification.corruption_heatmap import corruption_heatmap
     from sextant.figures.classification.first_kernels import first_kernels
     from sextant.figures.classification.severity_curves import severity_curves

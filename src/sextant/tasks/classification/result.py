@@ -1,4 +1,4 @@
-"""What a test of a classifier found."""
+"""The test result of a classifier."""
 
 from dataclasses import dataclass
 

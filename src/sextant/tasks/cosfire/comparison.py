@@ -1,4 +1,4 @@
-"""Which methods of recognition are compared, and how their SVMs are fitted."""
+"""Which recognition methods are compared, and how their SVMs are fitted."""
 
 from dataclasses import dataclass, field
 
@@ -9,18 +9,18 @@ from sextant.tasks.cosfire.methods import OF_NETWORK, Method
 
 @dataclass(frozen=True)
 class Comparison:
-    """What is compared, and how SVMs are fitted.
+    """The methods compared, and how SVMs are fitted.
 
     Attributes:
         methods: see :data:`~sextant.tasks.cosfire.methods.METHODS`.
-        c_values: of C, among which tuning images choose; a single one needs none.
-        scalings: of the features of an SVM, chosen likewise.
-        choose_among: examples that SVMs are fitted to while values of C are compared.
-        network_answers: the network was trained for the classes that are tested.
-        logarithms: SVMs see logarithms of the filters' maxima.
+        c_values: values of C, of which tuning images choose one; a single value needs no tuning images.
+        scalings: scalings of the features of an SVM, chosen likewise.
+        choose_among: number of examples to which SVMs are fitted while values of C are compared.
+        network_answers: whether the network was trained for the classes that are tested.
+        logarithms: whether SVMs see logarithms of the filters' maxima.
         tiles: per side of the image, for the method ``tiled_svm``.
-        fine_tuning: of a copy of the filters, for the methods ``cosfire_tuned`` and ``layer_tuned``; without epochs
-            there are none.
+        fine_tuning: fine-tuning of a copy of the filters, for the methods ``cosfire_tuned`` and ``layer_tuned``; with 0
+            epochs these are left out.
     """
 
     methods: tuple[Method, ...] = ("cosfire_svm", "tiled_svm", "strongest_filter", *OF_NETWORK)

@@ -42,7 +42,7 @@ LabelledSeen = tuple[SeenImages, Int64[Tensor, "n"]]
 
 
 class CosfireEstimator(nn.Module):
-    """Filters, SVMs and what else is fitted to examples, by :meth:`fit`; ``state_dict`` has all of it.
+    """Filters, SVMs and everything else that :meth:`fit` fits to examples; ``state_dict`` holds all of it.
 
     >>> estimator = CosfireEstimator(
     ...     lambda features: Cosfire(GaborBank((6.0,), 8), ConcentricCircles((0.0, 4.0)), t1=0.1),
@@ -55,16 +55,16 @@ class CosfireEstimator(nn.Module):
     >>> estimator.scores(others)["cosfire_svm"].argmax(1)  # doctest: +SKIP
 
     Args:
-        filters: makes the filters, from the feature map of the network or without.
+        filters: makes the filters, with or without a network's feature map.
         classes: names.
-        prototypes, comparison: how.
+        prototypes, comparison: how prototypes are chosen, and what is compared.
         image_shape: channels, height and width.
-        network: maps images to logits; None: filters look at images, or at ``features``.
-        layer: of the network whose map filters look at.
-        features: a feature map that was trained before and stays as it is, in place of ``network``.
-        describe: place descriptors of images, for the method ``descriptor``.
+        network: maps images to logits; None if filters operate on images, or on ``features``.
+        layer: the network's layer whose map the filters operate on.
+        features: a pretrained, frozen feature map, in place of ``network``.
+        describe: computes place descriptors of images, for the method ``descriptor``.
         seed: of the choice of prototypes.
-        show: progress of what takes long, by its name.
+        show: shows the progress of long operations, by name.
 
     Attributes:
         filters: configured by :meth:`fit`.
@@ -87,7 +87,7 @@ class CosfireEstimator(nn.Module):
         show: Callable[[str], AbstractContextManager[Advance]] = lambda what: nullcontext(lambda done, total: None),
     ):
         super().__init__()
-        # checkpoints call their arrays by the names of these modules
+        # checkpoints name their arrays after these modules
         self.network = network
         if network is not None:
             features = FeatureMap(copy.deepcopy(network), image_shape[0], image_shape[1:], layer=layer)
@@ -107,7 +107,7 @@ class CosfireEstimator(nn.Module):
 
     @property
     def methods(self) -> list[Method]:
-        """Those of the comparison that there are the parts for; the first is the one that predicts."""
+        """The methods of the comparison whose parts exist; the first is used for prediction."""
         missing: set[Method] = set() if self.features is not None else set(OF_NETWORK)
         missing |= {"network"} if self.network is None or not self.comparison.network_answers else set()
         missing |= {"descriptor"} if self.describe is None else set()
@@ -117,16 +117,16 @@ class CosfireEstimator(nn.Module):
     # -- fitting -------------------------------------------------------------------------------------------------------
 
     def fit(self, images: UInt8[Tensor, "n c h w"], labels: Int64[Tensor, "n"], tuning: Labelled | None = None) -> None:
-        """Configure filters from examples, and fit SVMs to them; the network stays as it is.
+        """Configure filters from examples, and fit SVMs to them; the network is left unchanged.
 
         Args:
             images, labels: examples, on the CPU.
-            tuning: further images and their labels, by which C and the scaling of features are chosen where the
-                comparison has several.
+            tuning: further images and their labels, by which C and the scaling of features are chosen if the comparison
+                has several.
 
         Raises:
             NoFilterError: no filter can be configured for a class.
-            ValueError: there is something to choose and no image to choose it by.
+            ValueError: there is something to choose and no image to choose by.
             LossNotFiniteError: fine-tuning diverges.
         """
         examples = self._look_at(images)
@@ -146,14 +146,14 @@ class CosfireEstimator(nn.Module):
             self._fine_tune(self.tuned, examples, labels, held)
 
     def _copy_network(self) -> None:
-        """Filters look at a copy of the network, as it is now."""
+        """Copy the network in its present state for the filters."""
         if self.network is not None and self.features is not None:
             kept = self.features.state_dict()
             state = {f"network.{name}": value for name, value in self.network.state_dict().items()}
             self.features.load_state_dict({name: value for name, value in state.items() if name in kept})
 
     def _configure(self, examples: SeenImages, labels: Int64[Tensor, "n"]) -> None:
-        """Configure filters, and keep what they were configured from and the range of their responses."""
+        """Configure filters, and keep their prototypes and the range of their responses."""
         seen = self.seen(examples.images)
         self.filters.clear()
         found = configure(self.filters, seen, labels, self.prototype_settings, torch.Generator().manual_seed(self.seed))
@@ -162,7 +162,7 @@ class CosfireEstimator(nn.Module):
             positive = examples[kind][examples[kind] > 0]
             least = positive.min().reshape(1) if len(positive) else torch.ones(1)
             self.prototypes.keep(**{f"least_{kind}": least})
-        if "tiled" in examples:  # the responses of all filters to all examples are known
+        if "tiled" in examples:  # the responses of all filters to all examples are already known
             own = examples["maxima"][found.images, torch.arange(len(self.filters))]
         else:
             own = own_responses(self.filters, seen[found.images])
@@ -175,7 +175,7 @@ class CosfireEstimator(nn.Module):
         held: LabelledSeen | None,
         logarithmic: bool,
     ) -> LinearSVM:
-        """Logarithms have no length that would mean something: of them ``unit`` is no scaling."""
+        """Fit an SVM; the norm of logarithms is meaningless, so the scaling ``unit`` is not used for them."""
         chosen = self.comparison
         scalings = tuple(scaling for scaling in chosen.scalings if not (logarithmic and scaling == "unit")) or ("all",)
         known = features(examples[0]), examples[1]
@@ -185,7 +185,7 @@ class CosfireEstimator(nn.Module):
     def _fine_tune(
         self, tuned: Cosfire, examples: SeenImages, labels: Int64[Tensor, "n"], held: LabelledSeen | None
     ) -> None:
-        """Fine-tune a copy of the filters, starting from the SVM of their log-maxima; as a control that SVM alone."""
+        """Fine-tune a copy of the filters, starting from the SVM on their log-maxima; as a control, that SVM alone."""
         maxima, settings = examples["maxima"], self.comparison.fine_tuning
         svm = self._svm(lambda seen: log_maxima(seen["maxima"]), (examples, labels), held, logarithmic=True)
         start = LinearLayer(torch.from_numpy(svm.weights), torch.from_numpy(svm.bias))
@@ -213,7 +213,7 @@ class CosfireEstimator(nn.Module):
     # -- what methods see ----------------------------------------------------------------------------------------------
 
     def seen(self, images: UInt8[Tensor, "n c h w"]) -> UInt8[Tensor, "n k h w"]:
-        """Images as the filters take them: in grey (luma) where they look at images themselves."""
+        """Images as input to the filters: in grey (luma) if the filters operate on images themselves."""
         if images.shape[1] == 1 or not isinstance(self.filters.bank, (GaborBank, DoGBank)):
             return images
         luma = torch.from_numpy(LUMA)[:, None, None]
@@ -223,7 +223,7 @@ class CosfireEstimator(nn.Module):
         return SeenImages(images, self._represent)
 
     def _features_of(self, method: Method, seen: SeenImages) -> Float[Tensor, "n d"]:
-        """What a method sees of images."""
+        """The features of images that a method uses."""
         kind = REPRESENTATIONS[method]
         if method in OF_MAXIMA and self.comparison.logarithms:
             return seen[kind].clamp(min=float(self.prototypes[f"least_{kind}"])).log()
@@ -259,22 +259,22 @@ class CosfireEstimator(nn.Module):
     def scores(
         self, images: UInt8[Tensor, "n c h w"], methods: Sequence[Method] | None = None
     ) -> dict[Method, Float[Tensor, "n k"]]:
-        """How much each image looks like each class, by method; on the CPU, -inf for a class without an example.
+        """Scores of each image for each class, by method; on the CPU, -inf for a class without an example.
 
         Args:
             images: bytes, on the CPU.
-            methods: of :attr:`methods`; None is all.
+            methods: a selection of :attr:`methods`; None for all.
         """
         seen, examples = self._look_at(images), self._look_at(self.known["images"].cpu())
         return {method: self._scores_of(method, seen, examples) for method in methods or self.methods}
 
     def first_scores(self, images: UInt8[Tensor, "n c h w"]) -> Float[Tensor, "n k"]:
-        """:meth:`scores` of the first method, the one that predicts."""
+        """:meth:`scores` of the first method, which is used for prediction."""
         method = self.methods[0]
         return self.scores(images, [method])[method]
 
     def answers(self, images: UInt8[Tensor, "n c h w"]) -> dict[Method, Int64[ndarray, "n"]]:
-        """The class that each method gives each image."""
+        """The class that each method predicts for each image."""
         return {method: scores.argmax(1).numpy() for method, scores in self.scores(images).items()}
 
     def _scores_of(self, method: Method, seen: SeenImages, examples: SeenImages) -> Float[Tensor, "n k"]:
@@ -294,13 +294,13 @@ class CosfireEstimator(nn.Module):
     # -- what was fitted -----------------------------------------------------------------------------------------------
 
     def configured_from(self) -> Prototypes:
-        """What the filters were configured from."""
+        """The prototypes that the filters were configured from."""
         return Prototypes(*(self.prototypes[name].cpu() for name in ("labels", "images", "points")))
 
     def facts(self) -> dict[str, Any]:
-        """How many filters, parts and weights there are, and how each SVM was fitted.
+        """Numbers of filters, parts and weights, and how each SVM was fitted.
 
-        Weights are those of the network; of its feature map, a copy, if that is another run's.
+        Weights are those of the network, or those of the feature map if that is from another run.
         """
         weighing = self.features if self.network is None else self.network
         svms = {name: kept.svm() for name, kept in self._svms().items()}

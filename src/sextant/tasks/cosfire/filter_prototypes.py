@@ -1,4 +1,4 @@
-"""Which examples filters are configured from, and where in them."""
+"""Which examples filters are configured from, and at which points."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,7 +11,7 @@ from sextant.errors import UserError
 from sextant.layers.cosfire import Cosfire
 from sextant.tasks.cosfire.representations import filter_maxima, images_at_once
 
-#: further places that are tried where an example has no structure
+#: places that are tried if an example lacks structure
 TRIES = 20
 
 
@@ -24,10 +24,10 @@ class PrototypeSettings:
     """How prototypes are chosen.
 
     Attributes:
-        per_class: filters of each class; with fewer examples than that, each is used several times.
+        per_class: filters per class; with fewer examples than that, each is used several times.
         at: ``random`` points, or the ``centre``.
         margin: random points keep this share of the image's sides from its border.
-        least_parts: of a filter; points that give fewer are passed over.
+        least_parts: fewest parts of a filter; points that give fewer are skipped.
     """
 
     per_class: int = 10
@@ -38,12 +38,12 @@ class PrototypeSettings:
 
 @dataclass(frozen=True)
 class Prototypes:
-    """What filters were configured from.
+    """The prototypes of filters.
 
     Attributes:
         labels: class of each filter.
-        images: which example.
-        points: x and y in it.
+        images: index of the example.
+        points: x and y in the example.
     """
 
     labels: Int64[Tensor, "f"]
@@ -61,7 +61,7 @@ def configure(
     """Configure ``settings.per_class`` filters for each class.
 
     Raises:
-        NoFilterError: in no example of a class, at none of the points that were tried, is there enough structure.
+        NoFilterError: no example of a class has enough structure at any of the points tried.
     """
     chosen: list[tuple[int, int, float, float]] = []
     for label in torch.unique(labels).tolist():
@@ -76,8 +76,8 @@ def configure(
 
 
 def own_responses(filters: Cosfire, images: UInt8[Tensor, "f c h w"]) -> Float[Tensor, "f"]:
-    """The strongest response of filter i to image i."""
-    # in batches, whose responses to all filters are held at a time; the order of filters is that of images
+    """The strongest response of filter i to image i, for all i."""
+    # in batches, whose responses to all filters are in memory at a time; filters and images are in the same order
     rows = torch.arange(len(images)).split(images_at_once(filters, images))
     return torch.cat([filter_maxima(filters, images[own])[:, own].diagonal() for own in rows])
 
@@ -96,7 +96,7 @@ def _configured(
     refused = ""
     tries = min(TRIES, len(order)) if settings.at == "centre" else TRIES
     for attempt in range(tries):
-        # a place in the same example first, and another example from half of the tries on
+        # first other places in the same example, then other examples after half of the tries
         row = int(order[(turn + (attempt if settings.at == "centre" or attempt >= TRIES // 2 else 0)) % len(order)])
         point = ((width - 1) / 2, (height - 1) / 2)
         if settings.at == "random":

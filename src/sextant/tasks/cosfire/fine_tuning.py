@@ -1,11 +1,11 @@
-r"""Fine-tuning configured filters, together with the linear layer that classifies by their responses.
+r"""Fine-tuning of configured filters together with the linear layer that classifies by their responses.
 
 .. math:: \ell(I) = W\,\frac{\log\max_x R(I, x) - \mu}{s} + b,
 
 with R the responses of the filters and μ, s the mean and the deviation of the log-maxima of the examples before
-training; W and b start from a support vector machine. What trains is W, b and the parts of the filters (weights of
-geometric means; of a network's vectors their directions; places too where shifts are bilinear), by cross-entropy. A
-control trains W and b alone.
+training; W and b start from a support vector machine. W, b and the parts of the filters are trained by cross-entropy:
+the weights of geometric means, the directions of a network's vectors and, if shifts are bilinear, places. A control
+trains only W and b.
 """
 
 import math
@@ -21,17 +21,17 @@ from sextant.errors import LossNotFiniteError
 from sextant.layers.cosfire import Cosfire
 from sextant.reporter import Advance
 
-#: images of a step
+#: images per step
 BATCH = 32
 
 
 @dataclass(frozen=True)
 class FineTuning:
-    """How filters are trained on.
+    """How filters are fine-tuned.
 
     Attributes:
-        epochs: over the examples; 0 leaves the filters as they were configured.
-        lr: of Adam.
+        epochs: passes over the examples; 0 leaves the filters as configured.
+        lr: learning rate of Adam.
     """
 
     epochs: int = 0
@@ -46,17 +46,17 @@ class LinearLayer:
     bias: Float64[Tensor, "k"]
 
     def scores(self, features: Float[Tensor, "n d"]) -> Float64[Tensor, "n k"]:
-        """Of each class, on the processor."""
+        """Scores of each class, on the CPU."""
         return features.double().cpu() @ self.weights.cpu().T + self.bias.cpu()
 
 
 @dataclass(frozen=True)
 class TunedLayer:
-    """What came of training a layer on.
+    """The result of fine-tuning a layer.
 
     Attributes:
         layer: over log-maxima.
-        losses: mean cross-entropy of each epoch, while it was trained.
+        losses: mean cross-entropy during each epoch of training.
     """
 
     layer: LinearLayer
@@ -65,10 +65,10 @@ class TunedLayer:
 
 @dataclass(frozen=True)
 class Tuned(TunedLayer):
-    """What came of training filters and layer on; the layer is over the log-maxima of these filters.
+    """The result of fine-tuning filters and layer; the layer is over the log-maxima of these filters.
 
     Attributes:
-        filters: the copy that was trained.
+        filters: the trained copy.
     """
 
     filters: Cosfire
@@ -85,13 +85,13 @@ def fine_tune(
     generator: torch.Generator,
     show: Advance = lambda done, total: None,
 ) -> Tuned:
-    """Train a copy of ``filters`` and of the layer on the examples; ``filters`` stay as they are.
+    """Train a copy of ``filters`` and of the layer on the examples; ``filters`` are left unchanged.
 
     Args:
         filters: configured.
-        copy: makes filters of the same options, which may share the network of their bank.
+        copy: makes filters with the same options, which may share the network of their bank.
         start: fitted to the log-maxima of the examples.
-        maxima: of the examples, as the filters answer before training.
+        maxima: of the examples, from the filters before training.
         images, labels: the examples.
         settings: how long and how fast.
         generator: of the order of the examples.
@@ -119,7 +119,7 @@ def tune_layer(
     settings: FineTuning,
     generator: torch.Generator,
 ) -> TunedLayer:
-    """Train the layer alone, as long and as fast: what of :func:`fine_tune` is not the filters' doing.
+    """Train only the layer, with the same settings: the control for what :func:`fine_tune` gains by the filters.
 
     Args:
         start: fitted to the log-maxima of the examples.
@@ -136,7 +136,7 @@ def tune_layer(
 
 
 def log_maxima(maxima: Float[Tensor, "n f"]) -> Float[Tensor, "n f"]:
-    """Logarithms of maxima, of which none counts as less than a thousandth of the strongest there can be."""
+    """Logarithms of maxima, clamped below at a thousandth of the largest possible value."""
     return maxima.clamp(min=1e-3).log()
 
 
@@ -149,7 +149,7 @@ def _descend(
     generator: torch.Generator,
     show: Advance = lambda done, total: None,
 ) -> list[float]:
-    """Adam over ``head`` and ``parts``; ``seen`` gives the log-maxima of examples by number. Mean loss by epoch."""
+    """Run Adam over ``head`` and ``parts`` and return the mean loss by epoch; ``seen`` gives log-maxima by row."""
     number = head.number(labels)
     optimizer = torch.optim.Adam([*parts, *head.parameters()], lr=settings.lr)
     losses, count = [], len(labels)
@@ -170,13 +170,13 @@ def _descend(
 
 
 class _Head(nn.Module):
-    """The layer over scaled log-maxima, of the classes with an example: a bias of -inf would make gradients nan."""
+    """The layer over scaled log-maxima, for classes with an example: a bias of -inf would make gradients nan."""
 
     def __init__(self, start: LinearLayer, maxima: Float[Tensor, "n f"]):
         super().__init__()
         values = log_maxima(maxima).double().cpu()
         deviation = values.std(0, correction=0)
-        # a filter that answers alike to all would be blown up by its own deviation
+        # dividing by its own deviation would blow up a filter that responds equally to all images
         least = 1e-3 * float(deviation.max())
         self.mean, self.deviation = values.mean(0), deviation.clamp(min=least if least > 0 else 1.0)
         self.present = start.bias.isfinite()
@@ -190,11 +190,11 @@ class _Head(nn.Module):
         return self.linear((features - self.mean.to(features)) / self.deviation.to(features))  # type: ignore[no-any-return]
 
     def number(self, labels: Int64[Tensor, "n"]) -> Int64[Tensor, "n"]:
-        """Which of the layer's rows each label has."""
+        """The row of the layer for each label."""
         return (self.present.cumsum(0) - 1)[labels].to(self.linear.weight.device)
 
     def layer(self) -> LinearLayer:
-        """Over log-maxima as they are, of all classes."""
+        """The layer over unscaled log-maxima, for all classes."""
         weights = self.linear.weight.detach().double().cpu() / self.deviation
         bias = self.linear.bias.detach().double().cpu() - weights @ self.mean
         found = LinearLayer(
@@ -206,5 +206,5 @@ class _Head(nn.Module):
 
 
 def _parts(filters: Cosfire) -> list[nn.Parameter]:
-    """What trains, without the network of the bank."""
+    """The trainable parameters, without the network of the bank."""
     return [parameter for parameter in filters.parameters(recurse=False) if parameter.requires_grad]

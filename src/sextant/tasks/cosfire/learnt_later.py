@@ -1,4 +1,4 @@
-"""Arrays of a module whose sizes are known only once it has been fitted, kept in its checkpoints."""
+"""Arrays of a module whose sizes are known only after fitting, kept in its checkpoints."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,7 +11,7 @@ from sextant.tasks.cosfire.fine_tuning import LinearLayer, TunedLayer
 
 
 class LearntLater(nn.Module):
-    """Named arrays that may be set, saved and loaded in any size; missing until then."""
+    """Named arrays that can be set, saved and loaded in any size; empty until then."""
 
     def __init__(self, *names: str):
         super().__init__()
@@ -19,7 +19,7 @@ class LearntLater(nn.Module):
             self.register_buffer(name, torch.zeros(0))
 
     def keep(self, **arrays: Tensor) -> None:
-        """Set arrays that were named."""
+        """Set arrays by name."""
         for name, array in arrays.items():
             setattr(self, name, array.to(next(self.buffers()).device))
 
@@ -40,7 +40,7 @@ class LearntSVM(LearntLater):
         super().__init__("weights", "bias", "price", "scaling")
 
     def keep_svm(self, svm: LinearSVM) -> None:
-        """Set all arrays."""
+        """Keep all arrays."""
         self.keep(
             weights=torch.from_numpy(svm.weights),
             bias=torch.from_numpy(svm.bias),
@@ -49,22 +49,22 @@ class LearntSVM(LearntLater):
         )
 
     def svm(self) -> LinearSVM:
-        """The SVM that was kept."""
+        """The SVM as kept."""
         weights, bias, c, scaling = (self[name].cpu().numpy() for name in ("weights", "bias", "price", "scaling"))
         return LinearSVM(weights, bias, float(c[0]), SCALINGS[int(scaling[0])])
 
 
 class LearntLayer(LearntLater):
-    """A linear layer that was trained on, and the losses of its epochs."""
+    """A fine-tuned linear layer, and the losses of its epochs."""
 
     def __init__(self) -> None:
         super().__init__("weights", "bias", "losses")
 
     def keep_layer(self, tuned: TunedLayer) -> None:
-        """Set all arrays."""
+        """Keep all arrays."""
         losses = torch.tensor(tuned.losses, dtype=torch.float64)
         self.keep(weights=tuned.layer.weights, bias=tuned.layer.bias, losses=losses)
 
     def layer(self) -> LinearLayer:
-        """The layer that was kept."""
+        """The layer as kept."""
         return LinearLayer(self["weights"], self["bias"])

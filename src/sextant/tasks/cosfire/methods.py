@@ -1,4 +1,4 @@
-"""Ways to classify an image, all from the same examples: by filters, and what they are compared with."""
+"""Methods to classify an image, all from the same examples: by filters, and those they are compared with."""
 
 from typing import Literal
 
@@ -22,7 +22,7 @@ Method = Literal[
     "cosfire_tuned",
     "layer_tuned",
 ]
-#: what each is, for tables
+#: descriptions for tables
 METHODS: dict[Method, str] = {
     "cosfire_svm": "maxima of COSFIRE filters, linear SVM",
     "tiled_svm": "maxima of COSFIRE filters in each tile of the image, linear SVM",
@@ -35,7 +35,7 @@ METHODS: dict[Method, str] = {
     "cosfire_tuned": "log-maxima of COSFIRE filters, linear layer, both trained on from the SVM",
     "layer_tuned": "the same, the layer alone trained on: the control",
 }
-#: what a method sees of an image
+#: what a method uses of an image
 Representation = Literal["maxima", "tiled", "tuned", "full", "pooled", "logits", "descriptor"]
 REPRESENTATIONS: dict[Method, Representation] = {
     "cosfire_svm": "maxima",
@@ -49,17 +49,17 @@ REPRESENTATIONS: dict[Method, Representation] = {
     "cosfire_tuned": "tuned",
     "layer_tuned": "maxima",
 }
-#: those that are an SVM
+#: methods that are an SVM
 SVMS: tuple[Method, ...] = ("cosfire_svm", "tiled_svm", "full_svm", "pooled_svm")
-#: those of them that see the filters' maxima
+#: SVMs that use the filters' maxima
 OF_MAXIMA: tuple[Method, ...] = ("cosfire_svm", "tiled_svm")
-#: those of fine-tuning
+#: methods of fine-tuning
 TUNED: tuple[Method, ...] = ("cosfire_tuned", "layer_tuned")
-#: those that compare with examples themselves
+#: methods that compare with the examples themselves
 OF_EXAMPLES: tuple[Method, ...] = ("nearest", "descriptor")
-#: those that need a network
+#: methods that need a network
 OF_NETWORK: tuple[Method, ...] = ("full_svm", "pooled_svm", "nearest", "network")
-#: of examples that the nearest is looked for among
+#: most examples among which the nearest is searched
 NEAREST_AMONG = 10_000
 
 
@@ -72,7 +72,7 @@ def svm_of(
     choose_among: int,
     seed: int,
 ) -> LinearSVM:
-    """An SVM for the examples; tuning images choose C and scaling with at most ``choose_among`` examples."""
+    """Fit an SVM to the examples; tuning images choose C and scaling, with at most ``choose_among`` examples."""
     features, labels = (
         values.double().numpy() if values.is_floating_point() else values.numpy() for values in examples
     )
@@ -87,20 +87,20 @@ def svm_of(
 def strongest_filter(
     maxima: Float[Tensor, "n f"], own: Float[Tensor, "f"], labels: Int64[Tensor, "f"], count: int
 ) -> Float[Tensor, "n k"]:
-    """For each class the largest response of one of its filters, as a share of the response to its own prototype."""
+    """For each class, the largest response of its filters, each as a share of the response to its own prototype."""
     return _best_of_class(maxima / own.clamp(min=torch.finfo(own.dtype).tiny), labels, count)
 
 
 def nearest_example(
     images: Float[Tensor, "n d"], examples: Float[Tensor, "m d"], labels: Int64[Tensor, "m"], count: int
 ) -> Float[Tensor, "n k"]:
-    """For each class the largest cosine to one of its examples."""
+    """For each class, the largest cosine similarity to one of its examples."""
     known = F.normalize(examples, dim=1)
     found = [_best_of_class(F.normalize(batch, dim=1) @ known.T, labels, count) for batch in images.split(1024)]
     return torch.cat(found)
 
 
 def _best_of_class(scores: Float[Tensor, "n m"], labels: Int64[Tensor, "m"], count: int) -> Float[Tensor, "n k"]:
-    """The largest of the columns of each label; -inf where there is none."""
+    """The largest of the columns of each label; -inf if there is none."""
     best = scores.new_full((len(scores), count), -torch.inf)
     return best.scatter_reduce(1, labels.expand(len(scores), -1), scores, "amax")

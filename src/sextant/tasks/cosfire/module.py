@@ -1,4 +1,4 @@
-"""Recognition by filters configured from single examples (chapter 6): the training of the network they look at."""
+"""Recognition by filters configured from single examples (chapter 6): the training of their network."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ class CosfireRecognition(pl.LightningModule):
     """Trains the network of an estimator, if it has one; then fits the estimator to the examples.
 
     Args:
-        estimator: whose modules become this one's, so that checkpoints name its arrays as its own ``state_dict`` does.
+        estimator: its modules become this module's, so that checkpoints name arrays as its own ``state_dict`` does.
         optimizer, schedule, log_every: as for every task.
     """
 
@@ -39,7 +39,7 @@ class CosfireRecognition(pl.LightningModule):
     ):
         super().__init__()
         self.automatic_optimization = estimator.network is not None
-        object.__setattr__(self, "estimator", estimator)  # its modules are registered, not itself
+        object.__setattr__(self, "estimator", estimator)  # its modules are registered, not the estimator itself
         for name, part in estimator.named_children():
             self.add_module(name, part)
         self.optimizer_factory, self.schedule = optimizer, schedule
@@ -48,7 +48,7 @@ class CosfireRecognition(pl.LightningModule):
         self._validation: list[Tensor] = []
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor | None:
-        """Cross-entropy of the network; nothing without one to train."""
+        """Cross-entropy of the network; None without a network to train."""
         if self.estimator.network is None:
             self.optimizers().step()  # type: ignore[union-attr]
             return None
@@ -57,7 +57,7 @@ class CosfireRecognition(pl.LightningModule):
         return loss
 
     def on_train_epoch_end(self) -> None:
-        """Log what is left; fit to the examples when the last epoch is done."""
+        """Log the remaining losses; after the last epoch, fit to the examples."""
         log_training_loss(self, self.step_losses.flush())
         if self.trainer.current_epoch + 1 == self.trainer.max_epochs:
             was = self.training
@@ -66,7 +66,7 @@ class CosfireRecognition(pl.LightningModule):
             self.train(was)
 
     def _fit(self) -> None:
-        """Fit to the examples; a network that has learnt little is named as what may be to blame for a failure."""
+        """Fit to the examples; on failure, the error points to the network if that has learnt little."""
         examples, tuning = self._data.split("examples"), self._data.split("tuning")
         try:
             self.estimator.fit(examples.images, examples.labels, (tuning.images, tuning.labels))
@@ -81,13 +81,13 @@ class CosfireRecognition(pl.LightningModule):
             ) from None
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        """Count the network's right answers."""
+        """Count the network's correct predictions."""
         if self.estimator.network is not None:
             answers = self.estimator.network(batch.images_in_unit_range()).argmax(1)
             self._validation.append((answers == batch.labels).float())
 
     def on_validation_epoch_end(self) -> None:
-        """Log ``val/accuracy`` of the network, or without one of the filters on the tuning images."""
+        """Log ``val/accuracy`` of the network, or without a network that of the filters on the tuning images."""
         if self._validation:
             self.log("val/accuracy", torch.cat(self._validation).mean())
             self._validation = []
@@ -96,7 +96,7 @@ class CosfireRecognition(pl.LightningModule):
             self.log("val/accuracy", (answers == tuning.labels).float().mean())
 
     def test_step(self, batch: Batch, batch_idx: int) -> None:
-        """Nothing: methods look at all test images at once when the test ends."""
+        """Do nothing: methods process all test images at once when the test ends."""
 
     def on_test_epoch_end(self) -> None:
         """Keep the answers as :attr:`result`; log ``test/accuracy/<method>``."""
@@ -111,13 +111,13 @@ class CosfireRecognition(pl.LightningModule):
             self.log_dict({f"test/accuracy/{method}/{name}": value for method, value in accuracy.items()})
 
     def configure_optimizers(self) -> Any:
-        """The optimiser of the network, with the schedule stepped once an epoch."""
+        """The optimiser of the network, with the schedule stepped once per epoch."""
         if self.estimator.network is None:
             return nothing_to_optimize()
         return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:
-        """Whether the network learnt at all, by the rule of classification; filters are not judged."""
+        """Whether the network learnt at all, by the rule for classification; filters are not judged."""
         if self.estimator.network is None:
             return True
         return classification_converged(validation["val/accuracy"], len(self._data.learnt))

@@ -1,4 +1,4 @@
-"""What a test of recognition by filters shows: a table of methods, prototypes, filters, confusions and errors."""
+"""The report of a recognition test: a table of methods, prototypes, filters, confusions and errors."""
 
 import copy
 import re
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 #: images on a sheet
 SHEET = 40
-#: filters that are drawn
+#: number of filters drawn
 DRAWN = 3
 
 
 def method_table(result: "RecognitionResult") -> list[dict[str, str]]:
-    """One row a method, the best first."""
+    """One row per method, the best first."""
     found = sorted(result.accuracy().items(), key=lambda item: -item[1])
     count = len(result.labels)
     return [
@@ -46,7 +46,7 @@ def method_table(result: "RecognitionResult") -> list[dict[str, str]]:
 def recognition_figures(
     estimator: "CosfireEstimator", result: "RecognitionResult", data: "ExampleData"
 ) -> "Iterator[tuple[str, Figure]]":
-    """Prototypes, filters and their responses; the confusions of the first method and the images it gets wrong."""
+    """Yield prototypes, filters and their responses, and the confusions and errors of the first method."""
     from sextant.figures.confusion_matrix import confusion_matrix
     from sextant.figures.cosfire.recognition_errors import recognition_errors
 
@@ -65,7 +65,7 @@ def recognition_figures(
 
 
 def first_filters(labels: Int64[Tensor, "f"]) -> list[int]:
-    """The first filter of each of some classes, evenly chosen among the classes."""
+    """The first filter of each of a few classes, evenly spaced among all classes."""
     classes, of_filter = torch.unique(labels, return_inverse=True)
     rows = np.unique(np.linspace(0, len(classes) - 1, min(DRAWN, len(classes))).round().astype(int))
     return [int((of_filter == row).nonzero()[0, 0]) for row in rows.tolist()]
@@ -95,7 +95,7 @@ def _filter(estimator: "CosfireEstimator", number: int) -> "Figure":
 def _response(
     estimator: "CosfireEstimator", number: int, images: UInt8[Tensor, "n c h w"], labels: Int64[ndarray, "n"]
 ) -> "Figure":
-    """Over a test image of the filter's class, or the first one if there is none."""
+    """The response over a test image of the filter's class, or over the first image if there is none."""
     from sextant.figures.cosfire.responses import cosfire_responses
 
     kept, filters = estimator.configured_from(), estimator.filters
@@ -123,7 +123,7 @@ def _response(
 
 
 def on_processor(filters: "Cosfire") -> "Cosfire":
-    """The filters, or a copy of them where images are drawn."""
+    """The filters, or a copy of them on the CPU, where figures are drawn."""
     return filters if filters.rho.device.type == "cpu" else copy.deepcopy(filters).cpu()
 
 

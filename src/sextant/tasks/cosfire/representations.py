@@ -1,4 +1,4 @@
-"""Feature vectors of images: filter maxima, and what a network's feature map gives without filters."""
+"""Feature vectors of images: filter maxima, and those of a network's feature map without filters."""
 
 from collections.abc import Callable
 from typing import Literal
@@ -10,16 +10,16 @@ from torch import Tensor, nn
 from sextant.layers.cosfire import Cosfire
 from sextant.reporter import Advance
 
-#: of the maps of all parts of all filters, that are held at a time
+#: most values of the maps of all parts of all filters that are in memory at a time
 FLOATS_AT_ONCE = 2**22
 
 
 def filter_maxima(
     filters: Cosfire, images: UInt8[Tensor, "n c h w"], show: Advance = lambda done, total: None, *, tiles: int = 1
 ) -> Float[Tensor, "n m"]:
-    """The strongest response of each filter in each image, or each of tiles x tiles parts of it.
+    """The strongest response of each filter in each image, or in each of its tiles x tiles parts.
 
-    Computed where the filters are, returned on the CPU.
+    Computed on the filters' device, returned on the CPU.
     """
 
     def described(batch: Tensor) -> Tensor:
@@ -31,7 +31,7 @@ def filter_maxima(
 def feature_maps(
     features: nn.Module, images: UInt8[Tensor, "n c h w"], kind: Literal["full", "pooled"]
 ) -> Float[Tensor, "n d"]:
-    """The rectified feature map of each image as it is, or the mean over its places; on the processor."""
+    """The rectified feature map of each image in full, or averaged over places; on the CPU."""
 
     def described(batch: Tensor) -> Tensor:
         maps: Tensor = features(batch).clamp(min=0)
@@ -42,7 +42,7 @@ def feature_maps(
 
 
 def images_at_once(filters: Cosfire, images: UInt8[Tensor, "n c h w"]) -> int:
-    """As many as have room for the maps of all parts, 64 at most."""
+    """Number of images per batch for which the maps of all parts fit into memory, 64 at most."""
     with torch.no_grad():
         one = images[:1].to(filters.rho.device).float() / 255
         map_size = filters.bank.describe(one).shape[-2:].numel()

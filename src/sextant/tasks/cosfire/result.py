@@ -1,4 +1,4 @@
-"""What each method answered on the test images."""
+"""The predictions of each method on the test images."""
 
 from dataclasses import dataclass, field
 
@@ -10,12 +10,12 @@ from sextant.tasks.cosfire.methods import Method
 
 @dataclass
 class RecognitionResult:
-    """Answers on the test images.
+    """Predictions on the test images.
 
     Attributes:
         labels: true classes.
-        answers: by method.
-        conditions: which images are of it, by its name; empty where all are of one.
+        answers: predicted classes by method.
+        conditions: by name, which images are of that condition; empty if all are of one.
     """
 
     labels: Int64[ndarray, "n"]
@@ -23,7 +23,7 @@ class RecognitionResult:
     conditions: dict[str, Bool[ndarray, "n"]] = field(default_factory=dict)
 
     def accuracy(self) -> dict[Method, float]:
-        """Share of right answers by method."""
+        """Share of correct predictions by method."""
         return {method: float((found == self.labels).mean()) for method, found in self.answers.items()}
 
     def accuracy_under(self, condition: str) -> dict[Method, float]:
@@ -32,7 +32,7 @@ class RecognitionResult:
         return {method: float((found == self.labels)[rows].mean()) for method, found in self.answers.items()}
 
     def arrays(self) -> dict[str, ndarray]:
-        """Labels, answers and conditions, as a run stores them."""
+        """Labels, predictions and conditions, as stored by a run."""
         answers = {f"answer/{method}": found for method, found in self.answers.items()}
         conditions = {f"condition/{name}": found for name, found in self.conditions.items()}
         return {"labels": self.labels, **answers, **conditions}

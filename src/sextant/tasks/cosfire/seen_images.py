@@ -1,4 +1,4 @@
-"""What methods see of images, computed once for all of them."""
+"""Representations of images, computed once for all methods."""
 
 from collections.abc import Callable
 
@@ -9,11 +9,11 @@ from sextant.tasks.cosfire.methods import Representation
 
 
 class SeenImages(dict[Representation, Float[Tensor, "n d"]]):
-    """Representations of images by kind; each is computed when it is first asked for, and kept.
+    """Representations of images by kind; each is computed on first use and kept.
 
     Args:
         images: bytes, on the CPU.
-        represent: computes a kind of representation, perhaps from others of the same images.
+        represent: computes a kind of representation, possibly from others of the same images.
     """
 
     def __init__(

@@ -1,17 +1,16 @@
-r"""How much an image counts along a drive, where images that follow one another err alike.
+r"""How much an image counts along a drive, where the errors of consecutive images are correlated.
 
-A tempering that is fitted to single images (:mod:`sextant.localization.calibration`) makes the posterior of one image
-as sure as it is right. A filter multiplies the likelihoods of many as if they erred independently, but what a map does
-not know about a place is wrong in all images taken there, and the belief grows too narrow. With
-``likelihood.tempering=along_drives`` only a share :math:`\rho` of that tempering is used, chosen by the score of the
-filter along the validation drives, the mean over all steps of
+A tempering fitted to single images (:mod:`sextant.localization.calibration`) calibrates the posterior of one image. A
+filter multiplies the likelihoods of many images as if their errors were independent. But what a map does not know about
+a place is wrong in all images taken there, and the belief grows too narrow. With ``likelihood.tempering=along_drives``
+only a share :math:`\rho` of that tempering is used. It is chosen by the score of the filter along the validation
+drives, the mean over all steps of
 
 .. math:: -\log\!\big(m\, \mathcal N(x^*;\, \hat x, P) + (1 - m) / V\big) :
 
 the density of the true pose :math:`x^*` under a Gaussian at the reported pose :math:`\hat x` with the covariance P of
 its mode, weighted by the mass m of that mode, and under a uniform density over the volume V of the map. Shares 1, 1/2,
-1/4, ... are tried until two in a row are no better, and of these the largest within a standard error of the best is
-taken.
+1/4, ... are tried until two in a row are no better. The largest of them within a standard error of the best is taken.
 
 Sources: P. Grünwald, "The Safe Bayesian", ALT 2012, which chooses the power of a likelihood by the logarithmic loss of
 predictions along a sequence; L. Breiman et al., "Classification and Regression Trees", 1984, for the rule of one
@@ -36,23 +35,23 @@ from sextant.localization.pose_kernel import PoseKernel
 from sextant.reporter import Advance
 from sextant.tasks.localization.test import MakeObservers, Outcome, TestSettings, run_trials
 
-#: runs along each validation drive, and steps of each, at most; the test's have no part in it
+#: largest number of runs along each validation drive, and of steps in each; the test drives are not used
 RUNS, STEPS = 4, 100
-#: shares in a row that are no better, upon which the search ends; and the smallest
+#: number of consecutive shares without improvement that ends the search, and the smallest share
 PATIENCE, LEAST = 2, 2.0**-10
-#: frames of a drive whose scores count as one
+#: number of consecutive frames of a drive whose scores count as one
 STRETCH = 20
-#: the smallest standard deviations of a reported pose: in spacings of the map, and of its heading in rad
+#: the smallest standard deviations of a reported pose: of its position in spacings of the map, of its heading in rad
 FLOOR, FLOOR_HEADING = 0.05, math.radians(0.5)
-#: mass of the uniform density at least
+#: smallest mass of the uniform density
 BACKGROUND = 1e-3
 
 
 def best_share(scores: Callable[[float], Float64[ndarray, " b"]]) -> float:
-    r"""The largest share of the tempering, of 1, 1/2, 1/4 and so on, within a standard error of the best.
+    r"""The largest share of the tempering, out of 1, 1/2, 1/4 and so on, within a standard error of the best.
 
     Args:
-        scores: of stretches of drives at a share, lower is better; with fewer than two the share is 1.
+        scores: gives the scores of stretches of drives at a share, lower is better; with fewer than two the share is 1.
 
     >>> best_share(lambda share: np.array([0.1, -0.1, 0.0]) + abs(share - 0.2))
     0.25
@@ -82,10 +81,10 @@ def reported_pose_nll(
 
     Args:
         truth: x, y and heading in rad, by step and run.
-        track: what the filter reported there.
+        track: the filter's estimates there.
         axes: coordinates that count.
         floor: standard deviations added to those reported, so that none is zero.
-        volume: V, of the map, in its unit, squared but for a railway, and times rad.
+        volume: V, the volume of the map: its unit squared times rad, or its unit for a railway.
     """
     error = pose_errors(truth, track.pose)[..., axes]
     covariance = track.mode_covariance[..., axes, :][..., axes] + np.diag(np.square(floor))[axes, :][:, axes]
@@ -97,7 +96,7 @@ def reported_pose_nll(
 
 
 def for_validation(drives: LocalizationData) -> LocalizationData:
-    """The validation drives in their map, in place of those of the test."""
+    """The data with the validation drives and their map in place of those of the test."""
     where = drives.map if drives.validation_map is None else drives.validation_map
     return replace(drives, map=where, test=drives.validation, validation=(), validation_map=None)
 
@@ -110,7 +109,7 @@ def outcomes_along(
     runs: int = RUNS,
     progress: Advance | None = None,
 ) -> Iterator[Outcome]:
-    """The filter along the validation drives, a few runs of each, with all particles and without faults."""
+    """Run the filter along the validation drives, a few runs of each, with the most particles and without faults."""
     usual = replace(
         settings,
         particle_counts=(max(settings.particle_counts),),
@@ -132,11 +131,11 @@ def nll_along(
     """Means of :func:`reported_pose_nll` over stretches of the validation drives, each over all runs through it.
 
     Args:
-        drives: of which those for validation are localized.
-        settings: of the filter.
+        drives: data whose validation drives are localized.
+        settings: settings of the filter.
         make_observers: as for :func:`~sextant.tasks.localization.test.run_trials`.
-        kernel: that was learnt.
-        progress: called with drives done and drives in all.
+        kernel: the learnt kernel.
+        progress: called with the number of drives done and of all.
     """
     where = for_validation(drives).map
     spacing = 2 * half_spacing(torch.from_numpy(where.poses))

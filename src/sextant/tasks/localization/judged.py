@@ -23,17 +23,17 @@ from sextant.tasks.localization.validation import protocol_of
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One trial by the protocol.
+    """One trial, judged by the protocol.
 
     Attributes:
         outcome: the trial.
         position, heading_deg: errors of each run, step by step; nan beyond a run's end.
         inside: whether both are within the protocol's limits.
         converged: the step at which each run converged, or ``NEVER``.
-        frames: running that a run must be within.
-        summary: from the start.
-        recovery: from the kidnap on, if runs were kidnapped.
-        nees: of the converged steps; inf where the particles agree on something wrong.
+        frames: number of consecutive frames that a run must be within the limits.
+        summary: convergence from the start.
+        recovery: convergence from the kidnap on, if runs were kidnapped.
+        nees: NEES of the steps from convergence on; inf where the particles agree on something wrong.
     """
 
     outcome: Outcome
@@ -48,7 +48,7 @@ class Judged:
 
     @property
     def found(self) -> Bool[ndarray, "r"]:
-        """Whether each run knows where it is: after the kidnap, if there was one."""
+        """Whether each run converged: after the kidnap, if there was one."""
         kidnapped = self.outcome.runs.kidnapped_at
         if (kidnapped < 0).all():
             return np.asarray(self.converged != NEVER)
@@ -64,7 +64,7 @@ class Judged:
 
 
 def axes_of(data: LocalizationData) -> tuple[int, ...]:
-    """The coordinates of a pose that errors are of."""
+    """The coordinates of a pose in which errors are measured."""
     return RAILWAY if protocol_of(data).unit == "frames" else PLANE
 
 
@@ -79,7 +79,7 @@ def judge(outcome: Outcome, data: LocalizationData) -> Judged:
     kidnapped = runs.kidnapped_at
     taken = bool((kidnapped >= 0).any())
     at = np.arange(inside.shape[1])
-    before = inside & ((kidnapped < 0)[:, None] | (at < kidnapped[:, None]))  # whoever is carried off starts anew
+    before = inside & ((kidnapped < 0)[:, None] | (at < kidnapped[:, None]))  # a kidnapped run starts anew
     converged = converged_at(before, protocol.frames)
     values = nees(runs.poses, track.pose, track.covariance, axes_of(data)).T
     later = (at >= converged[:, None]) & (converged != NEVER)[:, None] & ~gone

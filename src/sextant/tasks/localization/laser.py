@@ -1,4 +1,4 @@
-"""Localization by a laser in an occupancy grid: the rival of chapter 4, in the same filter. Nothing is trained."""
+"""Localization by a laser in an occupancy grid: the baseline of chapter 4, in the same filter. Nothing is trained."""
 
 from collections.abc import Callable
 from dataclasses import asdict
@@ -23,9 +23,9 @@ from sextant.tasks.optimizing import nothing_to_optimize
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import OccupancyGrid, occupancy_from_scans
 
-#: makes a model of a scan from a grid, a scanner and a tempering
+#: makes a scan model from a grid, a scanner and a tempering
 MakeScanModel = Callable[[OccupancyGrid, LaserScanner, float], LikelihoodField | BeamModel]
-#: scans whose scores over a whole map are held at a time
+#: number of scans whose scores over a whole map are held at a time
 BATCH = 16
 
 
@@ -33,10 +33,10 @@ class LaserLocalization(pl.LightningModule):
     """Fits the tempering of a laser's likelihood to the validation drives.
 
     Args:
-        scan_model: see there.
-        tempering: a number, or None for one that is fitted.
-        images: of the validation drives that are considered.
-        resolution_m: of the occupancy grid, which is made of the map drive's scans.
+        scan_model: see :data:`MakeScanModel`.
+        tempering: a given value, or None to fit it.
+        images: number of frames of the validation drives that are used.
+        resolution_m: resolution of the occupancy grid, which is made from the map drive's scans.
     """
 
     monitor, monitor_mode = "val/place_nll", "min"
@@ -97,12 +97,12 @@ class LaserLocalization(pl.LightningModule):
         return self.scan_model(grid, scanner, tempering)
 
     def observers(self, data: LocalizationDataModule, drive: Drive, as_it_is: Drive) -> Callable[[Drive], Observer]:
-        """Make the grid, and give what makes the laser of a drive in it."""
+        """Make the grid, and return a function that makes the laser of a drive in it."""
         model, references = self._model(data, as_it_is, self.fitted.item()), torch.from_numpy(as_it_is.poses)
         return lambda driven: Laser(model, _scans(driven), references)
 
     def sensor_measures(self, data: LocalizationDataModule) -> dict[str, float]:
-        """What a scan costs, as for images; its likelihood is no density of a descriptor."""
+        """The cost of a scan, as for images; its likelihood is not a density of a descriptor."""
         drives = data.drives
         observer = self.observers(data, drives.map, drives.map)(drives.test[0])
         return asdict(sensor_cost(observer, drives.test[0], protocol_of(drives)))
@@ -114,14 +114,14 @@ class LaserLocalization(pl.LightningModule):
         self.log_dict({f"val/{name}": value for name, value in values.items()})
 
     def test_step(self, batch: Tensor, batch_idx: int) -> None:
-        """Nothing: drives are localized when the test is recorded, with progress."""
+        """Do nothing: drives are localized, with progress, when the test is recorded."""
 
     def configure_optimizers(self) -> Any:
-        """One of nothing."""
+        """An optimiser of nothing."""
         return nothing_to_optimize()
 
     def converged(self, validation: dict[str, float]) -> bool:
-        """As for images."""
+        """Whether the calibrated posterior is better than a uniform one, as for images."""
         if self.tempering is not None:
             return True
         return validation["val/place_nll"] < validation["val/place_nll_uniform"]

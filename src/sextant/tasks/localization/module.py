@@ -1,4 +1,4 @@
-"""Localization in a map of images at known poses (chapters 4 and 5): a kernel is trained, a likelihood calibrated."""
+"""Localization in a map of images at known poses (chapters 4 and 5): train a kernel and calibrate a likelihood."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -44,7 +44,7 @@ from sextant.tasks.localization.validation import (
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
 from sextant.tasks.step_losses import StepLosses
 
-#: a fit that took less is timed again, without what was imported and compiled in the first one
+#: a fit that took less time than this is timed again, without the imports and compilation of the first one
 QUICK_FIT_S = 30.0
 
 
@@ -53,14 +53,14 @@ class Calibration:
     """What is fitted to the validation traverse, and what is given.
 
     Attributes:
-        likelihood: with the values that are given.
-        fit_tempering, fit_noise, whitening: which of :mod:`sextant.localization.calibration` is done.
-        images: of the validation drives that are considered.
-        settings: of the filter that goes along them, for :mod:`sextant.tasks.localization.along_drives`, whose
-            tempering belongs to this filter; None leaves the tempering as single images ask for it.
-        regions: of the filter whose regions are widened by :mod:`sextant.tasks.localization.regions`, which belong to
-            this filter; None leaves them as the filter believes.
-        show: how far the filter is along the validation drives.
+        likelihood: likelihood with the given values.
+        fit_tempering, fit_noise, whitening: which steps of :mod:`sextant.localization.calibration` are done.
+        images: number of images of the validation drives that are used.
+        settings: settings of the filter that runs along them for :mod:`sextant.tasks.localization.along_drives`, for
+            which the tempering is fitted; None keeps the tempering of single images.
+        regions: settings of the filter whose confidence regions :mod:`sextant.tasks.localization.regions` widens; the
+            scale is fitted for this filter. None leaves the regions as the filter believes.
+        show: shows the filter's progress along the validation drives.
     """
 
     likelihood: Likelihood
@@ -77,14 +77,14 @@ class Localization(pl.LightningModule):
     """Trains the kernel on the map, then calibrates the likelihood on a traverse under other conditions.
 
     Args:
-        dimension: of the descriptors.
+        dimension: dimension of the descriptors.
         spatial: form of the kernel in position.
-        ard: a length each for x and y.
-        sharper: arguments of :meth:`PoseKernel.sharpened`, for the kernel as it was trained; None uses it as it is.
-        observation: makes the observation model, to be fitted.
-        calibration: what is done after training.
-        objective: that training maximises.
-        neighbours: of each image, for ``vecchia``.
+        ard: whether x and y have a length each.
+        sharper: arguments of :meth:`PoseKernel.sharpened` for the trained kernel; None uses it as it is.
+        observation: makes the observation model, which is then fitted.
+        calibration: what is fitted after training.
+        objective: the objective that training maximises.
+        neighbours: number of neighbours of each image, for ``vecchia``.
         optimizer, schedule, log_every: as for every task.
     """
 
@@ -127,8 +127,8 @@ class Localization(pl.LightningModule):
     # -- training ------------------------------------------------------------------------------------------------------
 
     def on_fit_start(self) -> None:
-        """Whiten, if so wished, and read a start off the map, unless there are weights to go on from."""
-        if not self._begun:  # weights are loaded before this, the number of the step only after it
+        """Whiten if requested and take starting values from the map, unless there are weights to resume from."""
+        if not self._begun:  # weights are loaded before this, the step number only after it
             if self.calibration.whitening:
                 self.whitener.copy_(error_whitening(self._validation_errors(self._data)))
             rows = torch.from_numpy(self._data.choices(0)[0])
@@ -137,7 +137,7 @@ class Localization(pl.LightningModule):
             self.kernel.load_state_dict(start.state_dict())
 
     def training_step(self, rows: Tensor, batch_idx: int) -> Tensor:
-        """Minus the log-likelihood of a descriptor's number, in nats."""
+        """The negative log-likelihood per value of a descriptor, in nats."""
         if self.objective == "joint":
             seen = self._map_of(self._data.drives.map, rows)
             value = joint_log_likelihood(self.kernel, seen.poses, seen.descriptors, seen.mean)
@@ -151,7 +151,7 @@ class Localization(pl.LightningModule):
         return loss
 
     def _conditioned(self) -> tuple[DescriptorMap, Conditioning]:
-        """The whole map, and on which images each of its images is conditioned: by the kernel as training began."""
+        """The whole map, and the images on which each is conditioned, by the kernel at the start of training."""
         if self._conditioning is None:
             seen = self._map_of(self._data.drives.map)
             features = self.kernel.frozen().features(seen.poses).numpy()
@@ -160,7 +160,7 @@ class Localization(pl.LightningModule):
         return self._conditioning
 
     def on_train_epoch_end(self) -> None:
-        """Log what is left; calibrate when the last epoch is done."""
+        """Log the remaining losses, and calibrate after the last epoch."""
         self._log_training_loss(self.step_losses.flush())
         if self.trainer.current_epoch + 1 == self.trainer.max_epochs:
             self.calibrate(self._data)
@@ -182,9 +182,9 @@ class Localization(pl.LightningModule):
     # -- calibration ---------------------------------------------------------------------------------------------------
 
     def calibrate(self, data: LocalizationDataModule) -> None:
-        """Fit appearance noise, then tempering, to the images of the validation drives; then to the drives."""
+        """Fit appearance noise, then tempering, to the images of the validation drives, and then to the drives."""
         wanted = self.calibration
-        self.region_scale.fill_(1.0)  # of a run that this one began from
+        self.region_scale.fill_(1.0)  # discards the scale of a run that this one resumes
         model, queries = self._validation(data)
         likelihood = replace(wanted.likelihood, tempering=1.0)
         if wanted.fit_noise:
@@ -214,7 +214,7 @@ class Localization(pl.LightningModule):
 
     @property
     def likelihood(self) -> Likelihood:
-        """As it was calibrated."""
+        """The calibrated likelihood."""
         tempering, noise = self.fitted.tolist()
         return replace(self.calibration.likelihood, tempering=tempering, appearance_variance=noise)
 
@@ -238,23 +238,23 @@ class Localization(pl.LightningModule):
 
     @property
     def used_kernel(self) -> PoseKernel:
-        """The trained kernel, sharpened if so wished."""
+        """The trained kernel, sharpened if requested."""
         trained = self.kernel.frozen()
         return trained if self.sharper is None else trained.sharpened(*self.sharper)
 
     def whiten(self, descriptors: Float32[Tensor, "n d"]) -> Float32[Tensor, "n d"]:
-        """Descriptors by the errors of the validation drives; as they are if that is not wished."""
+        """Whiten descriptors by the errors of the validation drives, if requested."""
         if not len(self.whitener):
             return descriptors
         return descriptors @ self.whitener.to(descriptors.dtype)
 
     def fit_map(self, data: LocalizationDataModule, drive: Drive, as_it_is: Drive | None = None) -> ObservationModel:
-        """The observation model of a drive's images at their poses.
+        """Fit the observation model to a drive's images at their poses.
 
         Args:
-            data: holds the descriptors.
-            drive: the images.
-            as_it_is: which of them there are, and at which poses, after a fault.
+            data: data that holds the descriptors.
+            drive: drive with the images.
+            as_it_is: the drive after a fault, with the remaining images and their poses.
         """
         shown, kernel = as_it_is or drive, self.used_kernel
         if self._fitted_map is not None and self._fitted_map[:2] == (shown, kernel):  # the same drive, not an equal one
@@ -269,18 +269,18 @@ class Localization(pl.LightningModule):
         return model
 
     def observers(self, data: LocalizationDataModule, drive: Drive, as_it_is: Drive) -> Callable[[Drive], Observer]:
-        """Fit a map, and give what makes the camera of a drive in it."""
+        """Fit a map, and return a function that makes the camera of a drive in it."""
         return partial(self._camera, data, self.fit_map(data, drive, as_it_is))
 
     def _camera(self, data: LocalizationDataModule, model: ObservationModel, driven: Drive) -> Camera:
         return Camera(model, self.likelihood, self.whiten(as_tensor(data.descriptors(driven))).numpy())
 
     def sensor_measures(self, data: LocalizationDataModule) -> dict[str, float]:
-        """What the observation model is worth and costs, in the map as it was described.
+        """Quality and cost of the observation model in the original map.
 
         Returns:
-            ``descriptor_nll``: nats a number of the test drives' descriptors, of all and by drive. With whitening,
-            the density is that of the descriptors before it, so that both can be compared.
+            ``descriptor_nll``: nats per value of the test drives' descriptors, over all and by drive. With whitening,
+            the density is that of the descriptors before whitening, so that both can be compared.
             ``us_per_particle``, ``ms_per_image``: :class:`~sextant.tasks.localization.sensor_measures.SensorCost`.
             ``fit_map_s``: seconds to fit the model to the map; ``model_mb``: what it keeps besides the descriptors.
         """
@@ -317,29 +317,29 @@ class Localization(pl.LightningModule):
         return DescriptorMap.of(poses, self.whiten(descriptors), merge_duplicates=self._data.merge_duplicates)
 
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *arguments: Any) -> None:
-        state_dict.setdefault(prefix + "region_scale", self.region_scale)  # which runs of before do not have
+        state_dict.setdefault(prefix + "region_scale", self.region_scale)  # absent from older runs
         super()._load_from_state_dict(state_dict, prefix, *arguments)
 
     # -- the life cycle ------------------------------------------------------------------------------------------------
 
     def validation_step(self, batch: Tensor, batch_idx: int) -> None:
-        """Log how likely the posterior over map images is to be right, and what was fitted."""
+        """Log how likely the posterior over map images is to be right, and the fitted values."""
         found = self.place_posterior(self._data)
         values = {"place_nll": found.nll, "place_nll_uniform": found.chance, "tempering": self.likelihood.tempering}
         values |= {"appearance_variance": self.likelihood.appearance_variance, "region_scale": float(self.region_scale)}
         self.log_dict({f"val/{name}": value for name, value in values.items()})
 
     def test_step(self, batch: Tensor, batch_idx: int) -> None:
-        """Nothing: drives are localized when the test is recorded, with progress."""
+        """Do nothing: drives are localized, with progress, when the test is recorded."""
 
     def configure_optimizers(self) -> Any:
         """The optimiser, with the schedule stepped once an epoch."""
         return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:
-        """Whether the calibrated posterior knows more of the validation drives than that they are in the map.
+        """Whether the calibrated posterior knows more about the validation drives than that they are in the map.
 
-        A tempering that was given is the user's to judge: a likelihood that is too sharp may still localize.
+        A given tempering is left to the user to judge: a likelihood that is too sharp may still localize.
         """
         if not self.calibration.fit_tempering:
             return True
@@ -351,7 +351,7 @@ class Localization(pl.LightningModule):
 
 
 def _with_weights(module: Any, keys: object) -> None:
-    """Note that a localizer has weights of a checkpoint."""
+    """Record that a localizer has loaded the weights of a checkpoint."""
     module._begun = True
 
 
@@ -360,5 +360,5 @@ def _validation_map(data: LocalizationDataModule) -> Drive:
 
 
 def as_tensor(rows: Float32[ndarray, "n d"]) -> Float32[Tensor, "n d"]:
-    """A tensor of rows that may be a read-only map of a file: not copied, and not written to."""
+    """A tensor of rows that may be a read-only mapped file; it is neither copied nor written to."""
     return torch.from_numpy(rows) if rows.flags.writeable else torch.utils.dlpack.from_dlpack(rows)

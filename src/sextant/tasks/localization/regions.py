@@ -1,16 +1,16 @@
-r"""Regions that hold the truth as often as they say, by the validation drives.
+r"""Confidence regions that contain the truth as often as they claim, calibrated on the validation drives.
 
-A belief is narrower than it is right: what a map does not know about a place is wrong in all images taken there, and
-the errors of a descriptor are no Gaussian's. Neither shows in single images. So a filter is run along the validation
-drives, and the standard deviations that are told are multiplied by
+A belief is too narrow: what a map does not know about a place is wrong in all images taken there, and the errors of a
+descriptor are not Gaussian. Neither shows in single images. So a filter is run along the validation drives, and the
+reported standard deviations are multiplied by
 
 .. math:: s = \max\!\big(1, \sqrt{q_{95}(\mathrm{NEES}) \,/\, \chi^2_{d,\,95}}\big) ,
 
 with the 95th percentile of the NEES (:mod:`sextant.evaluation.localization.pose_posterior`) of all n steps from
-convergence on, the one of rank ⌈0.95 (n + 1)⌉, so that 95 % regions hold the truth there in 95 % of the steps:
+convergence on, the one of rank ⌈0.95 (n + 1)⌉. The 95 % regions then contain the truth in 95 % of these steps. This is
 conformal prediction with the NEES as its score (Vovk, Gammerman & Shafer, "Algorithmic Learning in a Random World",
-2005). Steps of a drive are not exchangeable, so its guarantee is not had, and coverage has to be measured on other
-drives. What the filter finds, and when it is lost, is as it was; and regions are never made narrower.
+2005). Steps of a drive are not exchangeable, so its guarantee does not hold, and coverage has to be measured on other
+drives. The filter's estimates, and when it is lost, do not change, and regions are never made narrower.
 """
 
 import math
@@ -30,18 +30,18 @@ from sextant.tasks.localization.judged import axes_of, judge
 from sextant.tasks.localization.test import MakeObservers, Outcome, TestSettings
 
 LEVEL = 0.95
-#: runs along each validation drive: where a filter is rarely sure of something wrong, few do not show it
+#: number of runs along each validation drive: few would not show a filter that is only rarely sure of something wrong
 RUNS = 8
-#: steps below which nothing is learnt, and the widest
+#: number of steps below which nothing is learnt, and the largest scale
 FEWEST, WIDEST = 50, 10.0
 
 
 def region_scale(nees: Float64[ndarray, " k"], dof: int) -> float:
-    """What standard deviations are multiplied by, in [1, 10].
+    """The factor of standard deviations, in [1, 10].
 
     Args:
-        nees: of steps that the filter was on its way in; inf where it was sure of something wrong.
-        dof: coordinates that they are of.
+        nees: NEES of the steps from convergence on; inf where the filter was sure of something wrong.
+        dof: number of coordinates in the NEES.
 
     >>> honest = np.random.default_rng(0).chisquare(3, 10_000)
     >>> region_scale(honest / 2, 3), round(region_scale(9 * honest, 3), 1), region_scale(honest[:10], 3)
@@ -69,6 +69,6 @@ def scale_along(
 
 
 def widened(outcomes: Iterable[Outcome], scale: float) -> Iterator[Outcome]:
-    """The same outcomes, with standard deviations that are told so many times as wide."""
+    """The same outcomes, with reported standard deviations multiplied by ``scale``."""
     for outcome in outcomes:
         yield replace(outcome, track=replace(outcome.track, covariance=scale**2 * outcome.track.covariance))

@@ -1,4 +1,4 @@
-"""What the runs of a localization test show: arrays by run, metrics, a table, figures, and files to look at."""
+"""The report of a localization test: arrays by run, metrics, a table, figures, and files to look at."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
     from sextant.figures.localization.particle_map import ParticleFrame
 
-#: runs of a trial that are drawn
+#: number of runs drawn for each trial
 DRAWN = 4
-#: walls are drawn of cells of this side
+#: side of the cells of which walls are drawn
 DRAWN_WALLS_M = 0.1
 
 
 def name_of(trial: Trial, trials: Sequence[Trial]) -> str:
-    """A trial in short: its condition, and its drive, fault and particles where these differ among the trials."""
+    """A short name of a trial: its condition or drive, and its fault and particles where these differ among trials."""
     parts = [trial.drive if len({t.drive for t in trials}) > len({t.condition for t in trials}) else trial.condition]
     if len({t.fault for t in trials}) > 1 or trial.fault != "none":
         parts.append(trial.fault)
@@ -60,7 +60,7 @@ def arrays(found: Mapping[str, Judged]) -> dict[str, ndarray]:
 
 
 def metrics(found: Mapping[str, Judged], data: LocalizationData) -> dict[str, float]:
-    """Figures of every trial, under names that state the protocol."""
+    """The metrics of every trial, under names that state the protocol."""
     protocol, values, dof = protocol_of(data), dict[str, float](), len(axes_of(data))
     for name, judged in found.items():
         key = name.replace(", ", "/").replace(" ", "_")
@@ -98,7 +98,7 @@ def _figures(judged: Judged, dof: int) -> dict[str, float]:
 
 
 def _regions(judged: Judged, dof: int) -> dict[str, float]:
-    """How the converged steps' errors compare with what was told of them; nothing where no step has a finite one."""
+    """How errors from convergence on compare with the reported covariances; empty if no step has a finite NEES."""
     if not len(judged.nees) or not np.isfinite(judged.nees).any():
         return {}
     calibration = posterior_calibration(judged.nees, dof, independent=len(judged.found))
@@ -106,7 +106,7 @@ def _regions(judged: Judged, dof: int) -> dict[str, float]:
 
 
 def _trajectory_figures(judged: Judged, *, headed: bool) -> dict[str, float]:
-    """Root mean squares over each run from convergence to its end or its kidnap: aligned (ATE), and a step (RPE)."""
+    """RMS errors of runs from convergence to their end or kidnap: after alignment (ATE), and of each step (RPE)."""
     runs = judged.outcome.runs
     ends = np.where(runs.kidnapped_at < 0, runs.lengths, runs.kidnapped_at)
     spans = [
@@ -118,7 +118,7 @@ def _trajectory_figures(judged: Judged, *, headed: bool) -> dict[str, float]:
 
 
 def table(found: Mapping[str, Judged], data: LocalizationData) -> list[dict[str, str]]:
-    """A row for each trial; *in region* is how often 95 % regions hold the true pose."""
+    """A row for each trial; *in region* is how often 95 % regions contain the true pose."""
     rows, dof = [], len(axes_of(data))
     for name, judged in found.items():
         share, later = judged.summary.share, judged.after
@@ -145,7 +145,7 @@ def table(found: Mapping[str, Judged], data: LocalizationData) -> list[dict[str,
 
 
 def facts(found: Mapping[str, Judged], protocol: LocalizationProtocol) -> dict[str, object]:
-    """By what success was judged."""
+    """The protocol by which success was judged, and the number of degenerate steps."""
     return {
         "success_protocol": {
             "position": protocol.position,
@@ -158,7 +158,7 @@ def facts(found: Mapping[str, Judged], protocol: LocalizationProtocol) -> dict[s
 
 
 def figures(found: Mapping[str, Judged], data: LocalizationData) -> Iterator[tuple[str, "Figure"]]:
-    """Errors over time, success by number of particles, and the first run over the map."""
+    """Figures of errors over time, and of success by number of particles."""
     from sextant.figures.localization.success_curves import SuccessCurve, success_curves
     from sextant.figures.localization.trajectory_errors import RunErrors, trajectory_errors
 
@@ -197,7 +197,7 @@ def figures(found: Mapping[str, Judged], data: LocalizationData) -> Iterator[tup
 
 
 def write_trajectories(found: Mapping[str, Judged], folder: Path) -> None:
-    """The first run of each trial, as it was and as it was estimated, in TUM's format; a step is a second."""
+    """Write the true and estimated first run of each trial in the TUM format, with a step as a second."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, judged in found.items():
         length = int(judged.outcome.runs.lengths[0])
@@ -207,7 +207,7 @@ def write_trajectories(found: Mapping[str, Judged], folder: Path) -> None:
 
 
 def write_replays(found: Mapping[str, Judged], data: LocalizationData, folder: Path) -> None:
-    """The particles of the first run of each trial over the map, as animations."""
+    """Write animations of the particles of each trial's first run over the map."""
     from sextant.figures.localization.particle_replay import particle_replay
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -248,7 +248,7 @@ def _moments(name: str, judged: Judged, data: LocalizationData) -> "Iterator[Par
 
 
 def _walls(data: LocalizationData) -> Float64[ndarray, "w 2"] | None:
-    """Points on the walls that a laser saw from the map's poses; None without one."""
+    """Points on the walls that a laser saw from the map's poses; None without a laser."""
     if data.scanner is None or data.map.laser is None:
         return None
     grid = occupancy_from_scans(data.scanner, data.map.poses, np.asarray(data.map.laser, np.float64), DRAWN_WALLS_M)

@@ -1,4 +1,4 @@
-"""What a sensor in its map is worth and what it costs, apart from any filter."""
+"""Quality and cost of a sensor in its map, independent of any filter."""
 
 import math
 import time
@@ -19,22 +19,22 @@ from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Observer
 
-#: poses that are weighed at a time
+#: number of poses that are weighed at a time
 PARTICLES = 1000
-#: times that are taken, unless they add up to more than ``PATIENCE_S``
+#: number of timed repetitions, unless they take longer than ``PATIENCE_S`` together
 REPEATS, PATIENCE_S = 7, 10.0
-#: images of a drive whose density is looked at, evenly spaced
+#: number of evenly spaced images of a drive whose density is evaluated
 IMAGES = 400
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class SensorCost:
-    """Medians on this machine, on as many threads as torch uses.
+    """The cost of a sensor, as medians on this machine with as many threads as torch uses.
 
     Attributes:
-        us_per_particle: microseconds of weighing a thousand poses about the true one, by their number.
-        ms_per_image: milliseconds that an image, or a scan, costs once, whatever the number of poses.
+        us_per_particle: microseconds per pose, for weighing a thousand poses around the true one.
+        ms_per_image: milliseconds that an image or a scan costs once, whatever the number of poses.
     """
 
     us_per_particle: float
@@ -42,10 +42,10 @@ class SensorCost:
 
 
 def sensor_cost(observer: Observer, drive: Drive, protocol: LocalizationProtocol) -> SensorCost:
-    """Time what a sensor does in a step of a filter: look at an image, and weigh poses by it.
+    """Time what a sensor does in a step of a filter: process an image, and weigh poses by it.
 
-    Poses are drawn about the true one of the first frame that is seen, with the limits of the protocol as standard
-    deviations. The first time is not counted: what is compiled or cached then stays.
+    Poses are drawn around the true one of the first frame that is seen, with the limits of the protocol as standard
+    deviations. The first repetition is not counted, as it includes compilation and caching.
 
     Raises:
         ValueError: nothing is seen along the drive.
@@ -68,15 +68,15 @@ def descriptor_nll(
     descriptors: Float32[Tensor, "n d"],
     poses: Float64[Tensor, "n 3"],
 ) -> float:
-    r"""Negative log-likelihood of images at their true poses, in nats a number of the descriptor.
+    r"""Negative log-likelihood of images at their true poses, in nats per value of the descriptor.
 
     .. math:: -\frac 1{nD} \sum_i \log p(z_i \mid x_i)
 
-    with the appearance noise of the likelihood and without its tempering. Of a model that is no Gaussian process it is
-    that of the mean and variance which it predicts.
+    with the appearance noise of the likelihood and without its tempering. For a model that is not a Gaussian process,
+    the density is that of its predicted mean and variance.
 
     Returns:
-        nan for the univariate form, which is no density of a descriptor.
+        The value above; nan for the univariate form, which is not a density of a descriptor.
     """
     if likelihood.form == "univariate":
         return math.nan
@@ -86,13 +86,13 @@ def descriptor_nll(
 
 
 def looked_at(drive: Drive) -> np.ndarray:
-    """At most about ``IMAGES`` frames of a drive that are seen, evenly spaced."""
+    """At most about ``IMAGES`` evenly spaced frames of a drive in which something is seen."""
     seen = np.flatnonzero(drive.seen)
     return seen[:: max(1, -(-len(seen) // IMAGES))]
 
 
 def timed(work: Callable[[], T]) -> tuple[T, float]:
-    """What ``work`` gives, and the seconds it took."""
+    """The result of ``work``, and the seconds it took."""
     began = time.perf_counter()
     done = work()
     return done, time.perf_counter() - began

@@ -1,4 +1,4 @@
-"""Localizing the test drives: with each fault, along each drive, with each number of particles."""
+"""Localization of the test drives: with each fault, along each drive, with each number of particles."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,20 +31,20 @@ from sextant.localization.resampling import Resampling
 from sextant.reporter import Advance
 from sextant.tasks.localization.validation import protocol_of
 
-#: bandwidth of the density of particles, in limits of the protocol
+#: bandwidth of the particles' kernel density estimate, in limits of the protocol
 BANDWIDTH = 0.25
-#: share of the uniform density in it
+#: share of the uniform density in that estimate
 BACKGROUND = 1e-3
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What is tried.
+    """One combination that is tested.
 
     Attributes:
-        drive: that is localized.
-        fault: its name.
-        particles: of each run.
+        drive: the drive that is localized.
+        fault: name of the fault.
+        particles: number of particles in each run.
     """
 
     drive: str
@@ -55,13 +55,13 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Runs of one trial.
+    """The runs of one trial.
 
     Attributes:
-        trial: what was tried.
-        runs: their truth.
-        track: the filter's estimates of them.
-        nll: of the true pose in nats, of each step.
+        trial: what was tested.
+        runs: the runs with their ground truth.
+        track: the filter's estimates.
+        nll: negative log-likelihood of the true pose at each step, in nats.
         replay: particles and weights of the first run, step by step, if they were kept.
     """
 
@@ -77,19 +77,19 @@ class TestSettings:
     """How drives are localized.
 
     Attributes:
-        motion, recovery, resampling: of the filter.
-        ess_threshold: of the filter.
-        kld: of the filter.
+        motion, recovery, resampling: parts of the filter.
+        ess_threshold: threshold of the filter.
+        kld: adapts the filter's number of particles.
         start: where particles begin.
-        particle_counts: tried one after the other.
-        starts, horizon, every: of :func:`~sextant.data.localization.test_runs.lay_out_runs`.
-        spread: standard deviations of poses about an image of the map: along, across, and in rad.
-        seed: of all random numbers.
+        particle_counts: numbers of particles, tested one after the other.
+        starts, horizon, every: arguments of :func:`~sextant.data.localization.test_runs.lay_out_runs`.
+        spread: standard deviations of poses around an image of the map: along, across, and in rad.
+        seed: seed of all random numbers.
         replay: keep the particles of the first run of each trial.
-        support: ask the observation model on the map alone: :class:`~sextant.localization.map_support.MapSupport`.
-        outliers: share of images that tell nothing of where they were taken; None: a hundredth with ``support``, none
+        support: ask the observation model on the map only: :class:`~sextant.localization.map_support.MapSupport`.
+        outliers: share of images that say nothing about where they were taken; None: a hundredth with ``support``, none
             without.
-        apart: after how many spacings of the map an image counts again; None: every image counts.
+        apart: number of spacings of the map after which an image counts again; None: every image counts.
     """
 
     __test__ = False
@@ -112,7 +112,7 @@ class TestSettings:
     apart: float | None = None
 
     def filter(self, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> ParticleFilter:
-        """The filter on a map of images at these poses, with the kernel that was learnt for it."""
+        """The filter on a map of images at these poses, with the kernel learnt for it."""
         support = MapSupport.of(poses, kernel) if self.support else None
         if self.outliers is not None:
             support = replace(support or MapSupport.everywhere(poses, self.outliers), outliers=self.outliers)
@@ -129,7 +129,7 @@ class TestSettings:
         )
 
 
-#: fits a map and gives what makes the sensor of a drive in it; called with the map as it was described, and as it is
+#: fits a map and returns what makes the sensor of a drive in it; called with the original map, and as a fault left it
 MakeObservers = Callable[[Drive, Drive], Callable[[Drive], Observer]]
 
 
@@ -144,12 +144,12 @@ def run_trials(
     """Localize every test drive with every fault and number of particles.
 
     Args:
-        drives: of which those of the test are localized.
-        faults: by name.
-        settings: of the filter and of the runs.
-        make_observers: see there.
-        progress: called with trials done and trials in all.
-        kernel: that was learnt, of a camera.
+        drives: data whose test drives are localized.
+        faults: faults by name.
+        settings: settings of the filter and of the runs.
+        make_observers: see :data:`MakeObservers`.
+        progress: called with the number of trials done and of all.
+        kernel: the learnt kernel, for a camera.
     """
     total = len(faults) * len(drives.test) * len(settings.particle_counts)
     done = 0
@@ -181,7 +181,7 @@ def check_runs(data: LocalizationData, faults: Mapping[str, Fault], settings: Te
 
 
 def short_drives(drives: Sequence[Drive], settings: TestSettings) -> list[str]:
-    """What a reader should know of drives too short for runs of ``horizon`` steps from as many frames as wished."""
+    """Notes on drives that are too short for runs of ``horizon`` steps from the requested number of frames."""
     notes = []
     for drive in drives:
         begins = min(settings.starts, max(0, len(drive) - settings.horizon * settings.every) + 1)
@@ -265,7 +265,7 @@ def _displaced(
 
 
 def _nll(truth: ndarray, belief: Belief, protocol: LocalizationProtocol, prior: MapPrior) -> ndarray:
-    """Of the true pose under a kernel density of the particles, bounded by a uniform one over the map."""
+    """The NLL of the true pose under a kernel density of the particles, bounded by a uniform one over the map."""
     railway = protocol.unit == "frames"
     axes = (0,) if railway else (0, 1, 2)
     low, high = prior.poses[:, :2].amin(0), prior.poses[:, :2].amax(0)

@@ -1,4 +1,4 @@
-"""Images of the validation drives: what the likelihood of a localizer is calibrated on."""
+"""Images of the validation drives, on which the likelihood of a localizer is calibrated."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ PROTOCOLS: dict[ProtocolName, LocalizationProtocol] = {
     "town": TOWN_LOCALIZATION,
     "railway": NORDLAND_LOCALIZATION,
 }
-#: queries whose scores over a whole map are held at a time in float64
+#: number of queries whose scores over a whole map are held at a time in float64
 BATCH = 16
 
 
@@ -40,10 +40,10 @@ class Queries:
 
 
 def validation_rows(data: LocalizationDataModule, images: int) -> list[Int64[ndarray, "k"]]:
-    """At most about ``images`` frames of the validation drives, evenly spaced, by drive.
+    """At most about ``images`` evenly spaced frames of the validation drives, by drive.
 
     Raises:
-        UserError: there is none.
+        UserError: there is no validation drive.
     """
     drives = data.drives.validation
     if not drives:
@@ -66,10 +66,10 @@ def validation_queries(data: LocalizationDataModule, images: int) -> Queries:
 def same_place(
     poses: Float64[Tensor, "v 3"], references: Float64[Tensor, "n 3"], protocol: LocalizationProtocol
 ) -> Positives:
-    """Map images within the protocol's limits of each pose.
+    """The map images within the protocol's limits of each pose.
 
     Raises:
-        UserError: no pose has any.
+        UserError: no pose has such an image.
     """
     tree, wanted = cKDTree(references[:, :2].numpy()), poses.numpy()
     headings = references[:, 2].numpy()
@@ -90,10 +90,10 @@ def same_place(
 
 
 def check_validation(data: LocalizationData) -> None:
-    """See that there is something to fit the likelihood on.
+    """Check that there is something to fit the likelihood to.
 
     Raises:
-        UserError: as :func:`same_place`.
+        UserError: as for :func:`same_place`.
     """
     if data.validation:
         where = data.map if data.validation_map is None else data.validation_map
@@ -102,7 +102,7 @@ def check_validation(data: LocalizationData) -> None:
 
 
 def protocol_of(data: LocalizationData) -> LocalizationProtocol:
-    """What counts as being localized in a dataset."""
+    """The protocol of a dataset: what counts as being localized."""
     return PROTOCOLS[data.protocol]
 
 
@@ -114,9 +114,9 @@ def scores_over_map(model: ObservationModel, queries: Queries, likelihood: Likel
 def nearest_errors(
     queries: Queries, poses: Float64[Tensor, "n 3"], descriptors: Float32[Tensor, "n d"], protocol: LocalizationProtocol
 ) -> Float32[Tensor, "k d"]:
-    """Differences between queries and the nearest of the map images at their places; queries without any are left out.
+    """Differences between queries and the nearest map images at their places; queries without such images are left out.
 
-    Near is measured in the limits of the protocol: a distance of one ``position`` counts as much as ``heading_deg``.
+    Distances are in units of the protocol's limits: one ``position`` counts as much as one ``heading_deg``.
     """
     positives = same_place(queries.poses, poses, protocol)
     errors = []

@@ -1,4 +1,4 @@
-"""Recall@1 of every condition in every other one, as a table with its protocol in the name."""
+"""Recall@1 between all pairs of conditions, as a table with its protocol in the name."""
 
 import numpy as np
 from jaxtyping import Float32
@@ -14,10 +14,10 @@ from sextant.tasks.places.report import logged_name, protocol_of
 def condition_pairs(
     descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance
 ) -> ConditionRecall:
-    """Recall@1 between all pairs of conditions of the images described, without those that are copies of another.
+    """Recall@1 between all pairs of conditions of the described images, without copies of other conditions.
 
-    Descriptors are brought to norm one as :func:`~sextant.tasks.places.report.compare` does: where two references are
-    as near as float32 can tell, another rounding would find the other one, and one figure would have two values.
+    Descriptors are normalised as in :func:`~sextant.tasks.places.report.compare`: if two references are equally near in
+    float32, a different rounding would find the other one, and the same figure would have two values.
     """
     if places.copies:
         names = places.originals
@@ -29,9 +29,9 @@ def condition_pairs(
 
 
 def pair_metrics(pairs: ConditionRecall, tolerance: PlaceTolerance) -> dict[str, float]:
-    """``test/R_at_1_<tolerance>_<query>_to_<reference>`` of every two conditions, and the mean ``..._across``.
+    """``test/R_at_1_<tolerance>_<query>_to_<reference>`` for every pair of conditions, and the mean ``..._across``.
 
-    A condition in itself is left to :func:`pair_arrays`: where an image has no second one of its place it has no match.
+    A condition against itself is only in :func:`pair_arrays`: an image without a second one of its place has no match.
     """
     found = {protocol_of(tolerance).name("R@1_across"): pairs.across}
     for (row, column), value in np.ndenumerate(pairs.recall):
@@ -42,7 +42,7 @@ def pair_metrics(pairs: ConditionRecall, tolerance: PlaceTolerance) -> dict[str,
 
 
 def pair_arrays(pairs: ConditionRecall, tolerance: PlaceTolerance) -> dict[str, ndarray]:
-    """Tables with a row a condition of the queries and a column a condition of the references, and their names."""
+    """Tables with a row per query condition and a column per reference condition, and their names."""
     name = protocol_of(tolerance).name("R@1")
     return {
         f"{name}/pairs/conditions": np.array(pairs.conditions),

@@ -1,8 +1,8 @@
 """Recall against one factor of appearance at a time, where the conditions of a dataset are named by their factors.
 
-A condition ``fog_per_m=0.02`` is a point of the curve of ``fog_per_m``, whatever rendered or photographed it. If the
-map is of a named condition of :mod:`sextant.worlds.appearance`, its own value of each factor is known, and queries
-``<map>_again`` under that very condition are a point of every curve.
+A condition ``fog_per_m=0.02`` is a point on the curve of ``fog_per_m``, whatever rendered or photographed it. If the
+map has a named condition of :mod:`sextant.worlds.appearance`, its own value of each factor is known, and queries
+``<map>_again`` under that same condition are a point on every curve.
 """
 
 import re
@@ -24,7 +24,7 @@ AGAIN = "_again"
 
 
 def factor_of(condition: str) -> tuple[str, float] | None:
-    """Factor and value of a condition that is named by them; None for any other name."""
+    """Factor and value of a condition named by them; None for any other name."""
     found = FACTOR.fullmatch(condition)
     return None if found is None else (found["factor"], float(found["value"]))
 
@@ -40,7 +40,7 @@ class Invariance:
 
     Attributes:
         curves: by factor, then by method.
-        own: the map's value of each factor, where it is known.
+        own: the map's value of each factor, if known.
         metric: name of the recall with its protocol.
     """
 
@@ -50,10 +50,10 @@ class Invariance:
 
 
 def invariance(reports: Sequence[QueryReport]) -> Invariance:
-    """The curves of reports on conditions of which some are named by factors.
+    """The curves from reports on conditions, some of which are named by factors.
 
     Raises:
-        ValueError: none is.
+        ValueError: no condition is.
     """
     by_factor: dict[str, list[tuple[float, QueryReport]]] = {}
     for report in reports:
@@ -106,7 +106,7 @@ def invariance_facts(found: Invariance) -> dict[str, Any]:
 
 
 def invariance_table(found: Invariance) -> list[dict[str, str]]:
-    """A row a factor and method, in per cent: the mean over the values, and the value where least is found."""
+    """A row per factor and method, in per cent: the mean over the values, and the value with the lowest recall."""
     rows = []
     for factor, methods in found.curves.items():
         for method, curve in methods.items():
@@ -125,7 +125,7 @@ def invariance_table(found: Invariance) -> list[dict[str, str]]:
 
 
 def invariance_figure(found: Invariance) -> "Figure":
-    """A panel a factor, a curve a method, the network first, and a line at the map's own value."""
+    """A panel per factor, a curve per method, the network first, and a line at the map's own value."""
     from sextant.figures.places.invariance_curves import invariance_curves
 
     curves = {factor: dict(reversed(list(methods.items()))) for factor, methods in found.curves.items()}

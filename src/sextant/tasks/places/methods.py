@@ -21,7 +21,7 @@ BATCH = 256
 
 @dataclass(frozen=True)
 class Described:
-    """Descriptors of the map and of the queries by one method; rows have norm one."""
+    """Descriptors of the map and of the queries by one method; rows have unit norm."""
 
     reference: Float32[ndarray, "n d"]
     query: Float32[ndarray, "m d"]
@@ -33,7 +33,7 @@ class Described:
 
 
 def training_free(height: int, width: int) -> dict[str, PlaceDescriptor]:
-    """Descriptors that learn from no pair of images; whitened PCA learns from those of the map's condition."""
+    """Descriptors that learn from no image pairs; whitened PCA learns from images of the map's condition."""
     size = (height, width)
     return {
         "pixels": Pixels(*size),
@@ -51,17 +51,17 @@ def pair_supervised(height: int, width: int) -> dict[str, PairedDescriptor]:
 def baselines(
     train: PlaceImages, images: PlaceImages, query: str, tolerance: PlaceTolerance, *, size: tuple[int, int]
 ) -> tuple[dict[str, Described], dict[str, str]]:
-    """Each method on the traverse ``query`` with the first traverse as its map, fitted on the training split alone.
+    """Each method on the traverse ``query`` with the first traverse as map, fitted on the training split alone.
 
     Args:
         train: images to learn from.
         images: to describe.
         query: condition of the queries.
-        tolerance: of one place.
+        tolerance: within which images show the same place.
         size: height and width at which images are described.
 
     Returns:
-        Descriptors by method; and of the methods that could not learn from these images, why.
+        Descriptors by method; and the reason for each method that could not learn from these images.
     """
     reference = images.conditions[0]
     maps, queries = (images.images[images.rows_of(name)] for name in (reference, query))
@@ -87,10 +87,10 @@ def baselines(
 def fitted(
     methods: Mapping[str, PlaceDescriptor], train: PlaceImages, reference: str
 ) -> tuple[dict[str, PlaceDescriptor], dict[str, str]]:
-    """Methods that have learnt from the training images of the map's condition, or of the first one without it.
+    """Fit methods to the training images of the map's condition, or of the first condition without those.
 
     Returns:
-        Those that could, and of the others, why not.
+        The methods that could be fitted, and the reasons for the others.
     """
     seen = train.images[train.rows_of(reference if reference in train.conditions else train.conditions[0])]
     found: dict[str, PlaceDescriptor] = {}
@@ -104,7 +104,7 @@ def fitted(
 
 
 def describe_all(methods: Mapping[str, PlaceDescriptor], images: PlaceImages) -> dict[str, Float32[ndarray, "n d"]]:
-    """Descriptors of all images by methods that describe images of any condition alike."""
+    """Descriptors of all images by methods that describe images of any condition in the same way."""
     return {
         name: np.concatenate([method.describe(images.images[rows]) for rows in _batches(len(images))])
         for name, method in methods.items()
@@ -114,9 +114,9 @@ def describe_all(methods: Mapping[str, PlaceDescriptor], images: PlaceImages) ->
 def training_pairs(
     train: PlaceImages, reference: str, query: str, tolerance: PlaceTolerance
 ) -> tuple[Int64[ndarray, "p"], Int64[ndarray, "p"]]:
-    """One image of each training place under both conditions: of several positives the next.
+    """One image of each training place under both conditions; of several positives, the nearest.
 
-    Next in frame number, or in position where frames of two traverses have nothing to do with each other.
+    Nearest in frame number, or in position if frames of the traverses do not correspond.
     """
     first, second = train.rows_of(reference), train.rows_of(query)
     matrix = train.positives(first, second, tolerance)
@@ -130,7 +130,7 @@ def training_pairs(
 
 
 def _apart(train: PlaceImages, partners: Int64[ndarray, "k"], image: int) -> ndarray:
-    """How far images are from one, in frames if these are aligned, else in metres."""
+    """Distances of images from one image, in frames if these are aligned, otherwise in metres."""
     if train.aligned or train.position_m is None:
         return np.asarray(np.abs(train.frame[partners] - train.frame[image]))
     return np.asarray(np.linalg.norm(train.position_m[partners] - train.position_m[image], axis=1))

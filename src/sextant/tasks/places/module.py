@@ -1,4 +1,4 @@
-"""Place recognition: a short descriptor that is alike for images of one place under any appearance (chapter 3)."""
+"""Place recognition: a compact descriptor that is similar for images of one place under any appearance (chapter 3)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -30,13 +30,13 @@ from sextant.tasks.over_processes import over_processes
 from sextant.tasks.places.whitening import Whitening, solve_projection
 from sextant.tasks.step_losses import StepLosses
 
-#: images of the training split that a pooling is prepared from
+#: number of training images from which a pooling is initialised
 FIRST_LOOK = 256
 
 
 @dataclass(frozen=True)
 class PlaceSpec:
-    """What a trained network expects: channels, height and width of its images."""
+    """The input of a trained network: channels, height and width of its images."""
 
     channels: int
     height: int
@@ -45,25 +45,25 @@ class PlaceSpec:
 
 @dataclass(frozen=True)
 class PlaceResult:
-    """Descriptors of all images of the test split, in its order, and what they show."""
+    """Descriptors of all images of the test split, in its order, and their places."""
 
     descriptors: Float32[ndarray, "n d"]
     places: PlaceImages
 
 
 class PlaceRecognition(pl.LightningModule):
-    """Trains a network so that descriptors of one place are alike and those of two places are not.
+    """Trains a network so that descriptors of the same place are similar and those of different places are not.
 
     Args:
-        network: gives the descriptors.
+        network: computes the descriptors.
         spec: of its images.
         loss: of the descriptors of a batch.
-        mining: chooses triplets for the loss; ``NoMining`` gives it all pairs of the batch.
-        seed: of what mining draws.
-        optimizer: builds the optimiser from the parameters; None for a model that is only used.
+        mining: chooses triplets for the loss; ``NoMining`` passes it all pairs of the batch.
+        seed: of random draws in mining.
+        optimizer: builds the optimiser from the parameters; None for a model used only for inference.
         schedule: factor on the learning rate as a function of the share of epochs done.
-        clip: largest norm of a gradient.
-        whitening: solves for the last layer when the last epoch is done; None keeps the one that was trained.
+        clip: largest gradient norm.
+        whitening: solves for the last layer after the last epoch; None keeps the trained one.
         log_every: steps between two logged training losses.
     """
 
@@ -98,7 +98,7 @@ class PlaceRecognition(pl.LightningModule):
         return self.network(images)  # type: ignore[no-any-return]
 
     def on_fit_start(self) -> None:
-        """Prepare a pooling that starts from features, unless training is resumed."""
+        """Initialise a pooling that starts from features, unless training is resumed."""
         if self.trainer.global_step == 0:
             train = self._data.split("train")
             generator = torch.Generator().manual_seed(self.seed)
@@ -107,7 +107,7 @@ class PlaceRecognition(pl.LightningModule):
             self.network.initialise_pooling(images.to(self.device), generator)
 
     def training_step(self, batch: PlaceBatch, batch_idx: int) -> Tensor:
-        """The loss of a batch of places, or of triplets from the whole training set where mining is cached."""
+        """The loss of a batch of places, or of triplets from the whole training set if mining is cached."""
         epoch = self.seed * 1_000_003 + self.trainer.current_epoch
         generator = torch.Generator().manual_seed(epoch * 100_003 + batch_idx)
         mining, tolerance, pairing = self.mining, self._data.tolerance, None
@@ -124,7 +124,7 @@ class PlaceRecognition(pl.LightningModule):
     def _next_triplets(
         self, mining: CachedHardMining, images: int, batch_idx: int, generator: torch.Generator
     ) -> tuple[PlaceBatch, Pairing]:
-        """Images of the next triplets of the training set, a third of a batch of them; mined again when due."""
+        """Images of the next triplets of the training set, a third of the batch size; mined again when due."""
         train, tolerance = self._data.split("train"), self._data.tolerance
         if batch_idx % mining.refresh == 0 or len(self._mined) == 0:
             cache = self._describe_training()
@@ -146,11 +146,11 @@ class PlaceRecognition(pl.LightningModule):
         return cache
 
     def on_train_epoch_start(self) -> None:
-        """Mine anew in every epoch, so that a resumed one begins as it would have."""
+        """Mine afresh in every epoch, so that a resumed epoch starts as it would have."""
         self._mined = self._mined[:0]
 
     def on_train_epoch_end(self) -> None:
-        """Look at the losses since the last logged one, so that no epoch ends unseen; whiten after the last."""
+        """Check and log losses since the last logged one, so that no epoch ends unchecked; whiten after the last."""
         log_training_loss(self, self.step_losses.flush())
         last = self.trainer.should_stop or self.trainer.current_epoch + 1 == self.trainer.max_epochs
         if self.whitening is not None and last:
@@ -159,7 +159,7 @@ class PlaceRecognition(pl.LightningModule):
     def configure_gradient_clipping(
         self, optimizer: Optimizer, gradient_clip_val: Any = None, gradient_clip_algorithm: Any = None
     ) -> None:
-        """Shorten gradients longer than ``clip``."""
+        """Clip the gradient norm to ``clip``."""
         clip_grad_norm_(self.network.parameters(), self.clip)
 
     def validation_step(self, batch: PlaceBatch, batch_idx: int) -> None:
@@ -167,7 +167,7 @@ class PlaceRecognition(pl.LightningModule):
         self._seen.append(self(batch.images_in_unit_range()).float().cpu())
 
     def on_validation_epoch_end(self) -> None:
-        """Log ``val/recall_at_1``, the mean over the traverses that are not the map, and what chance has."""
+        """Log ``val/recall_at_1``, the mean over the traverses other than the map, and that of chance."""
         recall_at_1, chance = mean_recall(self._take(), self._data.split("val"), self._data.test_tolerance)
         self.log_dict({"val/recall_at_1": recall_at_1, "val/chance": chance})
 
@@ -176,7 +176,7 @@ class PlaceRecognition(pl.LightningModule):
         self._seen.append(self(batch.images_in_unit_range()).float().cpu())
 
     def on_test_epoch_end(self) -> None:
-        """Keep the descriptors as :attr:`result`; log the mean recall over the traverses that are not the map."""
+        """Keep the descriptors as :attr:`result`; log the mean recall over the traverses other than the map."""
         self.result = PlaceResult(self._take(), self._data.split("test"))
         recall_at_1, chance = mean_recall(self.result.descriptors, self.result.places, self._data.test_tolerance)
         self.log_dict({"test/recall_at_1": recall_at_1, "test/chance": chance})
@@ -186,7 +186,7 @@ class PlaceRecognition(pl.LightningModule):
         return self(images)  # type: ignore[no-any-return]
 
     def configure_optimizers(self) -> Any:
-        """The optimiser, with the schedule stepped once an epoch."""
+        """The optimiser, with the schedule stepped once per epoch."""
         return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:
@@ -209,9 +209,9 @@ class PlaceRecognition(pl.LightningModule):
 def mean_recall(
     descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance
 ) -> tuple[float, float]:
-    """Recall@1 of every other traverse in the first one, averaged over them, and the same of a random ranking.
+    """Recall@1 averaged over the other traverses, with the first as the map, and the same for a random ranking.
 
-    Traverses that are copies of others, such as corrupted ones, are reported by their own names, and not here.
+    Traverses that are copies of others, such as corrupted ones, are excluded; they are reported under their own names.
     """
     reference = places.rows_of(places.conditions[0])
     found = []

@@ -1,4 +1,4 @@
-"""The network of place recognition: put together from a config, and as what describes photos."""
+"""The place recognition network: built from a config, and as a describer of photos."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -15,12 +15,12 @@ from sextant.models import FeatureMap, PlaceNet
 
 
 def place_network(raw: Mapping[str, Any], spec: Mapping[str, Any], build: Callable[..., Any]) -> PlaceNet:
-    """The network with new weights.
+    """Build the network, with new weights.
 
     Args:
         raw: the config, as plain values.
         spec: ``channels``, ``height`` and ``width`` of its images.
-        build: makes the part of a group of the config, with further arguments.
+        build: builds the part for a group of the config, with further arguments.
 
     Raises:
         UserError: a part cannot be built, or the inhibition does not fit the backbone.
@@ -42,12 +42,12 @@ def place_network(raw: Mapping[str, Any], spec: Mapping[str, Any], build: Callab
 
 
 class TrainedPlaceNetwork:
-    """A network as what describes photos of bytes.
+    """A trained network as a describer of photos.
 
     Args:
-        network: with its weights.
+        network: the network with its weights.
         size: of its images.
-        model: what distinguishes it from other networks.
+        model: identifies the network.
     """
 
     def __init__(self, network: nn.Module, size: ImageSize, model: str):
@@ -57,6 +57,6 @@ class TrainedPlaceNetwork:
     def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
         """Descriptors of images of bytes, on the network's device."""
         device = next(self.network.parameters()).device
-        images = np.require(images, requirements="W")  # a decoded file cannot be written to, which torch warns of
+        images = np.require(images, requirements="W")  # torch warns of read-only arrays, as decoded files are
         batch = torch.from_numpy(images).permute(0, 3, 1, 2).to(device).float() / 255
         return np.ascontiguousarray(self.network(batch).float().cpu().numpy())

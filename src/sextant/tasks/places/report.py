@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NETWORK = "network"
-#: queries in the gallery, and matches shown of each
+#: queries in the gallery, and matches shown for each
 GALLERY_ROWS, GALLERY_MATCHES = 8, 5
 
 
@@ -35,12 +35,12 @@ class MethodResult:
     """One method on the queries of one condition.
 
     Attributes:
-        described: map and queries.
-        neighbours: most similar references of every query.
+        described: descriptors of map and queries.
+        neighbours: the most similar references of every query.
         recall: at several ranks.
-        curve: precision against recall of the best matches.
+        curve: precision-recall curve of the best matches.
         hit: whether the best match of each query is right.
-        sequence_hit: the same by sequences.
+        sequence_hit: the same with sequence matching.
     """
 
     described: Described
@@ -56,11 +56,11 @@ class QueryReport:
     """All methods on the queries of one condition.
 
     Attributes:
-        protocol: what its figures mean.
-        positives: of each query among the map.
+        protocol: the protocol of its figures.
+        positives: of each query in the map.
         flat: queries without content, such as tunnels.
-        stopped: queries whose picture is that of the frame before or after, as at a stop.
-        ceiling: recall@1 that a descriptor of single images can expect if equal pictures are all that it confuses.
+        stopped: queries whose picture is that of the previous or next frame, as at a stop.
+        ceiling: expected recall@1 of a single-image descriptor that confuses only equal pictures.
         methods: results by name, the network last.
         left_out: baselines that could not learn from the images given to them, with the reason.
     """
@@ -80,7 +80,7 @@ class QueryReport:
 
 
 def protocol_of(tolerance: PlaceTolerance, query: str = "", reference: str = "") -> RetrievalProtocol:
-    """What figures within a tolerance mean."""
+    """The protocol of figures with a tolerance."""
     unit = "f" if tolerance.unit == "frames" else "m"
     return RetrievalProtocol(tolerance.positive, unit, query, reference, heading_deg=tolerance.heading_deg)
 
@@ -95,16 +95,16 @@ def compare(
     size: tuple[int, int],
     progress: Advance = lambda done, total: None,
 ) -> list[QueryReport]:
-    """Every traverse but the first as queries, with the first as the map.
+    """Evaluate all methods with every traverse but the first as queries, and the first as the map.
 
     Args:
-        descriptors: of all images by networks, by method; ``network`` is the trained one.
+        descriptors: of all images, by method, from networks; ``network`` is the trained one.
         places: the images.
-        train: what baselines learn from; None leaves them out.
-        tolerance: of one place.
+        train: images that baselines learn from; None leaves them out.
+        tolerance: within which images show the same place.
         sequence_length: images in a sequence.
         size: height and width at which baselines see the images.
-        progress: called with the conditions done and all.
+        progress: called with the numbers of conditions done and in all.
     """
     reports = []
     reference_condition, *queries = places.conditions
@@ -130,14 +130,14 @@ def temperature(
     tolerance: PlaceTolerance,
     elsewhere: Float32[ndarray, "m d"] | None = None,
 ) -> float:
-    """The temperature of the posterior that fits the other traverses of a split to its first.
+    """Fit the temperature of the posterior on a split, with its first traverse as the map and the others as queries.
 
     Args:
         descriptors: of all images of the split.
         places: the images.
-        tolerance: of one place.
-        elsewhere: descriptors of other places, which enlarge the map. In a map of some dozens of places every query may
-            be right, and nothing would keep the temperature from zero.
+        tolerance: within which images show the same place.
+        elsewhere: descriptors of other places, which enlarge the map. In a map of only some dozens of places every
+            query may be right, and the temperature would go to zero.
     """
     reference = places.rows_of(places.conditions[0])
     query = np.concatenate([places.rows_of(name) for name in places.conditions[1:]])
@@ -146,7 +146,7 @@ def temperature(
     if elsewhere is not None:
         similarities = np.hstack([similarities, unit[query] @ unit_norm(elsewhere).T])
         found.resize((len(query), similarities.shape[1]))
-    if np.ptp(similarities) == 0:  # a network that gives all images one descriptor: any temperature is as good
+    if np.ptp(similarities) == 0:  # all images have one descriptor: any temperature is as good
         return 1.0
     return fit_temperature(similarities, Positives.from_sparse(found))
 
@@ -166,18 +166,18 @@ def _result(described: Described, positives: Positives, length: int) -> MethodRe
 
 
 def nearest_with_values(described: Described, k: int) -> Neighbours:
-    """The k most similar references of every query, and how similar they are."""
+    """The k most similar references of every query, and their similarities."""
     from sextant.retrieval.flat_index import FlatIndex
 
     return FlatIndex(described.reference).search(described.query, k)
 
 
 def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior] | None) -> dict[str, float]:
-    """Figures of the network under their full names; MLflow allows no @ in them: ``R_at_1``.
+    """Figures of the network under their full names, with ``R_at_1`` since MLflow does not allow @ in names.
 
     Args:
-        reports: of each condition.
-        posteriors: of the same; None where no validation split gave a temperature.
+        reports: one per condition.
+        posteriors: for the same conditions; None if no validation split gave a temperature.
     """
     found: dict[str, float] = {}
     fitted: list[PlacePosterior | None] = [None] * len(reports) if posteriors is None else [*posteriors]
@@ -194,17 +194,17 @@ def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior] | None)
 
 
 def logged_name(metric: str) -> str:
-    """The name of a figure of the test where it is logged; MLflow allows no @, = or +, and few other signs."""
+    """The name under which a test figure is logged; MLflow does not allow @, = or +, and few other signs."""
     return "test/" + re.sub(r"[^\w.\- ]", "_", metric.replace("@", "_at_"))
 
 
 def ceilings(reports: list[QueryReport]) -> dict[str, float]:
-    """The ceiling of single images under the name of the figure that it bounds."""
+    """The ceilings for single images, under the names of the figures that they bound."""
     return {report.protocol.name("R@1"): report.ceiling for report in reports}
 
 
 def posteriors_of(reports: list[QueryReport], temperature: float) -> list[PlacePosterior]:
-    """Posteriors of the network over the map, at a temperature that was fitted elsewhere."""
+    """Posteriors of the network over the map, at a temperature fitted elsewhere."""
     return [
         place_posterior(report.methods[NETWORK].described.similarities, report.positives, temperature)
         for report in reports
@@ -212,7 +212,7 @@ def posteriors_of(reports: list[QueryReport], temperature: float) -> list[PlaceP
 
 
 def arrays(reports: list[QueryReport]) -> dict[str, ndarray]:
-    """Of every query whether each method finds its place, ``R@1_.../<method>``, and whether it is flat or stopped."""
+    """For every query, whether each method finds its place, ``R@1_.../<method>``, and whether it is flat or stopped."""
     kept: dict[str, ndarray] = {}
     for report in reports:
         name = report.protocol.name("R@1")
@@ -224,7 +224,7 @@ def arrays(reports: list[QueryReport]) -> dict[str, ndarray]:
 
 
 def table(reports: list[QueryReport], sequence_length: int) -> list[dict[str, str]]:
-    """A row a condition and method, in per cent."""
+    """A row per condition and method, in per cent."""
     rows = []
     for report in reports:
         for method, result in report.methods.items():
@@ -249,12 +249,12 @@ def _mean(hit: Bool[ndarray, "k"]) -> float:
 
 
 def percent(share: float) -> str:
-    """A share for a table; a dash for nan."""
+    """A share formatted for a table; a dash for nan."""
     return "–" if share != share else f"{100 * share:.1f}"
 
 
 def figures(reports: list[QueryReport], places: PlaceImages, pairs: ConditionRecall) -> "Iterator[tuple[str, Figure]]":
-    """Curves, similarity matrix and gallery of each condition, and recall between all pairs of conditions."""
+    """Yield curves, similarity matrix and gallery of each condition, and recall between all pairs of conditions."""
     from sextant.figures.places.condition_confusion import condition_confusion
     from sextant.figures.places.precision_recall import precision_recall_curves
     from sextant.figures.places.retrieval_gallery import retrieval_gallery
@@ -285,7 +285,7 @@ def figures(reports: list[QueryReport], places: PlaceImages, pairs: ConditionRec
 def _gallery_rows(
     report: QueryReport, places: PlaceImages, query: Int64[ndarray, "m"], reference: Int64[ndarray, "n"]
 ) -> list:  # type: ignore[type-arg]
-    """Queries at even steps through the ride, each with its best matches and the right place."""
+    """Queries evenly spaced along the traverse, each with its best matches and the right place."""
     from sextant.figures.places.retrieval_gallery import Retrieved
 
     ours = report.methods[NETWORK]

@@ -1,4 +1,4 @@
-"""The last layer of a trained place network, solved for instead of trained; see ``models.learned_whitening``."""
+"""The last layer of a place network, solved for instead of trained; see ``models.learned_whitening``."""
 
 from dataclasses import dataclass
 
@@ -13,17 +13,17 @@ from sextant.models.learned_whitening import learned_whitening
 from sextant.models.place_net import PlaceNet
 from sextant.tasks.places.methods import training_pairs
 
-#: images whose features are held in memory, and described at a time
+#: most images whose features are held in memory, and images described at a time
 MOST, BATCH = 4_000, 256
 
 
 @dataclass(frozen=True)
 class Whitening:
-    """How the last layer is solved for.
+    """Settings of the whitening that gives the last layer.
 
     Attributes:
-        components: principal components of the pooled features that are considered.
-        shrinkage: of the scatter within places, as a multiple of its mean variance.
+        components: number of principal components of the pooled features used.
+        shrinkage: of the within-place scatter, as a multiple of its mean variance.
     """
 
     components: int = 256
@@ -32,16 +32,16 @@ class Whitening:
 
 @torch.no_grad()
 def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTolerance, whitening: Whitening) -> None:
-    """Replace weight and bias of the projection.
+    """Replace weight and bias of the projection by the solution.
 
     Args:
-        network: whose projection is replaced; on any device.
+        network: the network whose projection is replaced, on any device.
         train: images of the training split.
-        tolerance: of one place.
-        whitening: how.
+        tolerance: within which images show the same place.
+        whitening: the settings.
 
     Raises:
-        UserError: too few training places are seen under two conditions, or the pooling gives too few numbers.
+        UserError: too few training places are seen under two conditions, or the pooling has too few outputs.
     """
     rows, place = _looked_at(train, tolerance)
     device, training = next(network.parameters()).device, network.training
@@ -67,10 +67,10 @@ def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTole
 
 
 def images_by_place(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
-    """Rows of images, and the place of each, from 0 on: an image of the first condition and its positives of others.
+    """Rows of images, and their places from 0: an image of the first condition with its positives of other conditions.
 
-    Of several positives under one condition the next is taken, as in ``training_pairs``. Images of the first condition
-    that have none are left out.
+    Of several positives under one condition the nearest is taken, as in ``training_pairs``. Images of the first
+    condition without positives are left out.
     """
     first, *others = train.conditions
     anchors = {int(row): [int(row)] for row in train.rows_of(first)}
@@ -83,7 +83,7 @@ def images_by_place(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int6
 
 
 def _looked_at(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
-    """As :func:`images_by_place`; of very many places every second, third, ... one."""
+    """As :func:`images_by_place`; if there are very many places, only every second, third, ... one."""
     rows, place = images_by_place(train, tolerance)
     step = max(1, -(-len(rows) // MOST))
     kept = place % step == 0

@@ -1,4 +1,4 @@
-"""What is predicted of a camera, how wrong it is, and where cameras are drawn from."""
+"""Camera parameterizations, losses, and distributions of cameras."""
 
 from typing import Literal
 
@@ -8,7 +8,7 @@ from sextant.config.schema.parts import Node, Part, Positive
 
 
 class Parameterization(Part):
-    """What a network predicts of a camera."""
+    """The quantities of a camera that a network predicts."""
 
     target: Literal["sextant.geometry.Parameterization"] = Field(alias="_target_")
     name: Literal["direct", "angles", "horizon", "undistorted_horizon"]
@@ -25,11 +25,11 @@ class Sampling(Part):
 
 
 class CameraLoss(Part):
-    """A loss of predicted cameras."""
+    """A loss on predicted cameras."""
 
 
 class ParameterLoss(CameraLoss):
-    """Errors of the parameters."""
+    """Loss on errors of the camera parameters."""
 
     target: Literal["sextant.losses.ParameterLoss"] = Field(alias="_target_")
     units: Literal["raw", "range", "natural"]
@@ -38,7 +38,7 @@ class ParameterLoss(CameraLoss):
 
 
 class BearingLoss(CameraLoss):
-    """Errors of the rays."""
+    """Loss on errors of the rays."""
 
     target: Literal["sextant.losses.BearingLoss"] = Field(alias="_target_")
     mode: Literal["joint", "disentangled", "harmonic"]
@@ -46,7 +46,7 @@ class BearingLoss(CameraLoss):
 
 
 class PoseLensLoss(CameraLoss):
-    """Errors of the direction of gravity and of the lens."""
+    """Loss on errors of the direction of gravity and of the lens."""
 
     target: Literal["sextant.losses.PoseLensLoss"] = Field(alias="_target_")
     focal_weight: Positive = Field(examples=[0.5])
@@ -54,7 +54,7 @@ class PoseLensLoss(CameraLoss):
 
 
 class Canvas(Node):
-    """Pictures in squares, low-passed."""
+    """Low-passed photos on a square canvas."""
 
     lines: Positive = Field(examples=[96])
     detail: list[Positive] = Field(min_length=2, max_length=2, examples=["[40,224]"])

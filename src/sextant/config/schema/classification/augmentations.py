@@ -1,4 +1,4 @@
-"""What changes training images."""
+"""Augmentations of training images."""
 
 from typing import Literal
 
@@ -8,17 +8,17 @@ from sextant.config.schema.parts import Part, Positive
 
 
 class Augmentation(Part):
-    """What changes training images."""
+    """An augmentation of training images."""
 
 
 class NoAugmentation(Augmentation):
-    """Training images as they are."""
+    """Unchanged training images."""
 
     target: Literal["sextant.data.augmentation.NoAugmentation"] = Field(alias="_target_")
 
 
 class PadCropFlip(Augmentation):
-    """Shifts and mirror images."""
+    """Random shifts and mirror images."""
 
     target: Literal["sextant.data.augmentation.PadCropFlip"] = Field(alias="_target_")
     pad: int = Field(ge=0, le=64, examples=[4])

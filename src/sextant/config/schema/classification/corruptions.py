@@ -31,7 +31,7 @@ class ContrastPoisson(Corruption):
 
 
 class TestConditions(Part):
-    """What a model is tested under."""
+    """The conditions under which a model is tested."""
 
 
 class CorruptionSuite(TestConditions):
@@ -65,7 +65,7 @@ class StoredSuite(TestConditions):
 
 
 class PerturbationSuite(TestConditions):
-    """Sequences in which an image changes little by little."""
+    """Sequences in which an image changes gradually."""
 
     target: Literal["sextant.corruptions.PerturbationSuite"] = Field(alias="_target_")
     names: list[str] | None = Field(examples=["[translate,rotate]"])

@@ -1,4 +1,4 @@
-"""COSFIRE filters: what they look through, how they are configured, how they respond."""
+"""COSFIRE filters: their filter bank or features, their configuration, and their response."""
 
 from typing import Annotated, Literal
 
@@ -18,7 +18,7 @@ class Features(Node):
 
 
 class Bank(Part):
-    """What filters look at."""
+    """The bank of responses from which filters are composed."""
 
 
 class GaborBank(Bank):

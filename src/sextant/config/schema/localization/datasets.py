@@ -1,4 +1,4 @@
-"""Datasets to localize in."""
+"""Datasets for localization."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""What may go wrong in localization."""
+"""Faults of robot, sensors and map in localization."""
 
 from typing import Annotated, Literal
 
@@ -7,22 +7,22 @@ from pydantic import Field
 from sextant.config.schema.parts import Choice, Count, Node, NonNegative, Part, Positive
 
 Frame = Annotated[float, Field(gt=0)]
-#: 0 and 1 included
+#: a share, including 0 and 1
 Portion = Annotated[float, Field(ge=0, le=1)]
 
 
 class Fault(Part):
-    """What goes wrong."""
+    """A fault."""
 
 
 class NoFault(Fault):
-    """All goes well."""
+    """No fault."""
 
     target: Literal["sextant.data.localization.faults.NoFault"] = Field(alias="_target_")
 
 
 class Kidnap(Fault):
-    """The robot is carried elsewhere."""
+    """The kidnapped robot: it is carried elsewhere."""
 
     target: Literal["sextant.data.localization.faults.Kidnap"] = Field(alias="_target_")
     frame: Frame = Field(examples=[0.5])
@@ -54,7 +54,7 @@ class Blackout(Fault):
 
 
 class OdometryScale(Fault):
-    """Wheels of another size."""
+    """Wrong odometry scale, as from wheels of another size."""
 
     target: Literal["sextant.data.localization.faults.OdometryScale"] = Field(alias="_target_")
     factor: Positive = Field(examples=[1.1])
@@ -62,7 +62,7 @@ class OdometryScale(Fault):
 
 
 class OdometrySlip(Fault):
-    """Wheels that slip."""
+    """Slipping wheels."""
 
     target: Literal["sextant.data.localization.faults.OdometrySlip"] = Field(alias="_target_")
     frame: Frame = Field(examples=[0.5])
@@ -79,7 +79,7 @@ class MissingOdometry(Fault):
 
 
 class NoisyMapPoses(Fault):
-    """Images of the map were taken elsewhere."""
+    """Noise in the poses of the map images."""
 
     target: Literal["sextant.data.localization.faults.NoisyMapPoses"] = Field(alias="_target_")
     position: NonNegative = Field(examples=[0.5])
@@ -87,7 +87,7 @@ class NoisyMapPoses(Fault):
 
 
 class ThinnedMap(Fault):
-    """A map of fewer images."""
+    """A map with fewer images."""
 
     target: Literal["sextant.data.localization.faults.ThinnedMap"] = Field(alias="_target_")
     keep: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.25])

@@ -1,4 +1,4 @@
-"""What localizes: descriptor, kernel, observation model, likelihood, motion, filter, recovery."""
+"""Parts of a localizer: descriptor, kernel, observation model, likelihood, motion, filter, recovery."""
 
 from typing import Annotated, Literal, Self
 
@@ -22,7 +22,7 @@ Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
 class Descriptor(Part):
-    """What an image is described by."""
+    """An image descriptor."""
 
 
 class PixelsDescriptor(Descriptor):
@@ -60,7 +60,7 @@ class WhitenedPCADescriptor(Descriptor):
 
 
 class LandmarksDescriptor(Descriptor):
-    """Landmarks that are pointed at on a photo, alone or beside another descriptor."""
+    """Landmarks marked on a photo, alone or beside another descriptor."""
 
     target: Literal["sextant.applications.detection.landmarks.Landmarks"] = Field(alias="_target_")
     photo: str = Field(examples=["photo.png"])
@@ -90,7 +90,7 @@ class DescriptorFiles(Descriptor):
 
 
 class Observation(Part):
-    """What an image says about the pose that it was taken at."""
+    """An observation model: the likelihood of an image or scan at a pose."""
 
 
 class ExactGP(Observation):
@@ -100,7 +100,7 @@ class ExactGP(Observation):
 
 
 class LocalGP(Observation):
-    """A Gaussian process of the nearest map images of each pose."""
+    """A Gaussian process over the map images nearest to each pose."""
 
     target: Literal["sextant.localization.observation.LocalGP"] = Field(alias="_target_")
     neighbours: Count = Field(examples=[16])
@@ -108,7 +108,7 @@ class LocalGP(Observation):
 
 
 class CachedLocalGP(Observation):
-    """The same, its neighbourhoods solved once."""
+    """The local Gaussian process with its neighbourhoods solved once."""
 
     target: Literal["sextant.localization.observation.CachedLocalGP"] = Field(alias="_target_")
     neighbours: Count = Field(examples=[16])
@@ -117,7 +117,7 @@ class CachedLocalGP(Observation):
 
 
 class KernelMixture(Observation):
-    """The same under several lengths of the heading, any of which may be right."""
+    """Cached local Gaussian processes with several length scales of the heading, any of which may be right."""
 
     target: Literal["sextant.localization.observation.KernelMixture"] = Field(alias="_target_")
     neighbours: Count = Field(examples=[16])
@@ -126,7 +126,7 @@ class KernelMixture(Observation):
 
 
 class SGPR(Observation):
-    """Sparse Gaussian process, inducing poses, closed form."""
+    """A sparse Gaussian process with inducing poses, in closed form."""
 
     target: Literal["sextant.localization.observation.SGPR"] = Field(alias="_target_")
     inducing: Count = Field(examples=[200])
@@ -134,7 +134,7 @@ class SGPR(Observation):
 
 
 class SVGP(Observation):
-    """Sparse Gaussian process, inducing poses, fitted by minibatches."""
+    """A sparse Gaussian process with inducing poses, fitted by minibatches."""
 
     target: Literal["sextant.localization.observation.SVGP"] = Field(alias="_target_")
     inducing: Count = Field(examples=[200])
@@ -168,7 +168,7 @@ class KernelSum(Observation):
 
 
 class LikelihoodField(Observation):
-    """A laser, by the distance of its end points from the nearest obstacle."""
+    """A laser model based on the distance of end points from the nearest obstacle."""
 
     target: Literal["sextant.localization.laser.LikelihoodField"] = Field(alias="_target_")
     sigma_m: Positive = Field(examples=[0.2])
@@ -180,7 +180,7 @@ class LikelihoodField(Observation):
 
 
 class BeamModel(Observation):
-    """A laser, by rays cast in the grid."""
+    """A laser model based on rays cast in the grid."""
 
     target: Literal["sextant.localization.laser.BeamModel"] = Field(alias="_target_")
     z_hit: Share = Field(examples=[0.5])
@@ -197,12 +197,12 @@ LASERS = (LikelihoodField, BeamModel)
 
 
 class Sharper(Node):
-    """How a kernel is sharpened once it is trained.
+    """Sharpening of a kernel after training.
 
     Attributes:
-        length: what its lengths in x and y are multiplied by.
-        noise: its noise variance at most, as a share of the signal's.
-        heading: what its length in the heading is multiplied by.
+        length: factor of its length scales in x and y.
+        noise: upper bound of its noise variance, as a share of the signal variance.
+        heading: factor of its length scale in the heading.
     """
 
     length: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.5])
@@ -211,7 +211,7 @@ class Sharper(Node):
 
 
 class PoseKernel(Node):
-    """How alike descriptors at two poses are."""
+    """The covariance kernel of descriptors over poses."""
 
     later = ("sharper",)
 
@@ -221,7 +221,7 @@ class PoseKernel(Node):
 
 
 class Likelihood(Node):
-    """The form of the likelihood, and what is fitted to a validation traverse."""
+    """The form of the likelihood, and which of its parameters are fitted to a validation traverse."""
 
     form: Literal["full", "univariate", "student"]
     dof: Positive = Field(examples=[4.0])
@@ -236,7 +236,7 @@ Triple = Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
 
 
 class Motion(Part):
-    """Where a particle moves."""
+    """A motion model."""
 
 
 class ExponentialMotion(Motion):
@@ -250,7 +250,7 @@ class ExponentialMotion(Motion):
 
 
 class OdometryMotion(Motion):
-    """Noise in a rotation, a translation and a rotation."""
+    """Odometry noise in a rotation, a translation and a rotation."""
 
     target: Literal["sextant.localization.motion.OdometryMotion"] = Field(alias="_target_")
     alphas: Annotated[list[NonNegative], Field(min_length=4, max_length=4)] = Field(examples=["[0.2,0.2,0.2,0.2]"])
@@ -271,24 +271,24 @@ class IdentityMotion(Motion):
 
 
 class Recovery(Part):
-    """What helps a filter that is lost."""
+    """The recovery of a filter that is lost."""
 
 
 class NoRecovery(Recovery):
-    """None."""
+    """No recovery."""
 
     target: Literal["sextant.localization.recovery.NoRecovery"] = Field(alias="_target_")
 
 
 class UniformInjection(Recovery):
-    """Some particles from anywhere."""
+    """A share of particles drawn from anywhere."""
 
     target: Literal["sextant.localization.recovery.UniformInjection"] = Field(alias="_target_")
     share: Share = Field(examples=[0.05])
 
 
 class AugmentedMCL(Recovery):
-    """Particles from anywhere when the likelihood falls."""
+    """Particles drawn from anywhere when the likelihood falls."""
 
     target: Literal["sextant.localization.recovery.AugmentedMCL"] = Field(alias="_target_")
     alpha_slow: Share = Field(examples=[0.001])
@@ -298,7 +298,7 @@ class AugmentedMCL(Recovery):
 
 
 class TopKInjection(Recovery):
-    """Particles where the image is found, weighted by it again."""
+    """Particles at the best matching map images, weighted by the same observation again."""
 
     target: Literal["sextant.localization.recovery.TopKInjection"] = Field(alias="_target_")
     share: Share = Field(examples=[0.1])
@@ -306,7 +306,7 @@ class TopKInjection(Recovery):
 
 
 class BayesRestart(Recovery):
-    """Particles where the image is found, weighted as a kidnapping is likely."""
+    """Particles at the best matching map images, weighted by the probability of a kidnapping."""
 
     target: Literal["sextant.localization.recovery.BayesRestart"] = Field(alias="_target_")
     hazard: Share = Field(examples=[0.001])
@@ -316,7 +316,7 @@ class BayesRestart(Recovery):
 
 
 class KLDSize(Node):
-    """How many particles are enough."""
+    """Adaptive number of particles (KLD-sampling)."""
 
     epsilon: Share = Field(examples=[0.05])
     confidence: Share = Field(examples=[0.99])
@@ -333,7 +333,7 @@ class KLDSize(Node):
 
 
 class ParticleFilter(Node):
-    """The filter."""
+    """The particle filter."""
 
     later = ("support", "outliers", "apart", "regions")
     particles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(examples=[1000])

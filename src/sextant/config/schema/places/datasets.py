@@ -7,7 +7,7 @@ from pydantic import Field
 from sextant.config.schema.parts import Node, Part
 from sextant.config.schema.splits import ImageSide
 
-#: first frame, and the one after the last
+#: first frame, and the frame after the last
 FrameRange = Annotated[list[Annotated[int, Field(ge=0)] | None], Field(min_length=2, max_length=2)]
 Traverses = dict[str, str]
 
@@ -25,7 +25,7 @@ class RangeBySplit(Node):
 
 
 class Nordland(Places):
-    """Aligned frames in a folder a season."""
+    """Aligned frames, with one folder per season."""
 
     target: Literal["sextant.data.places.Nordland"] = Field(alias="_target_")
     conditions: list[str] = Field(min_length=1, examples=["[summer,winter]"])

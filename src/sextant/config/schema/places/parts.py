@@ -1,4 +1,4 @@
-"""What a place descriptor is trained with: pooling, losses, mining, tolerances, augmentation."""
+"""Parts for training a place descriptor: pooling, losses, mining, tolerances, augmentation."""
 
 from typing import Annotated, Literal, Self
 
@@ -9,7 +9,7 @@ from sextant.config.schema.splits import ImageSide
 
 
 class Pooling(Part):
-    """How a feature map becomes a vector."""
+    """The pooling of a feature map to a vector."""
 
 
 class Average(Pooling):
@@ -60,11 +60,11 @@ class FeatureMixer(Pooling):
 
 
 class PlaceLoss(Part):
-    """A loss of place descriptors."""
+    """A loss on place descriptors."""
 
 
 class TripletRatioLoss(PlaceLoss):
-    """The ratio loss."""
+    """The triplet ratio loss."""
 
     target: Literal["sextant.losses.TripletRatioLoss"] = Field(alias="_target_")
     margin: float = Field(ge=0.01, examples=[0.01])
@@ -72,7 +72,7 @@ class TripletRatioLoss(PlaceLoss):
 
 
 class TripletMarginLoss(PlaceLoss):
-    """The margin loss."""
+    """The triplet margin loss."""
 
     target: Literal["sextant.losses.TripletMarginLoss"] = Field(alias="_target_")
     margin: Positive = Field(examples=[0.1])
@@ -80,7 +80,7 @@ class TripletMarginLoss(PlaceLoss):
 
 
 class SoftMarginLoss(PlaceLoss):
-    """The margin loss without a corner."""
+    """The triplet margin loss with a smooth (soft) margin."""
 
     target: Literal["sextant.losses.SoftMarginLoss"] = Field(alias="_target_")
     scale: Positive = Field(examples=[1.0])
@@ -111,7 +111,7 @@ class MultiSimilarityLoss(PlaceLoss):
 
 
 class Mining(Part):
-    """Which images of a batch a loss compares."""
+    """The selection of the images of a batch that a loss compares."""
 
 
 class NoMining(Mining):
@@ -128,20 +128,20 @@ class RandomMining(Mining):
 
 
 class SemiHardMining(Mining):
-    """Negatives a little further than the positive."""
+    """Negatives slightly further away than the positive."""
 
     target: Literal["sextant.retrieval.SemiHardMining"] = Field(alias="_target_")
     margin: Positive = Field(examples=[0.1])
 
 
 class BatchHardMining(Mining):
-    """The hardest of the batch."""
+    """The hardest examples of the batch."""
 
     target: Literal["sextant.retrieval.BatchHardMining"] = Field(alias="_target_")
 
 
 class CachedHardMining(Mining):
-    """The hardest of a sample of the training set."""
+    """The hardest examples of a sample of the training set."""
 
     target: Literal["sextant.retrieval.CachedHardMining"] = Field(alias="_target_")
     refresh: Count = Field(examples=[100])
@@ -152,7 +152,7 @@ class CachedHardMining(Mining):
 
 
 class Tolerance(Node):
-    """Distance within one place and between two, in the unit that it is a key of."""
+    """Distances within one place and between two places, in the unit given by its key."""
 
     positive: NonNegative = Field(examples=[5.0])
     negative: Positive = Field(examples=[25.0])
@@ -168,21 +168,21 @@ class Tolerance(Node):
 
 
 class ToleranceByUnit(Node):
-    """One for places known by position, one for those known by frame."""
+    """One tolerance for places known by position, and one for places known by frame."""
 
     m: Tolerance
     frames: Tolerance
 
 
 class Whitening(Node):
-    """How the last layer is solved for when training is done."""
+    """Whitening: how the last layer is solved for after training."""
 
     components: Count = Field(examples=[256])
     shrinkage: Positive = Field(examples=[1.0])
 
 
 class PlaceAugmentation(Node):
-    """How much training images are changed."""
+    """The strength of augmentation of training images."""
 
     later = ("augmix",)
     brightness: NonNegative = Field(examples=[0.3])

@@ -1,4 +1,4 @@
-"""What may go wrong: with the robot, its camera, its wheels, or its map."""
+"""Faults of the robot, its camera, its wheels, or its map."""
 
 from sextant.data.localization.faults.camera import Blackout, DroppedFrames
 from sextant.data.localization.faults.fault import Fault, NoFault

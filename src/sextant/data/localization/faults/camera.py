@@ -11,7 +11,7 @@ from sextant.errors import UserError
 
 @dataclass(frozen=True)
 class DroppedFrames(Fault):
-    """Each image, and the scan that goes with it, is lost with probability ``share``; odometry goes on.
+    """Each image, with its scan, is lost with probability ``share``; odometry continues.
 
     The first frame is kept: a drive begins with an image.
     """
@@ -37,7 +37,7 @@ class Blackout(Fault):
     length: int = 30
 
     def drive(self, drive: Drive, rng: np.random.Generator, whole: Drive | None = None) -> Drive:
-        """The drive with a stretch that is not ``seen``."""
+        """The drive with a stretch of frames that are not ``seen``."""
         seen = drive.seen.copy()
         seen[stretch_at(self.frame, self.length, drive, "fault")] = False
         return replace(drive, seen=seen)

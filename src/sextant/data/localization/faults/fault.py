@@ -1,4 +1,4 @@
-"""What a fault does to drives and to the map."""
+"""The base class of faults, and what they share."""
 
 from dataclasses import dataclass
 
@@ -10,52 +10,52 @@ from sextant.errors import UserError
 
 
 class Fault:
-    """A fault changes the drives that are localized, or their map; each method leaves alone what it does not change.
+    """A fault changes the drives that are localized, or their map; by default each method changes nothing.
 
-    Nothing that was given is changed: new drives are returned.
+    Arguments are never modified: new drives are returned.
     """
 
     def data(self, data: LocalizationData) -> LocalizationData:
-        """What the fault does to the choice of drives, before they are described.
+        """Apply the fault to the choice of drives, before they are described.
 
         Raises:
-            UserError: the dataset has not what the fault needs.
+            UserError: the dataset lacks what the fault needs.
         """
         return data
 
     def drive(self, drive: Drive, rng: np.random.Generator, whole: Drive | None = None) -> Drive:
-        """What the fault does to a drive that is localized.
+        """Apply the fault to a drive that is localized.
 
         Args:
-            drive: or a part of it: a run that starts somewhere along it.
-            rng: for what is drawn.
-            whole: the drive of the dataset that ``drive`` is a part of, by :meth:`Drive.select`: a robot may be carried
-                to any place of it; None for ``drive`` itself.
+            drive: a drive, or a part of it: a run that starts somewhere along it.
+            rng: random generator for what is drawn.
+            whole: the drive of the dataset that ``drive`` is a part of, by :meth:`Drive.select`: a robot may be
+                kidnapped to any place of it; None for ``drive`` itself.
 
         Raises:
-            UserError: the drive is too short for it.
+            UserError: the drive is too short for the fault.
         """
         return drive
 
     def map(self, map: Drive, rng: np.random.Generator) -> Drive:
-        """What the fault does to the map, after its images were described: images are those of the given map.
+        """Apply the fault to the map after its images were described; the images are those of the given map.
 
         Raises:
-            UserError: the map is too small for it.
+            UserError: the map is too small for the fault.
         """
         return map
 
 
 @dataclass(frozen=True)
 class NoFault(Fault):
-    """All goes well."""
+    """No fault."""
 
 
 def frame_at(frame: float | int, drive: Drive, key: str) -> int:
-    """A frame given by its number, or as a share of the drive if it is below 1.
+    """A frame given by its number, or as a share of the drive if below 1.
 
     Raises:
-        UserError: the drive has no such frame, or it is the first: before it nothing has happened.
+        UserError: the drive has no such frame, or it is the first, before which nothing has happened.
     """
     number = round(frame * len(drive)) if frame < 1 else int(frame)
     if not 0 < number < len(drive):
@@ -71,7 +71,7 @@ def stretch_at(frame: float | int, length: int, drive: Drive, name: str) -> slic
     """``length`` frames from ``frame`` on.
 
     Raises:
-        UserError: the drive ends before.
+        UserError: the drive ends earlier.
     """
     first = frame_at(frame, drive, f"{name}.frame")
     if length < 1 or first + length > len(drive):

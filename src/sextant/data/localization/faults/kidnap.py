@@ -1,4 +1,4 @@
-"""The robot is carried elsewhere."""
+"""The kidnapped robot."""
 
 from dataclasses import dataclass, replace
 
@@ -12,16 +12,16 @@ from sextant.errors import UserError
 
 @dataclass(frozen=True)
 class Kidnap(Fault):
-    """At ``frame`` the drive goes on from another of its frames, and odometry reports an ordinary step.
+    """At ``frame`` the drive continues from another of its frames, while odometry reports an ordinary step.
 
-    The frame it goes on from is drawn among those at least ``distance`` away with ``after`` frames left; so drives of
-    all seeds have the same length, ``frame + after``.
+    That frame is drawn among those at least ``distance`` away with ``after`` frames left, so that drives of all seeds
+    have the same length, ``frame + after``.
 
     Attributes:
-        frame: number of the first frame elsewhere, or its share of the drive if below 1.
-        distance: least distance from where the robot would have been, in the dataset's unit.
-        after: frames from the kidnap on; None for as many as were left. Without a ``whole`` drive to choose from, the
-            robot is then set back to a place it has been at.
+        frame: number of the first frame after the kidnap, or its share of the drive if below 1.
+        distance: smallest distance from where the robot would have been, in the dataset's unit.
+        after: number of frames from the kidnap on; None for as many as were left. In that case, without a ``whole``
+            drive to choose from, the robot is set back to a place where it has been.
     """
 
     frame: float | int = 0.5
@@ -36,7 +36,7 @@ class Kidnap(Fault):
             )
 
     def drive(self, drive: Drive, rng: np.random.Generator, whole: Drive | None = None) -> Drive:
-        """The drive up to the kidnap, and from then on a stretch from elsewhere, at the same pace."""
+        """The drive up to the kidnap, followed by a stretch from elsewhere at the same pace."""
         pace = 1 if whole is None or len(drive) < 2 else int(drive.frames[1] - drive.frames[0])
         pool = drive if whole is None else whole
         here = frame_at(self.frame, drive, "fault.frame")
@@ -46,7 +46,7 @@ class Kidnap(Fault):
         before = np.arange(here)
         motion = None
         if drive.motion is not None and pool.motion is not None:
-            step = drive.motion[here : here + 1]  # what the wheels would have told
+            step = drive.motion[here : here + 1]  # what the wheels would have reported
             motion = np.concatenate([drive.motion[before], step, compose_over(pool.motion, there)[1:]])
         times = None
         if drive.times_s is not None and pool.times_s is not None:
@@ -65,7 +65,7 @@ class Kidnap(Fault):
         )
 
     def _elsewhere(self, drive: Drive, here: int, pool: Drive, after: int, pace: int, rng: np.random.Generator) -> int:
-        """A frame of the pool that is far enough, with frames enough left."""
+        """A frame of the pool that is far enough away, with enough frames left."""
         apart = np.linalg.norm(pool.poses[:, :2] - drive.poses[here, :2], axis=1)
         enough = np.arange(len(pool)) + pace * (after - 1) < len(pool)
         there = np.flatnonzero((apart >= self.distance) & enough)

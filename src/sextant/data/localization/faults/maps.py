@@ -1,4 +1,4 @@
-"""Maps that are not what they should be."""
+"""Faulty maps."""
 
 from dataclasses import dataclass, replace
 
@@ -12,9 +12,9 @@ from sextant.errors import ArgumentError, UserError
 
 @dataclass(frozen=True)
 class NoisyMapPoses(Fault):
-    """Images of the map were taken elsewhere than it says: errors ``N(0, position²)`` of x and y, and of the heading.
+    """Map poses are noisy, with errors ``N(0, position²)`` of x and y, and an error of the heading.
 
-    Along a railway, where y and heading are zero for all images, x alone errs.
+    Along a railway, where y and heading are zero for all images, only x errs.
 
     Attributes:
         position: standard deviation of x and of y in the dataset's unit.
@@ -43,7 +43,7 @@ class NoisyMapPoses(Fault):
 
 @dataclass(frozen=True)
 class ThinnedMap(Fault):
-    """A map of a share ``keep`` of the images, chosen at random: even steps would leave out whole directions of view.
+    """A map of a random share ``keep`` of the images: even steps would leave out whole viewing directions.
 
     At least one image is kept.
     """
@@ -67,7 +67,7 @@ class ThinnedMap(Fault):
 class WrongSeasonMap(Fault):
     """The map was made under another ``condition``.
 
-    Drives of that very condition are left out of the test: their images are the map's.
+    Drives of that same condition are left out of the test, since their images are the map's.
     """
 
     condition: str

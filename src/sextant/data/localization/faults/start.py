@@ -1,4 +1,4 @@
-"""A first guess that is wrong."""
+"""A wrong initial pose."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from sextant.errors import UserError
 class WrongStart(Fault):
     """The filter starts around a pose that is ``distance`` and ``heading_deg`` away from the true one.
 
-    Drives and map stay as they are: whoever starts the filter reads these.
+    Drives and map are left unchanged: the code that starts the filter reads these values.
 
     Attributes:
         distance: in the dataset's unit, in a direction drawn at random.

@@ -1,4 +1,4 @@
-"""Odometry that is wrong, or missing."""
+"""Wrong or missing odometry."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -14,7 +14,7 @@ from sextant.errors import UserError
 
 @dataclass(frozen=True)
 class OdometryScale(Fault):
-    """Wheels of another size than assumed: distances are reported ``factor`` times too long, turns ``turn`` times."""
+    """A wrong odometry scale: reported distances are ``factor`` times too long, and turns ``turn`` times too large."""
 
     factor: float = 1.1
     turn: float = 1.0
@@ -34,8 +34,8 @@ class OdometryScale(Fault):
 class OdometrySlip(Fault):
     """Wheels slip for ``length`` frames from ``frame`` on (a number, or a share of the drive if below 1).
 
-    ``spinning``: they turn and the robot stands; it sees the frame before again and again, and then drives on, so that
-    the drive becomes ``length`` frames longer. ``sliding``: they stand and the robot moves.
+    ``spinning``: the wheels turn while the robot stands still. It sees the previous frame repeatedly and then drives
+    on, so that the drive becomes ``length`` frames longer. ``sliding``: the wheels stand still while the robot moves.
     """
 
     frame: float | int = 0.5
@@ -53,7 +53,7 @@ class OdometrySlip(Fault):
         rows = np.concatenate([np.arange(first), np.full(self.length, first - 1), np.arange(first, len(drive))])
         told = np.concatenate([motion[:first], motion[stretch], motion[first:]])
         times = None
-        if drive.times_s is not None:  # it loses the time that the wheels spun
+        if drive.times_s is not None:  # the robot loses the time in which the wheels spun
             spun = drive.times_s[stretch] - drive.times_s[first - 1]
             times = np.concatenate(
                 [drive.times_s[:first], drive.times_s[first - 1] + spun, drive.times_s[first:] + spun[-1]]

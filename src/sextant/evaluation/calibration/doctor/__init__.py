@@ -1,7 +1,7 @@
-"""Whether the mathematics of calibration holds on this machine: what ``sextant doctor calibration`` runs.
+"""Numerical self-checks of calibration on this machine, run by ``sextant doctor calibration``.
 
-Every check compares two ways to one number that share no code where that is possible (a closed form, bisection, finite
-differences, a search along the picture, OpenCV), and gives figures with the limits that they have to keep.
+Every check computes a number in two ways that share no code where possible (a closed form, bisection, finite
+differences, a search along the picture, OpenCV), and gives figures with the limits that they must keep.
 """
 
 from sextant.evaluation.calibration.doctor.checks import examine

@@ -1,11 +1,11 @@
-"""All checks, one after the other."""
+"""All checks, in order."""
 
 import math
 
 from sextant.evaluation.calibration.doctor import crops, lens, loss, parameters
 from sextant.evaluation.calibration.doctor.finding import Finding
 
-#: in the order in which they are shown
+#: in the order shown
 CHECKS = (
     parameters.round_trips,
     lens.newton_against_bisection,
@@ -22,11 +22,11 @@ CHECKS = (
 def examine(
     crop: crops.Crop | None, why_not: str = "no function that cuts crops was given"
 ) -> tuple[list[Finding], list[loss.CrossTalk]]:
-    """All checks, and the cross-talk table.
+    """Run all checks, and compute the cross-talk table.
 
     Args:
-        crop: cuts crops of a panorama; None skips what needs it.
-        why_not: why there is none.
+        crop: cuts crops of a panorama; None skips the checks that need it.
+        why_not: why there is no such function.
 
     Example:
         >>> findings, table = examine(crop=None)  # some seconds  # doctest: +SKIP

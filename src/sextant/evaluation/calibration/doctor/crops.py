@@ -19,13 +19,13 @@ Crop = Callable[
 
 
 def analytic_colour(directions: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3"]:
-    """Colours from 20 to 220 that are smooth functions of the direction, no two axes alike."""
+    """Colours from 20 to 220 that vary smoothly with the direction, differently along each axis."""
     waves = torch.tensor([[3.0, 1.0, -2.0], [-1.0, 4.0, 1.5], [2.0, -2.5, 3.0]], dtype=directions.dtype)
     return 120 + 100 * torch.sin(directions @ waves.T + torch.tensor([0.3, 1.1, 2.0], dtype=directions.dtype))
 
 
 def crop_rays(cameras: CameraParameters, yaw: Tensor, width: int, height: int) -> Float[Tensor, "b h w 3"]:
-    """Directions in the panorama of the pixels of crops, by the camera class."""
+    """Directions of the pixels of crops in the panorama, computed by the camera class."""
     lens = PerspectiveCamera.from_focal(cameras.focal, width, height, k1=cameras.k1)
     rays = lens.bearings(lens.pixel_centres())
     zero, one = torch.zeros_like(yaw), torch.ones_like(yaw)
@@ -50,7 +50,7 @@ def crop_against_render(crop: Crop, width: int = 128, height: int = 96, rows: in
 
 
 def edge_in_crop(crop: Crop, width: int = 256, height: int = 192, rows: int = 1024) -> list[Finding]:
-    """A straight edge painted on a panorama, found in a distorted crop and undistorted, in pixels."""
+    """The bow of a straight edge painted on a panorama, in a distorted crop and after undistortion, in pixels."""
     normal = torch.tensor([0.87, -0.13, -0.47], dtype=DOUBLE)
     panorama_camera = EquirectangularCamera(2 * rows, rows)
     side = panorama_camera.bearings(panorama_camera.pixel_centres(dtype=DOUBLE)) @ normal

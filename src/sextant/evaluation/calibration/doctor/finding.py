@@ -1,4 +1,4 @@
-"""What a check finds, and the cameras that the checks look at."""
+"""Results of a check, and the cameras used in the checks."""
 
 import math
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ DOUBLE = torch.float64
 
 @dataclass(frozen=True)
 class Finding:
-    """One figure and the limits that it has to keep.
+    """One figure and the limits that it must keep.
 
     Attributes:
         check: what is checked.
         figure: what is measured, with its unit.
-        value: as measured; nan if it was not.
-        low, high: limits, both legal.
+        value: the measured value; nan if it was not measured.
+        low, high: limits, inclusive.
         skipped: why it was not measured, or None.
     """
 
@@ -33,7 +33,7 @@ class Finding:
 
     @property
     def passed(self) -> bool:
-        """Whether the figure keeps its limits, or was not measured."""
+        """Whether the figure is within its limits, or was not measured."""
         return self.skipped is not None or self.low <= self.value <= self.high
 
 
@@ -46,7 +46,7 @@ def random_cameras(count: int, seed: int = 0, max_tilt: float = 1.3) -> CameraPa
 
 
 def largest_bow(points: Float[Tensor, "b n 2"]) -> float:
-    """Largest distance of points to the line through the ends of their curve; nan of fewer than three points."""
+    """Largest distance of points from the chord of their curve; nan for fewer than three points."""
     if points.shape[1] < 3:
         return math.nan
     chord = points[:, -1] - points[:, 0]

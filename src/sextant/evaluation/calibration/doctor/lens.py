@@ -1,4 +1,4 @@
-"""Checks of the lens: distortion, its inverse, its gradients, its fold, and OpenCV's opinion."""
+"""Checks of the lens: distortion, its inverse, its gradients, its fold, and agreement with OpenCV."""
 
 import math
 
@@ -19,7 +19,7 @@ from sextant.geometry.conversions import opencv_from_perspective
 
 
 def newton_against_bisection() -> list[Finding]:
-    """Undistortion against a search that knows nothing but that the polynomial rises."""
+    """Undistortion against bisection, which only assumes that the polynomial is increasing."""
     k1 = torch.linspace(-0.4, 0.2, 61, dtype=DOUBLE)[:, None]
     k2 = k2_of_k1(k1)
     fold = max_radius(k1, k2)
@@ -35,7 +35,7 @@ def newton_against_bisection() -> list[Finding]:
 
 
 def implicit_gradients(step: float = 3e-6) -> list[Finding]:
-    """Gradients of the undistorted radius against differences of fourth order, relative where they are above 1."""
+    """Gradients of the undistorted radius against fourth-order finite differences, relative where they are above 1."""
     distorted = torch.linspace(0.05, 1.7, 60, dtype=DOUBLE)[None].repeat(21, 1)
     k1 = torch.linspace(-0.4, 0.0, 21, dtype=DOUBLE)[:, None].repeat(1, 60)
     k2 = k2_of_k1(k1)
@@ -51,14 +51,14 @@ def implicit_gradients(step: float = 3e-6) -> list[Finding]:
 
 
 def _difference(inputs: tuple[Tensor, ...], which: int, step: float) -> Tensor:
-    """Central difference of the undistorted radius by one of its inputs."""
+    """Central difference of the undistorted radius with respect to one of its inputs."""
     ahead, behind = list(inputs), list(inputs)
     ahead[which], behind[which] = ahead[which] + step, behind[which] - step
     return (undistort_radius(*ahead) - undistort_radius(*behind)) / (2 * step)
 
 
 def fold_radius(step: float = 1e-4) -> list[Finding]:
-    """Where the picture folds over, against a walk outwards along the polynomial."""
+    """The fold radius against a walk outwards along the polynomial."""
     radius = torch.arange(0, 6, step, dtype=DOUBLE)
     worst = 0.0
     for k1 in torch.tensor([-0.4, -0.2, -0.1, -0.05, -0.02], dtype=DOUBLE):
@@ -78,7 +78,7 @@ def fold_radius(step: float = 1e-4) -> list[Finding]:
 
 
 def straightness(count: int = 200) -> list[Finding]:
-    """Straight edges in space, as the lens shows them and after undistortion, in image heights."""
+    """Bow of straight edges in space, as seen through the lens and after undistortion, in image heights."""
     generator = torch.Generator().manual_seed(1)
     camera = random_cameras(count, 2)
     points = torch.randn(count, 2, 3, generator=generator, dtype=DOUBLE)
@@ -97,7 +97,7 @@ def straightness(count: int = 200) -> list[Finding]:
 
 
 def against_opencv() -> list[Finding]:
-    """Pixels and rays against OpenCV's, at normalised radius up to 1."""
+    """Pixels and rays against OpenCV's, at normalised radii up to 1."""
     import cv2
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""Checks of the bearing loss: closed forms, and what wrong numbers do to the others."""
+"""Checks of the bearing loss: closed forms, and cross-talk between its numbers."""
 
 import math
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from sextant.evaluation.calibration.doctor.finding import DOUBLE, Finding, rando
 from sextant.geometry import CameraParameters, Parameterization
 from sextant.losses.bearing import bearing_difference, bearing_grid, world_bearings
 
-#: tilt, roll, focal and k1 of the camera whose losses are considered, as in the design's table
+#: tilt, roll, focal and k1 of the camera whose losses are examined, as in the design's table
 TRUTH = (math.radians(8), math.radians(5), 0.8, -0.2)
 WRONG = {
     "vfov +5 deg": (2, math.radians(5)),
@@ -25,13 +25,13 @@ WRONG = {
 
 @dataclass(frozen=True)
 class CrossTalk:
-    """What happens to the other three numbers when one is wrong and the loss decides.
+    """How the other three numbers change when one is wrong and they minimise the loss.
 
     Attributes:
         wrong: the number and its error.
-        before_deg: root of the mean squared bearing difference with the others true, degrees.
-        after_deg: after the joint loss has chosen the others.
-        joint: what it adds to rho, roll, vfov and k1_hat, with 0 for the wrong one.
+        before_deg: root mean square bearing difference with the others true, degrees.
+        after_deg: the same after the others minimise the joint loss.
+        joint: the changes that it makes to rho, roll, vfov and k1_hat, with 0 for the wrong one.
         disentangled: the same under the disentangled loss.
     """
 
@@ -43,7 +43,7 @@ class CrossTalk:
 
 
 def closed_forms(count: int = 200, error: float = 0.3) -> list[Finding]:
-    """Bearing differences of one wrong number against their closed forms."""
+    """Bearing differences caused by one wrong number, against their closed forms."""
     space = Parameterization("direct")
     truth = random_cameras(count, 4)
     grid = bearing_grid(7, torch.full((count,), 4 / 3, dtype=DOUBLE))
@@ -73,9 +73,9 @@ def closed_forms(count: int = 200, error: float = 0.3) -> list[Finding]:
 
 
 def cross_talk(grid: int = 7, aspect: float = 4 / 3) -> list[CrossTalk]:
-    """One wrong number each, and the other three as the joint and the disentangled loss want them.
+    """For each wrong number, the other three at the minimum of the joint and of the disentangled loss.
 
-    Both are minimised by Gauss-Newton from a start beside the truth, in the numbers rho, roll, vfov, k1_hat.
+    Both are minimised by nonlinear least squares from a start near the truth, in the numbers rho, roll, vfov, k1_hat.
 
     Example:
         >>> row = cross_talk()[0]
@@ -114,7 +114,7 @@ def cross_talk(grid: int = 7, aspect: float = 4 / 3) -> list[CrossTalk]:
 
 
 def _compensated(residual: Callable[[Tensor], Tensor], truth: Tensor, number: int, error: float) -> Tensor:
-    """The numbers with the smallest residual among those in which one is wrong by ``error``."""
+    """The numbers that minimise the residual when one of them is wrong by ``error``."""
     free = [i for i in range(4) if i != number]
 
     def numbers(chosen: ndarray) -> Tensor:
@@ -131,7 +131,7 @@ def _compensated(residual: Callable[[Tensor], Tensor], truth: Tensor, number: in
 
 
 def cross_talk_findings(table: list[CrossTalk]) -> list[Finding]:
-    """That the joint loss is biased and the disentangled one is not."""
+    """Check that the joint loss is biased and the disentangled loss is not."""
     findings = []
     for row in table:
         sizes = [max(abs(value) for value in values) for values in (row.joint, row.disentangled)]

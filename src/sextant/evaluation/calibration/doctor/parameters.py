@@ -20,7 +20,7 @@ from sextant.geometry import (
 
 
 def round_trips(count: int = 20_000) -> list[Finding]:
-    """Cameras through each parameterization and back."""
+    """Errors of cameras encoded and decoded by each parameterization."""
     findings = []
     for name in ("direct", "horizon", "undistorted_horizon"):
         worst = 0.0
@@ -36,7 +36,7 @@ def round_trips(count: int = 20_000) -> list[Finding]:
 
 
 def horizon_feet(count: int = 60) -> list[Finding]:
-    """The foot of the distorted horizon against a search along the horizon as it is seen."""
+    """The foot of the distorted horizon against a search along the horizon as seen."""
     azimuths = torch.linspace(-1.5, 1.5, 4001, dtype=DOUBLE)
     truth = random_cameras(count, 3, max_tilt=1.0)
     worst = 0.0
@@ -50,7 +50,7 @@ def horizon_feet(count: int = 60) -> list[Finding]:
 
 
 def bow(focal: float, k1: float) -> float:
-    """Largest departure, in heights, of a straight vertical edge that crosses the middle row at u = 0.5."""
+    """Largest bow, in image heights, of a straight vertical edge that crosses the middle row at u = 0.5."""
     lens = torch.tensor(focal, dtype=DOUBLE), torch.tensor(k1, dtype=DOUBLE), k2_of_k1(torch.tensor(k1, dtype=DOUBLE))
     middle = perspective_bearings(torch.tensor([0.5, 0.0], dtype=DOUBLE), *lens)
     y = torch.linspace(0, 4, 8001, dtype=DOUBLE)
