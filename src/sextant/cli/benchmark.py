@@ -20,15 +20,15 @@ class BenchmarkOptions(Options):
     """What the user chose."""
 
     folder: UserPath
-    """photos of known cameras with a table, or panoramas: its path, or its name in SEXTANT_DATA, such as york_urban"""
+    """photos of known cameras with a table, or panoramas: a path, or a name in SEXTANT_DATA such as york_urban"""
     run: str = "zoo:calibration"
-    """the network: a run of calibration, or a checkpoint; that of the package unless given"""
+    """the network: a run of calibration or a checkpoint (default: the package's)"""
     sampling: str = "lopez_4x3"
-    """distribution of the cameras of photos that are cut from panoramas"""
+    """distribution of the cameras of photos cut from panoramas"""
     cuts: Annotated[int, Field(ge=1)] = 7
-    """photos that are cut from each panorama"""
+    """photos cut from each panorama"""
     leave_out: Annotated[tuple[str, ...], SPLIT] = ()
-    """names of files that are not measured, such as those trained on; patterns like polyhaven__*"""
+    """files that are not measured, such as those trained on; names or patterns like polyhaven__*"""
     output: UserPath = Path("benchmark")
     """folder for the tables and each photo's errors"""
 

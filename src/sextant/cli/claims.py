@@ -22,17 +22,17 @@ class ClaimsOptions(Options):
     """What the user chose."""
 
     claim: str = "all"
-    """one of conf/claim; all unless given"""
+    """one of conf/claim (default: all)"""
     preset: Literal["stored", "quick", "full"] = "stored"
-    """run what is missing of the sweeps, at full size or quick; without it, the stored results decide"""
+    """run what is missing of the claims' sweeps, full or quick; without it, the stored results decide"""
     workers: int | None = Field(None, ge=1, examples=[2])
-    """of a preset's sweeps: processes on this machine; keys of launcher and tracking are handed on to the sweeps"""
+    """processes on this machine for the sweeps of a preset; launcher.* and tracking.* are passed on to the sweeps"""
     output: UserPath | None = None
-    """folder of claims.md and its pictures; for all claims docs, or outputs/claims/<preset> of a preset"""
+    """folder for claims.md and its pictures (default for all claims: docs, or outputs/claims/<preset> with a preset)"""
     html: UserPath | None = None
-    """folder of claims.html: the board as one page with charts, which needs no server and no network"""
+    """folder for claims.html: the board as one page with charts, without server or network"""
     digests: Literal["check", "renew"] = "check"
-    """renew: take in the stored results as they are, after their sweeps were run anew"""
+    """renew: accept the stored results as they are, after their sweeps were run again"""
 
 
 def main(arguments: Sequence[str]) -> None:

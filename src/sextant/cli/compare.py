@@ -17,9 +17,9 @@ class CompareOptions(Options):
     """What the user chose, apart from the two runs."""
 
     run: str = ""
-    """twice: an MLflow run id, a run directory or its name, or a checkpoint"""
+    """given twice: an MLflow run id, a run directory or its name, or a checkpoint"""
     outputs: str | None = None
-    """output folder, if not the default; its other seeds of the same configs tell how much seeds make metrics differ"""
+    """output folder, if not the default; other seeds of the same configs there show how much seeds matter"""
 
 
 def main(arguments: Sequence[str]) -> None:

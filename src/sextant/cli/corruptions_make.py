@@ -19,25 +19,25 @@ class MakeOptions(Sharded):
     """What the user chose."""
 
     benchmark: str = Field(alias="set")
-    """whose parameters: cifar10_c, mnist_c or imagenet_c"""
+    """whose parameters to use: cifar10_c, mnist_c or imagenet_c"""
     input: str
     """a dataset such as cifar10, of which the test split is taken, or a .npy file of uint8 (n, h, w[, c])"""
     output: UserPath
-    """folder of the files"""
+    """folder for the files"""
     names: Annotated[tuple[str, ...], SPLIT] = ()
-    """corruptions or groups of them, separated by commas; all unless given"""
+    """corruptions or groups of them, separated by commas (default: all)"""
     severities: Annotated[tuple[Literal["1", "2", "3", "4", "5"], ...], SPLIT] = Field(
         (), title="some of 1,2,3,4,5", examples=["1,3,5"]
     )
-    """some of 1,2,3,4,5; the published ones unless given"""
+    """some of 1,2,3,4,5 (default: the published ones)"""
     seed: int = Field(0, ge=0, examples=[0])
-    """of all random draws; 0 unless given"""
+    """seed of all random draws (default: 0)"""
     mode: Mode = Field("faithful", examples=["corrected"])
-    """faithful to the authors' code, or corrected; faithful unless given"""
+    """faithful to the authors' code (default), or corrected"""
     labels: str | None = None
-    """a .npy file of n labels to write beside the images; those of the dataset unless given"""
+    """a .npy file of n labels to write beside the images (default: the dataset's)"""
     device: str = "cpu"
-    """where to compute; cpu unless given"""
+    """where to compute (default: cpu)"""
 
 
 def run(arguments: Sequence[str]) -> None:

@@ -31,7 +31,7 @@ class DashboardOptions(Options):
     port: int = Field(5000, ge=1024, le=65535, examples=[5000])
     """first port to try on the loopback interface; the next free one is taken"""
     serve: bool = Field(True, examples=["false"])
-    """false only fills the store from the run directories"""
+    """false: only fill the store from the run directories"""
     outputs: str | None = None
     """output folder, if not the default"""
     tracking: Literal["sqlite", "server"] = Field("sqlite", examples=["server"])

@@ -22,9 +22,9 @@ class Sharded(Options):
     """Options of work that can be divided into shards, each with its own process."""
 
     shards: int | None = Field(None, ge=1, le=10_000, examples=[3])
-    """parts that are made apart; without shard=, what was made of each is put together"""
+    """number of parts to describe separately; without shard=, put the finished parts together"""
     shard: int | None = Field(None, ge=0, examples=[0])
-    """number of the part to make, from 0"""
+    """number of the part to describe, from 0"""
 
     @classmethod
     def of(cls, given: Mapping[str, str], usage: str | None = None) -> Self:
@@ -38,11 +38,11 @@ class DescribeOptions(Sharded):
     """What the user chose for describing a map."""
 
     run: str
-    """of place recognition, or its checkpoint; outputs= and trust= as in predict.py"""
+    """a run of place recognition or its checkpoint; outputs= and trust= as in predict.py"""
     map: str
     """folder of photos"""
     output: UserPath
-    """folder of the map, which predict.py takes as map=<folder>"""
+    """folder for the map, which predict.py takes as map=<folder>"""
 
 
 def describe(arguments: Sequence[str]) -> None:

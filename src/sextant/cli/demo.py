@@ -16,9 +16,9 @@ class DemoOptions(Options):
     """What the user chose."""
 
     browser: bool = Field(True, examples=["false"])
-    """false only prints the address"""
+    """false: only print the address"""
     port: int = Field(0, ge=0, le=65535, examples=[8000])
-    """on the loopback interface; one that is free unless given"""
+    """port on the loopback interface (default: a free one)"""
 
 
 def main(arguments: Sequence[str]) -> None:

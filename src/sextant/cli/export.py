@@ -18,13 +18,13 @@ class ExportOptions(Options):
     run: str
     """an MLflow run id, a run directory or its name, or a checkpoint"""
     format: Literal["onnx", "torch_export"] = "onnx"
-    """onnx; or torch_export, for torch.export.load"""
+    """onnx, or torch_export for torch.export.load"""
     output: UserPath | None = None
-    """folder of the file and its model card; exported/<task>/<run> among the outputs unless given"""
+    """folder for the file and its model card (default: exported/<task>/<run> among the outputs)"""
     outputs: UserPath | None = None
     """output folder of runs, if not the default"""
     trust: bool = Field(False, examples=["true"])
-    """true: build parts of the user's own that the checkpoint names"""
+    """true: build the user's own parts that the checkpoint names"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -24,11 +24,11 @@ class GalleryOptions(Options):
     """What the user chose."""
 
     folder: UserPath = Path("gallery")
-    """where the pictures go; gallery unless given"""
+    """folder for the pictures (default: gallery)"""
     samples: Annotated[int, AfterValidator(_square)] = Field(16, title="a square number from 1 to 64", examples=[16])
-    """rays a pixel, a square number from 1 to 64; 16 unless given"""
+    """rays per pixel, a square number from 1 to 64 (default: 16)"""
     sections: Annotated[tuple[str, ...], SPLIT] = Field((), examples=["streets"])
-    """streets, conditions, panoramas, from_above, office; all unless given"""
+    """streets, conditions, panoramas, from_above, office (default: all)"""
 
 
 def gallery(arguments: Sequence[str]) -> None:

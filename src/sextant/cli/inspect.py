@@ -24,9 +24,9 @@ class InspectOptions(Options):
     """What the user chose."""
 
     input: UserPath
-    """what is looked at; the key may be left out"""
+    """what to look at; the key may be left out"""
     json_file: UserPath | None = Field(None, alias="json")
-    """a file for all that was found, every file named"""
+    """a file for everything found, with every file named"""
 
 
 def main(arguments: Sequence[str]) -> None:

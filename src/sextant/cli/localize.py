@@ -21,19 +21,19 @@ class LocalizeOptions(LocalizingOptions):
     """What the user chose."""
 
     map: str
-    """run of localization, or a folder that Localizer.save or sextant walk wrote"""
+    """a run of localization, or a folder written by Localizer.save or sextant walk"""
     input: str
-    """folder of photos in the order of their names, a video, a ROS bag, or camera:0, the first of this machine"""
+    """folder of photos in the order of their names, a video, a ROS bag, or camera:0 for this machine's first camera"""
     output: UserPath = Path(OUTPUT)
-    """folder for poses.csv, trajectory.tum and pictures; localization unless given"""
+    """folder for poses.csv, trajectory.tum and pictures (default: localization)"""
     live: bool = Field(False, examples=["true"])
-    """show each step in the browser while the drive goes on"""
+    """true: show each step in the browser during the drive"""
     browser: bool = Field(True, examples=["false"])
-    """of live=true: false only prints the address"""
+    """with live=true: false only prints the address"""
     port: int = Field(0, ge=0, le=65535, examples=[8000])
-    """of live=true, on the loopback interface; one that is free unless given"""
+    """with live=true: port on the loopback interface (default: a free one)"""
     trust: bool = Field(False, examples=["true"])
-    """build parts of your own that the map names"""
+    """true: build parts of your own that the map names"""
 
 
 def main(arguments: Sequence[str]) -> None:

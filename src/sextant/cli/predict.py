@@ -44,19 +44,18 @@ class SharedOptions(Options):
     """Options common to all tasks."""
 
     run: str | None = None
-    """the trained model; unless given, photos are calibrated by the one of the package, zoo:calibration"""
+    """the trained model (default: zoo:calibration of the package, which calibrates photos)"""
     task: str | None = None
-    """cosfire: detect what one example shows, with the features of run= or without; other tasks come with run="""
+    """cosfire: detect what one example shows, with or without the features of run=; other tasks come with run="""
     input: str | None = None
-    """an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'; for localization also a
-    video"""
+    """an image, a folder to search for images, or a pattern such as 'photos/*.jpg'; for localization also a video"""
     output: str | None = None
-    """folder for what is found: tables (CSV, JSON) and pictures; without run=, calibrated unless given; with map=,
-    matches; for localization, localization"""
+    """folder for the results: tables (CSV, JSON) and pictures (default: calibrated without run=, matches with map=,
+    localization for localization)"""
     outputs: str | None = None
     """output folder of runs, if not the default"""
     trust: bool = Field(False, examples=["true"])
-    """true: build parts of the user's own that the checkpoint names"""
+    """true: build the user's own parts that the checkpoint names"""
 
 
 KEYS = SharedOptions.meanings()

@@ -19,11 +19,11 @@ class RegisterOptions(Options):
     run: str
     """an MLflow run id, a run directory or its name, or a checkpoint"""
     name: str
-    """of the model; registering an existing name adds a version"""
+    """name of the model; an existing name gets a new version"""
     outputs: UserPath | None = None
     """output folder of runs, if not the default"""
     tracking: Literal["sqlite", "server"] = Field("sqlite", examples=["server"])
-    """whose registry: that of the embedded store, or of a server"""
+    """whose registry: the embedded store or a server"""
     uri: str | None = Field(None, alias="tracking.uri")
     """address of that server"""
 

@@ -31,13 +31,13 @@ class ReportOptions(Options):
     """What the user chose."""
 
     sweep: str
-    """its name, directory or MLflow parent run"""
+    """the sweep's name, directory or MLflow parent run"""
     outputs: str | None = None
     """output folder, if not the default"""
     tracking: Literal["none"] | None = Field(None, title="none, which keeps the report off the parent run")
     """none: do not log the report on the sweep's parent run"""
     html: UserPath | None = None
-    """folder of <sweep>.html: the report as one page with charts, which needs no server and no network"""
+    """folder for <sweep>.html: the report as one page with charts, without server or network"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -25,13 +25,13 @@ class TrajectoryOptions(Options):
     """What the user chose, apart from the two files (TUM, KITTI, COLMAP, OpenSfM, nerfstudio)."""
 
     max_gap_s: float = Field(0.01, ge=0)
-    """poses of TUM files whose times differ by more are not of one frame"""
+    """largest difference of times, in seconds, for two poses of TUM files to be of one frame"""
     figure: UserPath | None = None
     """a picture of both from above (.png, .svg or .pdf)"""
     alignment: Literal["none", "rigid", "similarity"] = "none"
-    """what the estimate is moved by in the picture"""
+    """how the estimate is aligned in the picture"""
     json_file: UserPath | None = Field(None, alias="json")
-    """a file for all the statistics"""
+    """a file for all statistics"""
 
 
 def main(arguments: Sequence[str]) -> None:

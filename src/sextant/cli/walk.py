@@ -22,23 +22,24 @@ class WalkOptions(LocalizingOptions, FocalOptions):
     input: str
     """folder of photos in the order of their names, a video or a ROS bag, all of one camera"""
     map: str
-    """folder of images with poses of any format, or a saved map, such as the one that an earlier walk wrote"""
+    """folder of images with poses of any format, or a saved map, such as an earlier walk wrote"""
     output: UserPath = Path("walk")
-    """folder for report.md, poses, cameras, the map and pictures; walk unless given"""
+    """folder for report.md, poses, cameras, the map and pictures (default: walk)"""
     run: str = "zoo:calibration"
-    """what calibrates; the network of the package unless given"""
+    """the network that calibrates (default: the package's)"""
     descriptor: str | None = Field(None, examples=["Hog"])
-    """of images: a run of place recognition, Hog, Pixels, PatchNormalised, WhitenedPCA; zoo:places unless small"""
+    """describes images: a run of place recognition, Hog, Pixels, PatchNormalised or WhitenedPCA (default: zoo:places,
+    unless images are small)"""
     held: Literal["mounted", "by_hand", "level"] = Field("mounted", examples=["by_hand"])
     """mounted: tilt and roll are the same in all images (default); by_hand: each has its own; level: none"""
     photos: int = Field(40, ge=1, examples=[40])
-    """images of each camera to calibrate it by, evenly spaced; 40 unless given"""
+    """images of each camera to calibrate it by, evenly spaced (default: 40)"""
     rows: int | None = Field(None, ge=8, le=1080, examples=[120])
-    """of the straightened images, 8 to 1080; 120 unless given"""
+    """height of the straightened images, 8 to 1080 (default: 120)"""
     vfov_deg: float | None = Field(None, examples=[55])
-    """vertical field of view of these; the largest that both cameras cover unless given"""
+    """vertical field of view of these (default: the largest that both cameras cover)"""
     skip_bad: bool = Field(False, examples=["true"])
-    """true: leave out images of the map at the very pose of another, which are a mistake otherwise"""
+    """true: leave out map images at the very pose of another; otherwise they are an error"""
 
 
 def main(arguments: Sequence[str]) -> None:

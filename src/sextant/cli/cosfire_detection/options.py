@@ -18,28 +18,28 @@ class DetectionOptions(Options):
     point: Annotated[tuple[float, float], SPLIT] | None = Field(
         None, title="two numbers, x,y in pixels", examples=["120,80"]
     )
-    """x,y in pixels of the upright prototype: what is there is looked for; its middle unless given"""
+    """x,y of what to look for, in pixels of the upright prototype (default: its middle)"""
     preset: Preset | None = Field(None, examples=["photo"])
     """constants of the filter: photo (edges; default), bifurcation, symbol, digit, traffic_sign"""
     layer: str | None = None
     """with run=: the layer of its network whose features the filter looks at, instead of a preset's"""
     rotations: int | None = Field(None, ge=1, le=360, examples=[8])
-    """how many rotations of the example are found too, evenly over the circle; the preset's, or 1"""
+    """number of rotations of the example to find too, evenly over the circle (default: the preset's, or 1)"""
     scales: Annotated[tuple[Annotated[float, Field(gt=0)], ...], SPLIT] | None = Field(
         None, min_length=1, title="numbers above 0, separated by commas", examples=["0.7,1,1.4"]
     )
-    """sizes of the example that are found too, such as 0.7,1,1.4; the preset's, or 1"""
+    """sizes of the example to find too, such as 0.7,1,1.4 (default: the preset's, or 1)"""
     reflection: bool | None = Field(None, examples=["true"])
-    """true: mirror images of the example are found too"""
+    """true: find mirror images of the example too"""
     threshold: float | None = Field(None, gt=0, examples=[0.7])
-    """least score of a detection: a share of what the filter answers to its own prototype; 0.7 unless given, with run=
-    0.8"""
+    """least score of a detection, as a share of the filter's response to its own prototype (default: 0.7; 0.8 with
+    run=)"""
     min_distance: float | None = Field(None, gt=0, examples=[20])
-    """pixels of an image within which two detections are one; the filter's radius unless given"""
+    """distance in pixels within which two detections are one (default: the filter's radius)"""
     max_detections: int = Field(MAX_DETECTIONS, ge=1, examples=[8])
-    """of an image, the strongest; 100 unless given"""
+    """largest number of detections in an image; the strongest are kept (default: 100)"""
     longest: int = Field(LONGEST, ge=16, examples=[1200])
-    """pixels of the longest side that larger images, the prototype too, are shrunk to; 800 unless given"""
+    """longest side in pixels; larger images and prototypes are shrunk to it (default: 800)"""
 
     @classmethod
     def of(cls, given: Mapping[str, str], usage: str | None = None) -> Self:

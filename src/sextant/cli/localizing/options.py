@@ -15,23 +15,23 @@ class LocalizingOptions(Options):
     """Options for any drive that is localized."""
 
     odometry: UserPath | None = None
-    """TUM trajectory, or table x,y,theta (m, rad) with a row an image; without it motion is unknown"""
+    """TUM trajectory, or table x,y,theta (m, rad) with a row per image; without it the motion is unknown"""
     particles: int | None = Field(None, ge=1, le=100_000, examples=[1000])
-    """how many, up to 100000; as many as the map was tested with unless given"""
+    """number of particles, up to 100000 (default: as the map was tested with)"""
     start: Literal["uniform", "appearance"] = Field("uniform", examples=["appearance"])
-    """where they begin: uniform over the map (default), or appearance: where the first image is found"""
+    """where particles begin: uniform over the map (default), or appearance: where the first image is found"""
     seed: int = Field(0, ge=0, le=2**31 - 1, examples=[1])
-    """of all random numbers; 0 unless given"""
+    """seed of all random numbers (default: 0)"""
     every: int = Field(1, ge=1, examples=[10])
-    """of a video or a ROS bag, every so many images; 1 unless given"""
+    """take every so many images of a video or ROS bag (default: 1)"""
     image_topic: str | None = Field(None, examples=["/camera/image_raw"])
-    """of a ROS bag: its images; the only topic of images unless given"""
+    """topic of a ROS bag's images (default: the only such topic)"""
     odometry_topic: str | None = Field(None, examples=["/odom"])
-    """of a ROS bag: its odometry; the only topic of odometry unless given"""
+    """topic of a ROS bag's odometry (default: the only such topic)"""
     replay: Literal["mp4", "gif", "none"] = Field("mp4", examples=["gif"])
     """animation of the particles: mp4 (default), gif or none"""
     smooth: bool = Field(False, examples=["true"])
-    """also write smoothed.tum: each pose by all images of the drive, also those that came later"""
+    """true: also write smoothed.tum, in which each pose uses all images of the drive, later ones included"""
 
     @field_validator("odometry")
     @classmethod

@@ -24,12 +24,12 @@ class CalibrationOptions(FocalOptions):
     """What the user chose."""
 
     method: Literal["joint", "lines", "network"] = Field("joint", examples=["network"])
-    """joint (default: network, lines and what cameras people hold, in one), lines (no network) or network (alone)"""
+    """joint (default: network, lines and a prior on cameras together), lines (no network) or network (alone)"""
     undistort: Undistort = Field("crop", examples=["all"])
     """crop (default: no borders), all (every pixel is kept, with borders) or none (no straightened photos)"""
     camera: Literal["each", "one"] = Field("each", examples=["one"])
-    """each (default), or one: all photos are of one camera and lens setting, and are fused"""
+    """each (default), or one: all photos share one camera and lens setting, and are fused"""
     gravity_prior: Annotated[Literal["exif"] | None, NONE] = Field(None, title="none or exif", examples=["exif"])
-    """none (default), or exif: gravity by the phone's accelerometer, of photos that have it"""
+    """none (default), or exif: gravity from the phone's accelerometer, where a photo has it"""
     colmap: bool = Field(False, examples=["true"])
-    """true: cameras and gravity as a database of COLMAP too, in <output>/colmap"""
+    """true: also write cameras and gravity as a COLMAP database, in <output>/colmap"""
