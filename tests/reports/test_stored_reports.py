@@ -35,6 +35,7 @@ SWEEPS = {
     "mnist_full": "cosfire_mnist_full",
     "nordland": "localization_nordland",
     "places": "cosfire_places",
+    "push_pull": "pushpull_lenet",
     "weather": "place_weather",
 }
 
