@@ -9,9 +9,8 @@ were taken at one place, less than half the spacing of the map and 0.1 rad apart
 .. math:: \operatorname{median}_{i<j} \lVert z_i - z_j \rVert^2 > 0.2\, \bar d .
 
 A single image that differs, such as one of somebody walking past, does not count: fewer than half of the pairs contain
-it. Where a robot is carried, its motion is as unknown as where odometry is broken. On the walks of
-docs/localization_change.md, "When it is lost", the left side is 0.00 to 0.03 of :math:`\bar d` where a train stands,
-and 0.3 and more where anything moves.
+it. Where a robot is carried, its motion is as unknown as where odometry is broken. What the left side is on real walks
+and at a station is in docs/localization_change.md, "When it is lost".
 """
 
 from dataclasses import dataclass

@@ -250,8 +250,7 @@ class Localizer:
             state, told = paced.step(self._state, moved[None], evidence, looked, self._generator)
         self._state = state
         self._past = [*self._past[-self.lag :], (state.belief, moved, moves, self._foresight)] if self.lag else []
-        found = self._told(state.belief, self._foresight, degenerate=bool(told.degenerate[0]))
-        found = replace(found, disbelieved=disbelieved)
+        found = self._told(state.belief, self._foresight, degenerate=bool(told.degenerate[0]), disbelieved=disbelieved)
         if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
             before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
             self._odometry = self._odometry.seen(moved, before, after, self._spacing)
@@ -316,7 +315,9 @@ class Localizer:
         found = foreseen(evidence.over_map()[0], self._near.nearest(poses[0]))
         return self._foresight.seen(found, new * on_map)
 
-    def _told(self, belief: Belief, foresight: Foresight, *, degenerate: bool = False) -> LocalizedPose:
+    def _told(
+        self, belief: Belief, foresight: Foresight, *, degenerate: bool = False, disbelieved: bool = False
+    ) -> LocalizedPose:
         found = estimate(belief, self.radius)
         mass = float(found.mass[0])
         support = self.filter.support
@@ -329,6 +330,7 @@ class Localizer:
             degenerate,
             0.0 if support is None else float(support.off_map(belief)[0]),
             foresight.told,
+            disbelieved,
         )
 
     @property
