@@ -138,6 +138,9 @@ def test_a_table_of_files_that_are_no_panoramas_is_of_something_else(tmp_path):
     save(tmp_path / "a.jpg", exif=block)
     (tmp_path / "licences.csv").write_text("file,licence\na.jpg,CC0\n")
     assert [photo.name for photo in of(tmp_path)] == ["a.jpg"]
+    (tmp_path / "cameras.csv").write_text("file,tilt_deg\na.jpg,3\n")
+    with pytest.raises(UserError, match=r"cameras\.csv has a column tilt_deg, but no column f_px"):
+        of(tmp_path)
 
 
 def test_panoramas_of_one_scene_are_not_independent_and_a_photo_among_them_is_named(tmp_path):
@@ -146,8 +149,8 @@ def test_panoramas_of_one_scene_are_not_independent_and_a_photo_among_them_is_na
     (tmp_path / "list.csv").write_text("\ufefffile,cluster\np.png,house\nq.png,house\n", encoding="utf-8")
     assert {photo.cluster for photo in of(tmp_path, cuts=1)} == {"house"}
     save(tmp_path / "a.jpg")
-    (tmp_path / "list.csv").write_text("file\np.png\na.jpg\n")
-    with pytest.raises(UserError, match=r"line 3: a\.jpg is no panorama: its sides are not 2:1"):
+    (tmp_path / "list.csv").write_text("file\na.jpg\np.png\n")
+    with pytest.raises(UserError, match=r"line 2: a\.jpg is no panorama: its sides are not 2:1"):
         of(tmp_path, cuts=1)
 
 

@@ -181,13 +181,19 @@ def _of_folder(
     found = [_table(path) for path in sorted(folder.glob("*.csv")) if not path.is_dir()]
     tables = [table for table in found if "file" in table.columns and table.rows]
     lenses = [table for table in tables if "f_px" in table.columns]
-    panoramas = [table for table in tables if _is_panorama(folder / next(iter(table.rows.values()))["file"])]
+    panoramas = [each for each in tables if any(_is_panorama(folder / row["file"]) for row in each.rows.values())]
     own = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in FOUND_IN_FOLDERS and there(path.name)]
     if lenses:
         return [(folder / row["file"], partial(_of_row, folder, row)) for row in lenses[0].checked(there)]
     if panoramas:
         rows = panoramas[0].checked(there, panoramas=True)
         return [(folder / row["file"], partial(cut, folder, i, row)) for i, row in enumerate(rows)]
+    for table in tables:
+        if told := [column for column in COLUMNS if column in table.columns]:
+            raise UserError(
+                f"{table.path} has a column {told[0]}, but no column f_px",
+                "Add f_px, the focal length in pixels of the file.",
+            )
     if (board := folder / "calibration_computed.json").is_file():
         focal, k1 = _numbers(board, lambda text: (json.loads(text)["K"][0][0], json.loads(text)["dist"][0]))
         return [(path, partial(_of_lens, path, focal, k1)) for path in own]

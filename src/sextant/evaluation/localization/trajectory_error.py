@@ -256,9 +256,8 @@ def align(
     middle, centre = target.mean(axis=0), source.mean(axis=0)
     left, values, right = np.linalg.svd((target - middle).T @ (source - centre) / len(target))
     if np.count_nonzero(values > np.finfo(float).eps) < len(middle) - 1:
-        raise ValueError(
-            "the positions of a trajectory do not determine its alignment: they lie on a line or in a point"
-        )
+        where = "in a point" if len(middle) == 2 else "on a line or in a point"
+        raise ValueError(f"the positions of a trajectory do not determine its alignment: they lie {where}")
     signs = np.ones(len(middle))
     signs[-1] = np.sign(np.linalg.det(left) * np.linalg.det(right))
     rotation = left * signs @ right
