@@ -38,7 +38,7 @@ from sextant.runs.outputs_folder import conf_dir
 DOCS = Path(__file__).parents[2] / "docs"
 CLAIMS = read_claims()
 RECORDED = list(csv.DictReader((DOCS / "claims" / "recorded.csv").open(encoding="utf-8")))
-SEEDS = "docs/calibration/main_job.csv"
+SEEDS = ("docs/calibration/main_job.csv", "docs/places/town_seeds.csv", "docs/places/railway_seeds.csv")
 OF_SEEDS = [row for row in RECORDED if row["source"].startswith(SEEDS)]
 OF_PAGES = [row for row in RECORDED if row not in OF_SEEDS]
 QUICK = sorted(
@@ -110,11 +110,13 @@ def test_what_is_recorded_stands_where_it_says(row):
 
 
 @pytest.mark.parametrize("row", OF_SEEDS, ids=itemgetter("name"))
-def test_what_is_recorded_of_calibration_is_the_t_interval_of_its_seeds(row):
-    seeds = list(csv.DictReader((DOCS.parent / SEEDS).open(encoding="utf-8")))
-    ours, how, other = row["source"].removeprefix(f"{SEEDS}: ").split()
+def test_what_is_recorded_of_seeds_is_their_t_interval(row):
+    path, _, columns = row["source"].partition(": ")
+    seeds = list(csv.DictReader((DOCS.parent / path).open(encoding="utf-8")))
+    ours, how, other = columns.split()
     first, second = (np.array([float(seed[name]) for seed in seeds]) for name in (ours, other))
-    values = first - second if how == "less" else 100 * first / second
+    values = {"less": first - second, "of": 100 * first / second, "against": first}[how]
+    assert how != "against" or set(second) == {float(row["against"])}
     half = stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values))
     assert int(row["seeds"]) == len(seeds) >= 8
     expected = (values.mean(), values.mean() - half, values.mean() + half)

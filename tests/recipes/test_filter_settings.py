@@ -36,6 +36,8 @@ def test_outliers_and_how_far_images_are_apart_follow_the_config():
     found = filter_of(["filter.outliers=0.1", "filter.apart=2"], LINE * [5.0, 1, 1])
     assert (found.support.outliers, found.support.reach) == (0.1, pytest.approx(2.5))
     assert found.apart == pytest.approx((10.0, math.radians(40)))  # two spacings, or two turns that the map tells apart
+    given = filter_of(["filter.outliers=0.1", "filter.support=3.5"]).support
+    assert (given.outliers, given.reach, given.heading_reach) == (0.1, 3.5, filter_of([]).support.heading_reach)
     anywhere = filter_of(["filter.outliers=0.1", "filter.support=null"]).support
     assert (anywhere.outliers, anywhere.reach) == (0.1, math.inf)
 

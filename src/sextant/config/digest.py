@@ -13,6 +13,7 @@ NUISANCE_WITHIN = {"trainer": ("workers", "progress", "log_every"), "dataset": (
 LATER: dict[str, dict[str, Any]] = {
     "trainer": {"accumulate": 1, "patience": None, "compile": False},
     "recovery": {"window": 0},
+    "observation": {"rounded": False},
     "filter": {"outliers": None, "apart": None, "regions": None},
     "kernel.sharper": {"heading": 1.0},
 }

@@ -282,7 +282,7 @@ def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettin
         _spread(config, data),
         config.seed,
         task.replay,
-        support=filter.support == "map" and not _is_laser(config),
+        support=None if _is_laser(config) else filter.support,
         outliers=filter.outliers,
         apart=filter.apart,
     )

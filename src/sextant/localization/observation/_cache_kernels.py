@@ -200,3 +200,13 @@ def image_scores(products, constants, levels, slopes, out):  # type: ignore[no-u
     for run in range(len(products)):
         for image in range(len(levels)):
             out[run, image] = levels[image] + slopes[image] * (2 * np.float64(products[run, image]) - constants[run])
+
+
+@compiled
+def rounded_products(values, scales, vector, out):  # type: ignore[no-untyped-def]
+    """``out[i] = scales[i] sum_j values[i, j] vector[j]`` of values of eight bits, summed in float32."""
+    for row in range(len(values)):
+        total = np.float32(0)
+        for j in range(len(vector)):
+            total += np.float32(values[row, j]) * vector[j]
+        out[row] = scales[row] * total

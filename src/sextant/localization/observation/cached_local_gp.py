@@ -32,6 +32,7 @@ from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import _cache_kernels as machine
 from sextant.localization.observation._caches import Caches
 from sextant.localization.observation._factor import noisy_variance
+from sextant.localization.observation._rounded_rows import RoundedRows
 from sextant.localization.observation.blending import blending_weights
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.model import ObservationModel
@@ -63,6 +64,11 @@ class CachedLocalGP(ObservationModel):
             them. Of a mapped map larger than memory, in
             :func:`~sextant.localization.spatial_order.spatial_order`, only these are read. None: all at once, which is
             fastest in memory. The likelihood over the map asks for all.
+        rounded: compare observations with descriptors rounded to eight bits, in a third of the time and with ``n d``
+            bytes more. What is predicted stays as it is.
+
+    Raises:
+        ValueError: ``map_evidence`` is unknown, or ``tile`` is below 1 or given with ``rounded``.
 
     Example:
         >>> from sextant.localization.observation import LocalGP
@@ -74,13 +80,21 @@ class CachedLocalGP(ObservationModel):
     """
 
     def __init__(
-        self, neighbours: int = 16, blend: int = 1, map_evidence: MapEvidence = "image", tile: int | None = None
+        self,
+        neighbours: int = 16,
+        blend: int = 1,
+        map_evidence: MapEvidence = "image",
+        tile: int | None = None,
+        rounded: bool = False,
     ):
         if map_evidence not in MAP_EVIDENCE:
             raise ValueError(f"map_evidence={map_evidence!r} must be one of {', '.join(MAP_EVIDENCE)}")
         if tile is not None and tile < 1:
             raise ValueError(f"tile={tile} must be at least 1")
+        if tile is not None and rounded:
+            raise ValueError(f"tile={tile} reads a part of the map, and rounded=True holds all of it: leave one out")
         self.neighbours, self.blend, self.map_evidence, self.tile = neighbours, blend, map_evidence, tile
+        self.rounded = rounded
 
     def fit(
         self,
@@ -119,6 +133,7 @@ class CachedLocalGP(ObservationModel):
                 "Set blend=1, or 3 for a likelihood without jumps.",
             )
         self.neighbourhoods = Neighbourhoods(self.map.poses, self.kernel)
+        self._rows = RoundedRows.of(self.map.descriptors.numpy()) if self.rounded else None
         self._terms: tuple[Likelihood, Tensor, Tensor] | None = None
 
     def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
@@ -163,6 +178,12 @@ class CachedLocalGP(ObservationModel):
         self.check_dimension(descriptors)
         return CachedEvidence(self, descriptors, likelihood)
 
+    def products(self, centred: Float32[ndarray, "r d"]) -> Float32[ndarray, "r n"]:
+        """Products of centred observations with the descriptors of the map, rounded if wanted."""
+        if self._rows is not None:
+            return self._rows.products(centred)
+        return _products(self.map.descriptors.numpy(), centred)
+
     def residuals_over_map(self, descriptors: Float32[Tensor, "r d"]) -> Residuals:
         """See :class:`ObservationModel`; see ``map_evidence``."""
         squared = self.observe(descriptors, Likelihood()).squared_over_map()
@@ -206,7 +227,7 @@ class CachedEvidence(Evidence):
         centred = descriptors - model.map.mean
         self._centred, images = centred.numpy(), len(model.map)
         if model.tile is None:
-            self.products = _products(model.map.descriptors.numpy(), self._centred)  # (r, n)
+            self.products = model.products(self._centred)
             self._tile, self.unread = images, np.zeros(1, dtype=bool)
         else:
             self.products = np.empty((len(centred), images), np.float32)  # takes memory only where it is written

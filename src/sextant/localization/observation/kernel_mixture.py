@@ -42,6 +42,7 @@ class KernelMixture(ObservationModel):
         neighbours: k, the number of neighbours in each model.
         map_evidence: see :class:`CachedLocalGP`.
         headings: c, the factors of the kernel's length in the heading.
+        rounded: see :class:`CachedLocalGP`.
 
     Raises:
         UserError: there is no factor, or one that is not above 0.
@@ -62,14 +63,22 @@ class KernelMixture(ObservationModel):
     """
 
     def __init__(
-        self, neighbours: int = 16, map_evidence: MapEvidence = "mean", headings: Sequence[float] = (1.0, 4.0)
+        self,
+        neighbours: int = 16,
+        map_evidence: MapEvidence = "mean",
+        headings: Sequence[float] = (1.0, 4.0),
+        rounded: bool = False,
     ):
         if not headings or not all(c > 0 and math.isfinite(c) for c in headings):
             raise ArgumentError(
                 f"headings={list(headings)!r} must be factors above 0, at least one", "For example headings=[1.0,4.0]"
             )
         self.neighbours, self.map_evidence, self.headings = neighbours, map_evidence, [float(c) for c in headings]
-        self.parts = [CachedLocalGP(neighbours, map_evidence=map_evidence) for _ in headings]
+        self.rounded = rounded
+        self.parts = [  # observations are compared by the first
+            CachedLocalGP(neighbours, map_evidence=map_evidence, rounded=rounded and j == 0)
+            for j in range(len(headings))
+        ]
 
     def _fit(self) -> None:
         for part, kernel in zip(self.parts, self._kernels(), strict=True):

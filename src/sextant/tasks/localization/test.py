@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -86,7 +87,8 @@ class TestSettings:
         spread: standard deviations of poses around an image of the map: along, across, and in rad.
         seed: seed of all random numbers.
         replay: keep the particles of the first run of each trial.
-        support: ask the observation model on the map only: :class:`~sextant.localization.map_support.MapSupport`.
+        support: ask the observation model on the map only (:class:`~sextant.localization.map_support.MapSupport`), and
+            how far from its images that is; ``map``: as far as the map and its kernel tell; None: everywhere.
         outliers: share of images that say nothing about where they were taken; None: a hundredth with ``support``, none
             without.
         apart: number of spacings of the map after which an image counts again; None: every image counts.
@@ -107,13 +109,15 @@ class TestSettings:
     spread: tuple[float, float, float]
     seed: int
     replay: bool = False
-    support: bool = False
+    support: float | Literal["map"] | None = None
     outliers: float | None = None
     apart: float | None = None
 
     def filter(self, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> ParticleFilter:
         """The filter on a map of images at these poses, with the kernel learnt for it."""
-        support = MapSupport.of(poses, kernel) if self.support else None
+        support = None if self.support is None else MapSupport.of(poses, kernel)
+        if support is not None and isinstance(self.support, int | float):
+            support = replace(support, reach=self.support)
         if self.outliers is not None:
             support = replace(support or MapSupport.everywhere(poses, self.outliers), outliers=self.outliers)
         apart = None if self.apart is None else (self.apart * map_spacing(poses), 2 * heading_reach(poses) * self.apart)
@@ -210,11 +214,12 @@ def _one(
     settings: TestSettings,
 ) -> Outcome:
     protocol = protocol_of(data)
+    volume = _volume(protocol, filter.prior)
     generator = torch.Generator().manual_seed(settings.seed * 7919 + trial.particles)
     nll, replay = np.full(runs.seen.shape, np.nan), list[tuple[ndarray, ndarray]]()
 
     def watch(step: int, belief: Belief) -> None:
-        nll[step] = _nll(runs.poses[step], belief, protocol, filter.prior)
+        nll[step] = _nll(runs.poses[step], belief, protocol, volume)
         if settings.replay:
             replay.append((belief.poses[0].numpy().astype(np.float32), belief.weights[0].numpy().astype(np.float32)))
 
@@ -264,20 +269,22 @@ def _displaced(
     return torch.cat([truth[:, :2] + moved, (truth[:, 2] + turn)[:, None]], dim=1)
 
 
-def _nll(truth: ndarray, belief: Belief, protocol: LocalizationProtocol, prior: MapPrior) -> ndarray:
-    """The NLL of the true pose under a kernel density of the particles, bounded by a uniform one over the map."""
-    railway = protocol.unit == "frames"
-    axes = (0,) if railway else (0, 1, 2)
+def _volume(protocol: LocalizationProtocol, prior: MapPrior) -> float:
+    """The volume of the poses about a map: its length along a railway, else its area times a whole turn."""
     low, high = prior.poses[:, :2].amin(0), prior.poses[:, :2].amax(0)
     sides = (high - low + 2 * protocol.position).tolist()
-    volume = sides[0] if railway else sides[0] * sides[1] * 2 * math.pi
+    return float(sides[0] if protocol.unit == "frames" else sides[0] * sides[1] * 2 * math.pi)
+
+
+def _nll(truth: ndarray, belief: Belief, protocol: LocalizationProtocol, volume: float) -> ndarray:
+    """The NLL of the true pose under a kernel density of the particles, bounded by a uniform one over the map."""
     return particle_nll(
         truth,
         belief.poses.numpy(),
         belief.log_weights.numpy(),
         bandwidth_m=BANDWIDTH * protocol.position,
         bandwidth_rad=math.radians(BANDWIDTH * (protocol.heading_deg or 40.0)),
-        axes=axes,
+        axes=(0,) if protocol.unit == "frames" else (0, 1, 2),
         background=BACKGROUND,
         background_density=1 / volume,
     )
