@@ -148,7 +148,7 @@ def test_what_cannot_be_compared_is_refused():
     truth, guess = curve(0)
     with pytest.raises(ValueError, match="same frames"):
         absolute_errors(truth, guess[:-1])
-    with pytest.raises(ValueError, match="a line or in a point"):
+    with pytest.raises(ValueError, match="they lie in a point"):
         absolute_errors(truth * 0, guess * 0, alignment="rigid")
     for delta in (0, 1.5, -1, np.inf):
         with pytest.raises(ValueError, match="whole number of frames"):
