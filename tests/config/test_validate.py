@@ -73,6 +73,15 @@ def test_unknown_keys_are_refused_and_the_nearest_is_offered(composed, key, near
     assert f"{key}: unknown key. Did you mean {near}?" in mistake(composed, key, 7)
 
 
+def test_a_key_that_may_be_of_several_kinds_is_told_once():
+    localization = to_plain(compose(["task=localization"]))
+    for value, said in (("maps", "'maps': must be 'map', or must"), (-1, "-1: must be 'map', or must")):
+        told = mistake(localization, "filter.support", value)
+        assert told.startswith(f"filter.support={said}")
+        assert told.endswith("For example filter.support=map")
+        assert "\n" not in told
+
+
 def test_all_mistakes_are_told_at_once(composed):
     config = copy.deepcopy(composed)
     config["optimizer"]["lr"] = -1

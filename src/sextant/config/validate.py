@@ -23,13 +23,33 @@ def validate(config: Mapping[str, Any]) -> Config:
     try:
         return Config.model_validate(config)
     except ValidationError as error:
-        raise UserError("\n".join(_explain(dict(problem), config) for problem in error.errors())) from None
+        problems = [dict(problem) for problem in error.errors()]
+        raise UserError("\n".join(_explain(problem, config) for problem in _joined(problems, config))) from None
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str | None:
     """The candidate most similar to ``word``, None if none is close."""
     found = difflib.get_close_matches(word, list(candidates), n=1, cutoff=0.5)
     return found[0] if found else None
+
+
+def _joined(problems: list[dict[str, Any]], config: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The problems, with those of a value that may be of several kinds, and is of none, joined into one."""
+    kept: dict[Any, dict[str, Any]] = {}
+    for number, problem in enumerate(problems):
+        first = kept.setdefault(_locate(problem["loc"], config)[0] if _simple(problem) else number, problem)
+        if first is not problem:
+            first["msg"] += f", or {_said(problem)}"
+    return list(kept.values())
+
+
+def _simple(problem: Mapping[str, Any]) -> bool:
+    return problem["type"] not in ("extra_forbidden", "missing", "value_error", "model_type")
+
+
+def _said(problem: Mapping[str, Any]) -> str:
+    message: str = problem["msg"]
+    return message.removeprefix("Input ").removeprefix("String ").replace("should ", "must ")
 
 
 def _explain(problem: dict[str, Any], config: Mapping[str, Any]) -> str:
@@ -48,8 +68,7 @@ def _explain(problem: dict[str, Any], config: Mapping[str, Any]) -> str:
         return said if isinstance(value, Mapping | BaseModel) else f"{key}: {said}"  # a rule across keys names them
     if problem["type"] == "model_type":
         return f"{key}={_shown(value)}: must hold keys, not one value"
-    message = problem["msg"].removeprefix("Input ").removeprefix("String ").replace("should ", "must ")
-    return f"{key}={_shown(value)}: {message}. {_example(key, field)}".rstrip()
+    return f"{key}={_shown(value)}: {_said(problem)}. {_example(key, field)}".rstrip()
 
 
 def _shown(value: Any) -> str:
@@ -79,6 +98,8 @@ def _locate(loc: tuple[str | int, ...], config: Mapping[str, Any]) -> tuple[str,
     keys: list[str] = []
     value: Any = config
     for part in loc:
+        if keys and isinstance(part, str) and not isinstance(value, Mapping | list):
+            break  # what follows a single value names the kinds that it may be of
         is_key = (isinstance(value, Mapping) and part in value) or isinstance(part, int) or not _is_tag(part, options)
         if not is_key:
             options = [option for option in options if _is_tag(part, [option])]
@@ -92,8 +113,14 @@ def _locate(loc: tuple[str | int, ...], config: Mapping[str, Any]) -> tuple[str,
             options = _options(found.annotation) if found else []
         else:
             options = [inner for option in options for inner in _options((get_args(option) or (None,))[-1])]
-        value = value.get(part) if isinstance(value, Mapping) else None
+        value = _inside(value, part)
     return ".".join(keys), parent, field
+
+
+def _inside(value: Any, part: str | int) -> Any:
+    if isinstance(value, Mapping):
+        return value.get(part)
+    return value[part] if isinstance(value, list) and isinstance(part, int) and part < len(value) else None
 
 
 def _options(annotation: Any) -> list[Any]:
