@@ -188,18 +188,18 @@ def _of_folder(
     if panoramas:
         rows = panoramas[0].checked(there, panoramas=True)
         return [(folder / row["file"], partial(cut, folder, i, row)) for i, row in enumerate(rows)]
-    for table in tables:
-        if told := [column for column in COLUMNS if column in table.columns]:
-            raise UserError(
-                f"{table.path} has a column {told[0]}, but no column f_px",
-                "Add f_px, the focal length in pixels of the file.",
-            )
     if (board := folder / "calibration_computed.json").is_file():
         focal, k1 = _numbers(board, lambda text: (json.loads(text)["K"][0][0], json.loads(text)["dist"][0]))
         return [(path, partial(_of_lens, path, focal, k1)) for path in own]
     if (matrix := folder / "K.txt").is_file():
         (focal,) = _numbers(matrix, lambda text: (text.split()[0],))
         return [(path, partial(_of_lens, path, focal)) for path in own]
+    for table in tables:
+        if told := [column for column in COLUMNS if column in table.columns]:
+            raise UserError(
+                f"{table.path} has a column {told[0]}, but no column f_px",
+                "Add f_px, the focal length in pixels of the file.",
+            )
     inside = sorted(path for path in folder.iterdir() if path.is_dir())
     planned: Planned = [(path, partial(_of_lens, path)) for path in own]
     return planned + [photo for each in inside for photo in _of_folder(each, leave_out, cut)]

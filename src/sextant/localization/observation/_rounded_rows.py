@@ -55,5 +55,6 @@ class RoundedRows:
             return found
         for start in range(0, len(self.values), BLOCK):
             some = slice(start, start + BLOCK)
-            found[:, some] = vectors @ self.values[some].astype(np.float32).T * self.scales[some]
+            with np.errstate(invalid="ignore", over="ignore"):  # an image that is nan only says nothing
+                found[:, some] = vectors @ self.values[some].astype(np.float32).T * self.scales[some]
         return found
