@@ -64,7 +64,7 @@ class CachedLocalGP(ObservationModel):
             them. Of a mapped map larger than memory, in
             :func:`~sextant.localization.spatial_order.spatial_order`, only these are read. None: all at once, which is
             fastest in memory. The likelihood over the map asks for all.
-        rounded: compare observations with descriptors rounded to eight bits, with ``n d`` bytes more. One observation at
+        rounded: compare observations with descriptors rounded to eight bits, with ``n d`` bytes more. One at
             a time takes a third of the time, several together as long as before. What is predicted stays as it is.
 
     Raises:
