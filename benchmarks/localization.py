@@ -56,6 +56,8 @@ def run(count: int = COUNT, repeats: int = REPEATS) -> list[Row]:
 def _run(count: int, repeats: int) -> list[Row]:
     by_image = CachedLocalGP(NEIGHBOURS, map_evidence="image").fit(city(count), KERNEL)
     by_mean = CachedLocalGP(NEIGHBOURS, map_evidence="mean").load_state(by_image.map, KERNEL, by_image.state())
+    rounded = CachedLocalGP(NEIGHBOURS, map_evidence="mean", rounded=True)
+    rounded.load_state(by_image.map, KERNEL, by_image.state())
     smaller = CachedLocalGP(NEIGHBOURS, map_evidence="mean").fit(city(count * SMALLER // COUNT), KERNEL)
     rows, query = by_image.map.descriptors.numpy(), by_image.map.descriptors[0].numpy().copy()
     tensor, vector = by_image.map.descriptors, torch.from_numpy(query)
@@ -67,6 +69,8 @@ def _run(count: int, repeats: int) -> list[Row]:
         "images": step(by_image, 1000),
         "window": step(by_image, 1000, BayesRestart(window=WINDOW)),
         "observe": observing(by_mean),
+        "observe rounded": observing(rounded),
+        "rounded": step(rounded, 1000),
         "restart": step(by_mean, 1000, given=True),
         "given, all": step(by_mean, 1000, NoRecovery(), given=True),
         "given, fewer": step(smaller, 1000, NoRecovery(), given=True),
@@ -88,6 +92,8 @@ def _run(count: int, repeats: int) -> list[Row]:
         row("whole step, particles at one place, mean", "means, one place", fastest, "<= 3"),
         row(f"whole step, restarts by {WINDOW} images more", "window", "images", ""),
         row("of it the product", "observe", fastest, ""),
+        row("of it the product, descriptors rounded to eight bits", "observe rounded", "observe", ""),
+        row("whole step, mean, descriptors rounded to eight bits", "rounded", "means 1000", ""),
         row("whole step but the product, mean", "restart", fastest, ""),
         row("whole step, 10,000 particles", "means 10000", "means 1000", "<= 10"),
         _linear(seconds),

@@ -39,7 +39,7 @@ def _joined(problems: list[dict[str, Any]], config: Mapping[str, Any]) -> list[d
     for number, problem in enumerate(problems):
         first = kept.setdefault(_locate(problem["loc"], config)[0] if _simple(problem) else number, problem)
         if first is not problem:
-            first["msg"] += f", or {_said(problem)}"
+            first["msg"] += f", or {_said(problem).removeprefix('must be ')}"
     return list(kept.values())
 
 
@@ -98,14 +98,15 @@ def _locate(loc: tuple[str | int, ...], config: Mapping[str, Any]) -> tuple[str,
     keys: list[str] = []
     value: Any = config
     for part in loc:
-        if keys and isinstance(part, str) and not isinstance(value, Mapping | list):
-            break  # what follows a single value names the kinds that it may be of
+        inside = isinstance(value, Mapping) and (part in value or any(map(_is_model, options)))
+        if isinstance(part, str) and not inside:
+            break  # what follows the last key names the kinds that its value may be of
         is_key = (isinstance(value, Mapping) and part in value) or isinstance(part, int) or not _is_tag(part, options)
         if not is_key:
             options = [option for option in options if _is_tag(part, [option])]
             continue
         keys.append(str(part))
-        model = next((option for option in options if isinstance(option, type) and issubclass(option, BaseModel)), None)
+        model = next(filter(_is_model, options), None)
         if model is not None:
             parent = model
             found = {f.alias or name: f for name, f in model.model_fields.items()}.get(str(part))
@@ -131,9 +132,13 @@ def _options(annotation: Any) -> list[Any]:
     return parts_of(annotation) if isinstance(annotation, type) and issubclass(annotation, Part) else [annotation]
 
 
+def _is_model(option: Any) -> bool:
+    return isinstance(option, type) and issubclass(option, BaseModel)
+
+
 def _is_tag(part: str | int, options: Iterable[Any]) -> bool:
     for option in options:
-        if not (isinstance(option, type) and issubclass(option, BaseModel)):
+        if not _is_model(option):
             continue
         if "target" in option.model_fields:
             literal = get_args(option.model_fields["target"].annotation)

@@ -181,10 +181,10 @@ def _of_folder(
     found = [_table(path) for path in sorted(folder.glob("*.csv")) if not path.is_dir()]
     tables = [table for table in found if "file" in table.columns and table.rows]
     lenses = [table for table in tables if "f_px" in table.columns]
-    panoramas = [each for each in tables if any(_is_panorama(folder / row["file"]) for row in each.rows.values())]
     own = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in FOUND_IN_FOLDERS and there(path.name)]
     if lenses:
         return [(folder / row["file"], partial(_of_row, folder, row)) for row in lenses[0].checked(there)]
+    panoramas = [each for each in tables if any(_is_panorama(folder / row["file"]) for row in each.rows.values())]
     if panoramas:
         rows = panoramas[0].checked(there, panoramas=True)
         return [(folder / row["file"], partial(cut, folder, i, row)) for i, row in enumerate(rows)]

@@ -1,4 +1,4 @@
-r"""Descriptors rounded to eight bits, to compare a whole map with an image at a quarter of the memory that is read.
+r"""Descriptors rounded to eight bits, to compare a whole map with an image by reading a quarter of the memory.
 
 Row i is :math:`y_i \approx s_i b_i`, with whole numbers :math:`b_i` from -127 to 127 and :math:`s_i = \max_j |y_{ij}| /
 127`. A product with a vector z is then off by at most :math:`\tfrac12 s_i \lVert z \rVert_1`, and by

@@ -65,7 +65,7 @@ class CachedLocalGP(ObservationModel):
             :func:`~sextant.localization.spatial_order.spatial_order`, only these are read. None: all at once, which is
             fastest in memory. The likelihood over the map asks for all.
         rounded: compare observations with descriptors rounded to eight bits, with ``n d`` bytes more. One at
-            a time takes a third of the time, several together as long as before. What is predicted stays as it is.
+            a time takes half as long, several together as long as before. What is predicted stays as it is.
 
     Raises:
         ValueError: ``map_evidence`` is unknown, or ``tile`` is below 1 or given with ``rounded``.

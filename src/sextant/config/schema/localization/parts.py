@@ -345,7 +345,7 @@ class ParticleFilter(Node):
     kld: KLDSize | None
     spread_position: Positive | None = Field(examples=[0.3])
     spread_heading_deg: Annotated[float, Field(ge=0, le=180)] | None = Field(examples=[10.0])
-    support: Literal["map"] | Positive | None = Field(default=None, examples=["map", 5.0])
+    support: Literal["map"] | Positive | None = Field(default=None, examples=[5.0])
     outliers: Annotated[float, Field(gt=0, lt=1)] | None = Field(default=None, examples=[0.1])
     apart: Positive | None = Field(default=None, examples=[1.0])
     regions: Literal["along_drives"] | None = None
