@@ -9,6 +9,8 @@ import torch
 
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
+from sextant.errors import UserError
+from sextant.recipes.localization import LocalizationRecipe
 from sextant.recipes.localization import test_settings as settings_of
 
 LINE = np.column_stack([np.arange(9.0), np.zeros(9), np.zeros(9)])
@@ -28,6 +30,12 @@ def test_cameras_are_asked_where_the_map_is_and_lasers_anywhere(overrides, suppo
     assert (found.support is not None) is supported
     if found.support is not None:
         assert found.support.reach == pytest.approx(0.5)  # of a map every metre
+
+
+def test_a_distance_from_images_is_refused_for_a_laser():
+    config = validate(to_plain(compose(["task=localization", "observation=laser_field", "filter.support=3.5"])))
+    with pytest.raises(UserError, match=r"filter.support=3.5 is a distance from the images of a map"):
+        LocalizationRecipe().source(config)
 
 
 def test_outliers_and_how_far_images_are_apart_follow_the_config():

@@ -62,6 +62,12 @@ class LocalizationRecipe(Recipe):
         from sextant.data.localization.source import as_localization_source
 
         self.check_parts(config)
+        if _is_laser(config) and config.filter is not None and isinstance(config.filter.support, int | float):
+            raise UserError(
+                f"filter.support={config.filter.support:g} is a distance from the images of a map, and this map is of "
+                "walls, for a laser",
+                "Leave filter.support out",
+            )
         task = _task(config)
         outputs = Path(config.paths.outputs)
         descriptor_identity(config.plain["descriptor"], outputs)  # reports a missing run at once

@@ -110,7 +110,7 @@ class PlaceRecognitionRecipe(Recipe):
         if task.whitening is not None:
             from sextant.tasks.places.whitening import require_enough
 
-            require_enough(data.split("train"), data.tolerance, task.dimension)
+            require_enough(data.split("train"), data.tolerance, task.dimension, task.whitening.images)
         _, height, width, channels = data.split("val").images.shape
         return {"channels": channels, "height": height, "width": width}
 

@@ -56,17 +56,20 @@ def as_place_source(dataset: Any) -> PlaceSource:
         UserError: it has no places.
     """
     if hasattr(dataset, "plan"):  # a rendered world: its modules are loaded anyway
+        from sextant.data.places.town_city import TownCitySource
         from sextant.data.places.town_seasons import TownSeasonsSource
-        from sextant.data.worlds.towns import TownSeasons
+        from sextant.data.worlds.towns import TownCity, TownSeasons
 
         if isinstance(dataset, TownSeasons):
             return TownSeasonsSource(dataset)
+        if isinstance(dataset, TownCity):
+            return TownCitySource(dataset)
     elif isinstance(dataset, PlaceSource):
         return dataset
     name = getattr(dataset, "name", type(dataset).__name__)
     raise UserError(
         f"dataset={name} has no places, which task=place_recognition needs",
-        "Choose town_seasons (rendered here), nordland or place_folders (your own).",
+        "Choose town_seasons or town_city (rendered here), nordland or place_folders (your own).",
     )
 
 

@@ -13,8 +13,8 @@ from sextant.models.learned_whitening import learned_whitening
 from sextant.models.place_net import PlaceNet
 from sextant.tasks.places.methods import training_pairs
 
-#: most images whose features are held in memory, and images described at a time
-MOST, BATCH = 4_000, 256
+#: images described at a time
+BATCH = 256
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,12 @@ class Whitening:
     Attributes:
         components: number of principal components of the pooled features used.
         shrinkage: of the within-place scatter, as a multiple of its mean variance.
+        images: number of training images used at most; their features are held in memory.
     """
 
     components: int = 256
     shrinkage: float = 1.0
+    images: int = 4_000
 
 
 @torch.no_grad()
@@ -43,7 +45,7 @@ def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTole
     Raises:
         UserError: too few training places are seen under two conditions, or the pooling has too few outputs.
     """
-    rows, place = _looked_at(train, tolerance)
+    rows, place = _looked_at(train, tolerance, whitening.images)
     device, training = next(network.parameters()).device, network.training
     network.eval()
     features = []
@@ -82,21 +84,32 @@ def images_by_place(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int6
     return np.array([row for rows in places for row in rows], np.int64), place
 
 
-def _looked_at(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
-    """As :func:`images_by_place`; if there are very many places, only every second, third, ... one."""
+def _looked_at(
+    train: PlaceImages, tolerance: PlaceTolerance, most: int
+) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
+    """As :func:`images_by_place`; if there are more than ``most`` images, only every second, third, ... place."""
     rows, place = images_by_place(train, tolerance)
-    step = max(1, -(-len(rows) // MOST))
+    step = max(1, -(-len(rows) // most))
     kept = place % step == 0
     return rows[kept], place[kept] // step
 
 
-def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int) -> None:
-    """Raise a ``UserError`` if the training split cannot span ``dimension`` directions; called before training."""
-    rows, _ = _looked_at(train, tolerance)
+def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int, most: int) -> None:
+    """Raise a ``UserError`` if the training split, or ``most`` of its images, cannot span ``dimension`` directions.
+
+    It is called before training.
+    """
+    rows, _ = images_by_place(train, tolerance)
     if len(rows) - 1 < dimension:
         raise ArgumentError(
             f"whitening: {len(rows)} training images show a place that is seen under two conditions; for "
             f"dimension={dimension} more than {dimension} are needed",
             f"whitening=null, or dimension={max(1, len(rows) - 1)} or less",
+            of="PlaceRecognition",
+        )
+    if len(_looked_at(train, tolerance, most)[0]) - 1 < dimension:
+        raise ArgumentError(
+            f"whitening.images={most} are too few for dimension={dimension}",
+            f"whitening.images={min(len(rows), 4 * dimension)}",
             of="PlaceRecognition",
         )

@@ -179,6 +179,7 @@ class Whitening(Node):
 
     components: Count = Field(examples=[256])
     shrinkage: Positive = Field(examples=[1.0])
+    images: Count = Field(default=4000, examples=[4000])
 
 
 class PlaceAugmentation(Node):
