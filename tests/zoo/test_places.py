@@ -50,8 +50,9 @@ def test_a_map_finds_photos_with_it_and_is_saved_with_its_confidences(rides, tmp
         assert 0 < found[0].best.confidence <= 1
 
 
-def test_a_command_takes_it_for_a_run(rides, tmp_path):
-    cli.run("predict", [f"run={REFERENCE}", f"map={rides / 'day'}", f"queries={rides / 'night'}", f"output={tmp_path}"])
+@pytest.mark.parametrize("reference", [REFERENCE, "zoo:streets"])
+def test_a_command_takes_it_for_a_run(reference, rides, tmp_path):
+    cli.run("predict", [f"run={reference}", f"map={rides / 'day'}", f"queries={rides / 'night'}", f"output={tmp_path}"])
     rows = [row for row in csv.DictReader((tmp_path / "matches.csv").open()) if row["rank"] == "1"]
     assert [row["match"] for row in rows] == [row["query"] for row in rows]
     assert all(row["confidence"] for row in rows)
