@@ -1,11 +1,11 @@
 """How deep the true place lies among a city's images on the map's side of the street, and on the other.
 
-``python -m benchmarks.city_sides run=<run of task=place_recognition>``
+``python -m benchmarks.city_sides run=<run of task=place_recognition, or zoo:streets>``
 
 The rank of the best image within 9 m and 30 degrees of the truth, by descriptors, for the frames of the validation
-drives of ``dataset=town_city``, which is rendered first if need be. The map is in one lane: a frame up to 3.5 m from
-an image is counted on its side, so that some midway between two images are counted on the other. Descriptors are kept
-where those of runs are.
+drives of ``dataset=town_city``, which is rendered first if need be, in the size that the network takes. The map is in
+one lane: a frame up to 3.5 m from an image is counted on its side, so that some midway between two images are counted
+on the other. Descriptors are kept where those of runs are.
 """
 
 import math
@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial import cKDTree
 
+from sextant.applications.places.place_map import PlaceMap
 from sextant.cli.arguments import parse_arguments
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
@@ -25,7 +26,7 @@ from sextant.errors import UserError
 from sextant.recipes import recipe_of
 
 USAGE = "python -m benchmarks.city_sides run=<run>"
-KEYS = {"run": "of place recognition, or zoo:places"}
+KEYS = {"run": "of place recognition, or zoo:places or zoo:streets"}
 NEAR_M, TURN, SAME_SIDE_M = 9.0, math.radians(30), 3.5
 
 
@@ -46,7 +47,10 @@ def main() -> None:
     if "run" not in given:
         raise UserError("run= is not given: it names what describes the images", USAGE)
     run = given["run"]
-    config = validate(to_plain(compose(["experiment=localization_city", "descriptor=run", f"descriptor.run={run}"])))
+    size = PlaceMap.load(run).size
+    pictures = [f"dataset.width={size.width}", f"dataset.height={size.height}"]
+    described = ["descriptor=run", f"descriptor.run={run}"]
+    config = validate(to_plain(compose(["experiment=localization_city", *described, *pictures])))
     family = recipe_of("localization")
     data = family.data(config, family.source(config))
     assert isinstance(data, LocalizationDataModule)

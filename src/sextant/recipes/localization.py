@@ -64,9 +64,9 @@ class LocalizationRecipe(Recipe):
         self.check_parts(config)
         if _is_laser(config) and config.filter is not None and isinstance(config.filter.support, int | float):
             raise UserError(
-                f"filter.support={config.filter.support:g} is a distance from the images of a map, and this map is of "
-                "walls, for a laser",
-                "Leave filter.support out",
+                f"filter.support={config.filter.support:g} is a distance from the images of a map, but a laser's map "
+                "consists of walls",
+                "Leave filter.support out, or filter.support=map",
             )
         task = _task(config)
         outputs = Path(config.paths.outputs)

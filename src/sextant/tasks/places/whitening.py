@@ -24,7 +24,8 @@ class Whitening:
     Attributes:
         components: number of principal components of the pooled features used.
         shrinkage: of the within-place scatter, as a multiple of its mean variance.
-        images: number of training images used at most; their features are held in memory.
+        images: about the largest number of training images used, whose features are held in memory; an image of several
+            places counts as often.
     """
 
     components: int = 256
@@ -71,7 +72,8 @@ def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTole
 def images_by_place(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
     """Rows of images, and their places from 0: an image of the first condition with its positives of other conditions.
 
-    Of several positives under one condition the nearest is taken, as in ``training_pairs``. Images of the first
+    Of several positives under one condition the nearest is taken, as in ``training_pairs``; an image may be that of
+    several places. Images of the first
     condition without positives are left out.
     """
     first, *others = train.conditions
@@ -100,6 +102,7 @@ def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int
     It is called before training.
     """
     rows, _ = images_by_place(train, tolerance)
+    used = len(_looked_at(train, tolerance, most)[0])
     if len(rows) - 1 < dimension:
         raise ArgumentError(
             f"whitening: {len(rows)} training images show a place that is seen under two conditions; for "
@@ -107,9 +110,9 @@ def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int
             f"whitening=null, or dimension={max(1, len(rows) - 1)} or less",
             of="PlaceRecognition",
         )
-    if len(_looked_at(train, tolerance, most)[0]) - 1 < dimension:
+    if used - 1 < dimension:
         raise ArgumentError(
-            f"whitening.images={most} are too few for dimension={dimension}",
-            f"whitening.images={min(len(rows), 4 * dimension)}",
+            f"whitening.images={most} leaves {used}; for dimension={dimension} more than {dimension} are needed",
+            f"whitening.images={len(rows)}",
             of="PlaceRecognition",
         )
