@@ -60,7 +60,7 @@ def test_an_image_of_a_drive_has_a_place_in_the_map_seen_from_elsewhere(city):
 
 def test_a_split_that_no_drive_reaches_is_told_before_rendering(city, tmp_path):
     source = as_place_source(TownCity(roots=[tmp_path], **CITY | {"query_frames": 3}))
-    with pytest.raises(UserError, match="lies in the (train|val|test) part of this city") as told:
+    with pytest.raises(UserError, match=r"lies in the (train|val|test) part of this city") as told:
         source.read("train")
     assert not any(tmp_path.iterdir())
     advice = dict(pair.split("=") for pair in str(told.value).split("example ")[1].split())

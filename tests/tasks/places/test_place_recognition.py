@@ -127,9 +127,9 @@ def test_too_few_images_to_solve_for_the_last_layer_are_told_before_training(fol
     few = ["task.whitening={components: 40, shrinkage: 1.0}", "task.dimension=40", "pooling=average"]
     with pytest.raises(UserError, match=r"the pooling gives 32 numbers.*\n.*task.dimension=32"):
         execute(config(folder, tmp_path, *few, "backbone.widths=[8, 8, 8, 32]"))
+    ten = "task.whitening={components: 32, shrinkage: 1, images: 10}"
     with pytest.raises(UserError, match=r"task.whitening.images=10 leaves 10; for task.dimension=16 .*\n.*images=96"):
-        tenth = "task.whitening={components: 32, shrinkage: 1, images: 10}"
-        execute(config(folder, tmp_path, tenth, "task.dimension=16"))
+        execute(config(folder, tmp_path, ten, "task.dimension=16"))
     with pytest.raises(UserError, match=r"test_checkpoint=best needs task.whitening=null"):
         execute(config(folder, tmp_path, "task.whitening={components: 8, shrinkage: 1}", "task.test_checkpoint=best"))
 

@@ -43,9 +43,7 @@ class TownCitySource(RenderedSource):
         """
         names = self.conditions(split)
         if names.count(MAP) > 1:
-            raise ArgumentError(
-                f"conditions: one is called {MAP!r}, as the map of the city is", "Give it another name"
-            )
+            raise ArgumentError(f"conditions: one is called {MAP!r}, as the map of the city is", "Give it another name")
         columns = self.dataset.plan().columns
         pose, traverse = columns["pose"], np.where(columns["split"] == 0, 0, 1 + columns["condition"]).astype(np.int64)
         for part in SPLITS:
