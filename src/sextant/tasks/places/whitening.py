@@ -46,7 +46,7 @@ def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTole
     Raises:
         UserError: too few training places are seen under two conditions, or the pooling has too few outputs.
     """
-    rows, place = _looked_at(train, tolerance, whitening.images)
+    rows, place = _thinned(*images_by_place(train, tolerance), whitening.images)
     device, training = next(network.parameters()).device, network.training
     network.eval()
     features = []
@@ -73,8 +73,7 @@ def images_by_place(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int6
     """Rows of images, and their places from 0: an image of the first condition with its positives of other conditions.
 
     Of several positives under one condition the nearest is taken, as in ``training_pairs``; an image may be that of
-    several places. Images of the first
-    condition without positives are left out.
+    several places. Images of the first condition without positives are left out.
     """
     first, *others = train.conditions
     anchors = {int(row): [int(row)] for row in train.rows_of(first)}
@@ -86,11 +85,10 @@ def images_by_place(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int6
     return np.array([row for rows in places for row in rows], np.int64), place
 
 
-def _looked_at(
-    train: PlaceImages, tolerance: PlaceTolerance, most: int
-) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
-    """As :func:`images_by_place`; if there are more than ``most`` images, only every second, third, ... place."""
-    rows, place = images_by_place(train, tolerance)
+def _thinned(
+    rows: Int64[ndarray, "n"], place: Int64[ndarray, "n"], most: int
+) -> tuple[Int64[ndarray, "k"], Int64[ndarray, "k"]]:
+    """The images of all places; if they are more than ``most``, of every second, third, ... place."""
     step = max(1, -(-len(rows) // most))
     kept = place % step == 0
     return rows[kept], place[kept] // step
@@ -101,8 +99,8 @@ def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int
 
     It is called before training.
     """
-    rows, _ = images_by_place(train, tolerance)
-    used = len(_looked_at(train, tolerance, most)[0])
+    rows, place = images_by_place(train, tolerance)
+    used = len(_thinned(rows, place, most)[0])
     if len(rows) - 1 < dimension:
         raise ArgumentError(
             f"whitening: {len(rows)} training images show a place that is seen under two conditions; for "
