@@ -43,6 +43,7 @@ def test_the_splits_of_a_city_are_parts_of_it_with_map_and_drives(city, tmp_path
         driven = store.columns["split"][rows] == 1
         assert np.array_equal(part.traverse, np.where(driven, 1 + store.columns["condition"][rows], 0))
         assert set(part.traverse) == {0, 1, 2}
+        assert not part.drives
     west, middle, east = (part.position_m[:, 0] for part in parts)
     assert middle.min() - west.max() >= 40
     assert east.min() - middle.max() >= 40

@@ -1,5 +1,7 @@
 """What a test says: figures without frames that cannot be told apart, the ceiling, all pairs, and factors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,6 +79,15 @@ def test_nothing_is_left_out_where_all_moves_and_all_where_nothing_does():
     still = ride(("summer", "winter"), 6, same=range(1, 6))
     (found,) = compared(still, network=by_frame(still))
     assert report.table([found], 3)[0]["R@1 moving"] == "–"
+
+
+@pytest.mark.parametrize("drives", [True, False])
+def test_only_the_frames_of_drives_are_matched_as_sequences(drives):
+    places = replace(ride(("summer", "winter"), 12), drives=drives)
+    found = compared(places, network=by_frame(places))
+    figures = [*report.metrics(found, None), *report.arrays(found), *report.table(found, 3)[0]]
+    assert any("seq" in name for name in figures) == drives
+    assert places.select(np.arange(6)).drives == drives
 
 
 def test_all_pairs_agree_with_the_report_where_it_has_them():

@@ -35,6 +35,7 @@ class PlaceImages:
         heading_deg: viewing direction in degrees, from any origin and in either sense as long as both are the same for
             all; nan where unknown, or None.
         aligned: equal frames of two traverses show one place.
+        drives: the frames of a traverse follow one another, as sequence matching takes them to.
         skipped: files left out because they cannot be used, each with the reason.
         copies: conditions whose images are altered copies of another's: they count for their own recall, not for that
             of pairs.
@@ -49,6 +50,7 @@ class PlaceImages:
     position_m: Float64[ndarray, "n 2"] | None = None
     heading_deg: Float64[ndarray, "n"] | None = None
     aligned: bool = True
+    drives: bool = True
     skipped: tuple[str, ...] = ()
     copies: tuple[str, ...] = ()
     content: tuple[Bool[ndarray, "n"], Bool[ndarray, "n"]] | None = None

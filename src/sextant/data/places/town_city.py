@@ -61,6 +61,7 @@ class TownCitySource(RenderedSource):
             np.ascontiguousarray(pose[rows, :2]),
             np.degrees(pose[rows, 3]),
             aligned=False,
+            drives=False,
         )
 
     def _check(self, split: Split, names: tuple[str, ...], traverse: Int64[ndarray, "k"]) -> None:

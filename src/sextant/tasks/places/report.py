@@ -40,7 +40,7 @@ class MethodResult:
         recall: at several ranks.
         curve: precision-recall curve of the best matches.
         hit: whether the best match of each query is right.
-        sequence_hit: the same with sequence matching.
+        sequence_hit: the same with sequence matching; None where images are no drives.
     """
 
     described: Described
@@ -48,7 +48,7 @@ class MethodResult:
     recall: Recall
     curve: PrecisionRecall
     hit: Bool[ndarray, "m"]
-    sequence_hit: Bool[ndarray, "m"]
+    sequence_hit: Bool[ndarray, "m"] | None
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,8 @@ def compare(
         positives = Positives.from_sparse(places.positives(query, reference, tolerance))
         found, left_out = ({}, {}) if train is None else baselines(train, places, condition, tolerance, size=size)
         ours = {name: Described(unit_norm(d[reference]), unit_norm(d[query])) for name, d in descriptors.items()}
-        methods = {name: _result(each, positives, sequence_length) for name, each in (found | ours).items()}
+        length = sequence_length if places.drives else None
+        methods = {name: _result(each, positives, length) for name, each in (found | ours).items()}
         still = places.still[query]
         ceiling = single_image_ceiling(positives, picture_runs(still), picture_runs(places.still[reference]))
         protocol = protocol_of(tolerance, condition, reference_condition)
@@ -151,17 +152,20 @@ def temperature(
     return fit_temperature(similarities, Positives.from_sparse(found))
 
 
-def _result(described: Described, positives: Positives, length: int) -> MethodResult:
+def _result(described: Described, positives: Positives, length: int | None) -> MethodResult:
     ranks = tuple(k for k in RANKS if k <= len(described.reference))
     neighbours = nearest_with_values(described, max(ranks))
-    sequences = match_sequences(described.similarities, length=length)
+    sequence_hit = None
+    if length is not None:
+        sequences = match_sequences(described.similarities, length=length)
+        sequence_hit = positives.hits(sequences.indices[:, :1])[:, 0]
     return MethodResult(
         described,
         neighbours,
         recall(neighbours.indices, positives, ranks),
         best_match_curve(neighbours.indices, neighbours.values, positives),
         positives.hits(neighbours.indices[:, :1])[:, 0],
-        positives.hits(sequences.indices[:, :1])[:, 0],
+        sequence_hit,
     )
 
 
@@ -185,7 +189,8 @@ def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior] | None)
         ours = report.methods[NETWORK]
         found |= ours.recall.named(report.protocol) | ours.curve.named(report.protocol)
         found |= {} if posterior is None else posterior.named(report.protocol)
-        found[report.protocol.name("R@1_sequence")] = float(ours.sequence_hit.mean())
+        if ours.sequence_hit is not None:
+            found[report.protocol.name("R@1_sequence")] = float(ours.sequence_hit.mean())
         if report.flat.any() and not report.flat.all():
             found[report.protocol.name("R@1_not_flat")] = float(ours.hit[~report.flat].mean())
         if report.moving.any() and not report.moving.all():
@@ -218,7 +223,9 @@ def arrays(reports: list[QueryReport]) -> dict[str, ndarray]:
         name = report.protocol.name("R@1")
         kept |= {f"{name}/{method}": result.hit for method, result in report.methods.items()}
         sequence = report.protocol.name("R@1_sequence")
-        kept |= {f"{sequence}/{method}": result.sequence_hit for method, result in report.methods.items()}
+        for method, result in report.methods.items():
+            if result.sequence_hit is not None:
+                kept[f"{sequence}/{method}"] = result.sequence_hit
         kept |= {report.protocol.name("flat"): report.flat, report.protocol.name("stopped"): report.stopped}
     return kept
 
@@ -238,8 +245,9 @@ def table(reports: list[QueryReport], sequence_length: int) -> list[dict[str, st
                 "R@5": percent(result.recall.over_all.get(5, float("nan"))),
                 "AUC": f"{result.curve.auc:.3f}",
                 "R@100P": percent(result.curve.recall_at_precision(1)),
-                f"R@1 seq {sequence_length}": percent(float(result.sequence_hit.mean())),
             }
+            if result.sequence_hit is not None:
+                row[f"R@1 seq {sequence_length}"] = percent(float(result.sequence_hit.mean()))
             rows.append(row)
     return rows
 
