@@ -14,7 +14,7 @@ def net(coordinates=True):
 
 def test_numbers_stay_within_their_ranges_whatever_the_image():
     images = torch.cat([torch.zeros(1, 3, 72, 96), torch.ones(1, 3, 72, 96), 1e4 * torch.randn(2, 3, 72, 96)])
-    unit, log_scale = net()(images, torch.full((4,), 4 / 3))
+    unit, log_scale, _ = net()(images, torch.full((4,), 4 / 3))
     assert unit.shape == log_scale.shape == (4, 4)
     assert ((unit >= 0) & (unit <= 1)).all()
     assert log_scale.isfinite().all()

@@ -1,5 +1,7 @@
 """A network for pictures of every shape, from its config to its answer."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
@@ -7,9 +9,11 @@ from calibration_toy import ToyPanoramas
 
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
+from sextant.config.building import build
 from sextant.data.photos import network_view, photo_of_array
 from sextant.errors import UserError
 from sextant.recipes import recipe_of
+from sextant.tasks.calibration.network import network_parts
 
 SMALL = [
     "experiment=calibration_held", "dataset.sources.real.folder=/nowhere", "backbone.weights=null", "backbone.stages=2",
@@ -18,9 +22,10 @@ SMALL = [
 ]  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def parts():
-    recipe, config = recipe_of("calibration"), validate(to_plain(compose(SMALL)))
+@pytest.fixture(scope="module", params=["null", "{weight:0.1}"], ids=["heads", "field"])
+def parts(request):
+    field = f"task.perspective_field={request.param}"
+    recipe, config = recipe_of("calibration"), validate(to_plain(compose([*SMALL, field])))
     data = recipe.data(config, ToyPanoramas())
     spec = recipe.spec(config, ToyPanoramas(), data)
     torch.manual_seed(0)
@@ -73,9 +78,46 @@ def test_upright_photos_are_seen_whole_and_their_field_of_view_is_theirs(parts):
     assert float(2 * torch.atan(0.5 / said.parameters.focal)) == pytest.approx(float(longer_side))
 
 
+def test_a_field_is_learnt_through_the_camera_that_is_fitted_to_it():
+    config = validate(to_plain(compose(SMALL)))
+    recipe = recipe_of("calibration")
+    data = recipe.data(config, ToyPanoramas())
+    torch.manual_seed(0)
+    module = recipe.module(config, recipe.spec(config, ToyPanoramas(), data), training=True).train()
+    batch = data.split("val")[list(range(24))]
+    optimizer = torch.optim.Adam(module.parameters(), 3e-3)
+    losses = []
+    for step in range(60):
+        optimizer.zero_grad()
+        loss = module.training_step(batch, step)
+        loss.backward()
+        optimizer.step()
+        losses.append(loss.item())
+    assert np.mean(losses[-5:]) < 0.5 * np.mean(losses[:5])
+    head = module.network.field
+    assert all(parameter.grad.abs().sum() > 0 for parameter in head.parameters())
+    output = module.network(batch.images_in_unit_range(), batch.aspect)
+    started, fitted = module.answers(output, batch.aspect)
+    assert not torch.equal(started, fitted)
+
+
+def test_a_field_needs_a_backbone_that_shows_its_map():
+    config = validate(to_plain(compose(SMALL)))
+    plain = config.plain | {
+        "backbone": to_plain(compose(["task=calibration", "backbone=mobilenet_v3_small"]))["backbone"]
+    }
+    recipe = recipe_of("calibration")
+    spec = recipe.spec(config, ToyPanoramas(), recipe.data(config, ToyPanoramas()))
+    with pytest.raises(UserError, match=r"task.perspective_field: MobileNetV3") as told:
+        network_parts(plain, spec, partial(build, plain))
+    assert "backbone=efficientnet_lite0" in str(told.value)
+
+
 @pytest.mark.parametrize(
     ("override", "says"),
     [
+        ("task.perspective_field.weight=0", "task.perspective_field.weight"),
+        ("task.canvas=null", "task.perspective_field needs pictures on a canvas"),
         ("task.width=33", "squares of an even number of pixels"),
         ("task.height=48", "squares of an even number of pixels"),
         ("task.geometric_baselines=true", "geometric methods"),

@@ -1,4 +1,4 @@
-"""From an image to the four numbers of a camera, each with its expected error."""
+"""From an image to the four numbers of a camera, each with its expected error, and to its perspective field."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,11 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.errors import UserError
+from sextant.geometry.field_fit import BelievedField
 from sextant.models.canvas import pictures_on_canvas
+from sextant.models.efficientnet_lite0 import EfficientNetLite0
+from sextant.models.field_head import FieldHead
 from sextant.models.trunk_input import standardized_before
 
 HIDDEN = 64
@@ -21,10 +25,12 @@ class CalibrationOutput(NamedTuple):
     Attributes:
         unit: the four numbers as positions within their ranges, each in (0, 1).
         log_scale: log of the expected absolute error of tilt, roll, vfov (radians) and apparent distortion.
+        believed: the perspective field of the cells of the image; None of a network without it.
     """
 
     unit: Float[Tensor, "b 4"]
     log_scale: Float[Tensor, "b 4"]
+    believed: BelievedField | None = None
 
 
 def coordinate_channels(height: int, width: int, aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 3 height width"]:
@@ -54,6 +60,10 @@ class CalibrationNet(nn.Module):
         coordinates: append the channels of :func:`coordinate_channels`.
         lines: the images are squares with pictures in their middles, low-passed to this many lines per side
             (:mod:`sextant.models.canvas`); None for pictures squashed to the input.
+        field: also predict the perspective field of the cells of the backbone's map.
+
+    Raises:
+        UserError: a field is asked of a backbone that does not show its map.
 
     Example:
         >>> from sextant.models import StridedCNN
@@ -63,13 +73,29 @@ class CalibrationNet(nn.Module):
         (torch.Size([2, 4]), torch.Size([2, 4]))
     """
 
-    def __init__(self, backbone: nn.Module, features: int, *, coordinates: bool = True, lines: float | None = None):
+    def __init__(
+        self,
+        backbone: nn.Module,
+        features: int,
+        *,
+        coordinates: bool = True,
+        lines: float | None = None,
+        field: bool = False,
+    ):
         super().__init__()
         self.lines = lines
         self.backbone, self.coordinates = backbone.to(memory_format=torch.channels_last), coordinates  # faster on CPUs
         standardized_before(self.backbone, (0.5,) * 3, (0.5,) * 3)
         self.values = nn.ModuleList(_head(features) for _ in range(4))
         self.scales = nn.ModuleList(_head(features) for _ in range(4))
+        self.field: FieldHead | None = None
+        if field:
+            if not isinstance(backbone, EfficientNetLite0):
+                raise UserError(
+                    f"task.perspective_field: {type(backbone).__name__} does not show its map of cells",
+                    "backbone=efficientnet_lite0, or task.perspective_field=null",
+                )
+            self.field = FieldHead(backbone.channels, backbone.grid, features)
 
     def forward(self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]) -> CalibrationOutput:
         """Outputs for images in [0, 1] of pictures whose width is ``aspect`` times their height."""
@@ -79,11 +105,17 @@ class CalibrationNet(nn.Module):
             aspect = torch.ones_like(aspect)
         if self.coordinates:
             x = torch.cat([x, coordinate_channels(images.shape[-2], images.shape[-1], aspect.to(x))], 1)
-        features = F.relu(self.backbone(x.contiguous(memory_format=torch.channels_last)))
+        x, cells = x.contiguous(memory_format=torch.channels_last), None
+        if self.field is None:
+            features = F.relu(self.backbone(x))
+        else:
+            features, cells = self.backbone(x, with_cells=True)
+            features = F.relu(features)
         # a camera is computed in single precision, whatever the network's: with three digits tilt would lose degrees
         unit = torch.sigmoid(torch.cat([head(features) for head in self.values], 1).float())
         log_scale = torch.cat([head(features.detach()) for head in self.scales], 1).float()
-        return CalibrationOutput(unit, log_scale.clamp(*LOG_SCALE))
+        believed = None if self.field is None else self.field(cells, features)
+        return CalibrationOutput(unit, log_scale.clamp(*LOG_SCALE), believed)
 
 
 def _head(features: int) -> nn.Sequential:

@@ -136,7 +136,7 @@ class EfficientNetLite0(nn.Module):
             kept.append(_convolution(channels, HEAD))
             channels = HEAD
         self.stages = nn.Sequential(*kept)
-        self.grid = (grid[0], grid[1])
+        self.grid, self.channels = (grid[0], grid[1]), channels
         self.classifier = nn.Linear(channels * grid[0] * grid[1], num_classes)
         if weights is not None:
             self._load(imagenet_weights(_names))
@@ -144,11 +144,14 @@ class EfficientNetLite0(nn.Module):
         freeze(self, paths[: frozen_stages + 1] if frozen_stages else [])
         set_rate_factors(self, paths, rate_decay)
 
-    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
-        """Outputs of the last layer."""
+    def forward(
+        self, x: Float[Tensor, "b c h w"], *, with_cells: bool = False
+    ) -> Float[Tensor, "b k"] | tuple[Float[Tensor, "b k"], Float[Tensor, "b d rows columns"]]:
+        """Outputs of the last layer; ``with_cells`` also the means over the cells, which it takes."""
         x = self.stages(self.stem(self.normalize(x)))
-        cells = x.mean((2, 3)) if self.grid == (1, 1) else cell_means(x, self.grid).flatten(1)
-        return self.classifier(cells)  # type: ignore[no-any-return]
+        cells = x.mean((2, 3), keepdim=True) if self.grid == (1, 1) else cell_means(x, self.grid)
+        outputs = self.classifier(cells.flatten(1))
+        return (outputs, cells) if with_cells else outputs
 
     def _load(self, state: dict[str, Tensor]) -> None:
         own = self.state_dict()

@@ -125,6 +125,7 @@ class CalibrationRecipe(Recipe):
             build(config.plain, "loss", space=facts.space(parameterization)),
             build_suite(config),
             clip=config.plain["task"]["clip"],
+            field_weight=(config.plain["task"].get("perspective_field") or {}).get("weight", 0.0),
             **build_training(config, training=training),
         )
 

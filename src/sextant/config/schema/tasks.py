@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sextant.config.schema.calibration.cameras import CameraLoss, Canvas
+from sextant.config.schema.calibration.cameras import CameraLoss, Canvas, FieldPrediction
 from sextant.config.schema.parts import Count, Node, Part, Positive, Seed, Share, distinct
 from sextant.config.schema.places.parts import OffTheShelf, PlaceAugmentation, PlaceLoss, ToleranceByUnit, Whitening
 from sextant.config.schema.splits import BySplit, ImageSide
@@ -70,6 +70,13 @@ class CalibrationTask(TaskNode):
     geometric_baselines: bool
     test_checkpoint: Literal["last", "best"]
     canvas: Canvas | None = None
+    perspective_field: FieldPrediction | None = None
+
+    @model_validator(mode="after")
+    def _fields_are_of_canvases(self) -> Self:
+        if self.perspective_field is not None and self.canvas is None:
+            raise ValueError("task.perspective_field needs pictures on a canvas: experiment=calibration_held has one")
+        return self
 
     @model_validator(mode="after")
     def _pictures_fit_their_canvas(self) -> Self:

@@ -16,12 +16,17 @@ from sextant.data.calibration.crop_batch import CropBatch
 from sextant.evaluation.calibration.errors import GRID, bearing_error
 from sextant.evaluation.protocols import calibration_converged
 from sextant.geometry import CameraParameters, Parameterization
+from sextant.geometry.perspective_field import perspective_field
 from sextant.losses import CameraLoss
 from sextant.losses.bearing import bearing_grid
-from sextant.models import CalibrationNet
+from sextant.losses.field import field_loss
+from sextant.models import CalibrationNet, CalibrationOutput
 from sextant.tasks.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork, reported
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, log_training_loss, optimizers
 from sextant.tasks.step_losses import StepLosses
+
+#: weight of the heads' own loss beside that of the camera fitted to the field
+START_WEIGHT = 0.5
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,7 @@ class Calibration(CameraNetwork, pl.LightningModule):
         schedule: factor on the learning rate as a function of the share of epochs done.
         clip: largest gradient norm, applied separately to the network and to the heads of expected errors.
         log_every: steps between two logged training losses.
+        field_weight: of the loss of a perspective field, if the network has one.
     """
 
     monitor, monitor_mode = "val/bearing_deg", "min"
@@ -70,11 +76,12 @@ class Calibration(CameraNetwork, pl.LightningModule):
         schedule: Schedule | None = None,
         clip: float = 1.0,
         log_every: int = 50,
+        field_weight: float = 0.0,
     ):
         super().__init__(network, spec, parameterization)
         self.loss, self.suite = loss, suite
         self.optimizer_factory, self.schedule, self.clip = optimizer, schedule, clip
-        self.step_losses = StepLosses(log_every)
+        self.step_losses, self.field_weight = StepLosses(log_every), field_weight
         self.result: CalibrationResult | None = None
         self._validation: list[tuple[Tensor, ...]] = []
         self._test: dict[Condition, list[tuple[Tensor, Tensor]]] = {}
@@ -85,10 +92,9 @@ class Calibration(CameraNetwork, pl.LightningModule):
     def training_step(self, batch: CropBatch, batch_idx: int) -> Tensor:
         """The loss of the cameras plus the loss of the expected errors given the actual errors."""
         output = self.network(batch.images_in_unit_range(), batch.aspect)
-        values = self.space.from_unit(output.unit)
-        truth = self.encoded(batch.cameras, batch.aspect)
-        shape = torch.ones_like(batch.aspect) if self.spec.canvas else batch.aspect
-        loss = batch.weight * self.loss(values, truth, shape).mean()
+        answers = self.answers(output, batch.aspect)
+        truth, values = self.encoded(batch.cameras, batch.aspect), answers[-1]
+        loss = batch.weight * self._loss(answers, output, truth, batch.aspect).mean()
         with torch.no_grad():
             error = (reported(self.decoded(values, batch.aspect)) - reported(batch.cameras)).abs()
         # negative log-likelihood of a Laplace distribution, smallest if the scale is the mean absolute error
@@ -96,6 +102,20 @@ class Calibration(CameraNetwork, pl.LightningModule):
         log_training_loss(self, self.step_losses.add(self.global_step, loss))
         total: Tensor = loss + expected  # the heads of ``expected`` get detached features, so the sum couples nothing
         return total
+
+    def _loss(
+        self, answers: list[Tensor], output: CalibrationOutput, truth: Float[Tensor, "b 4"], aspect: Float[Tensor, "b"]
+    ) -> Float[Tensor, "b"]:
+        """The loss of the answer; of a fitted one, also of what it started from, and of the field."""
+        shape = torch.ones_like(aspect) if self.spec.canvas else aspect
+        loss: Tensor = self.loss(answers[-1], truth, shape)
+        if output.believed is None:
+            return loss
+        points, seen = self.cell_centres(aspect)
+        camera, family = self.parameterization.decode(truth), self.parameterization.k2_of_k1
+        field = field_loss(output.believed, perspective_field(camera, points, family), seen)
+        start: Tensor = self.loss(answers[0], truth, shape)
+        return loss + START_WEIGHT * start + self.field_weight * field
 
     def on_train_epoch_end(self) -> None:
         """Check and log the losses since the last logged one, so that no epoch ends unchecked."""

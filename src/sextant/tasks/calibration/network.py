@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from sextant.errors import UserError
@@ -13,8 +13,10 @@ from sextant.evaluation.calibration.picture_looks import NUMBERS, LooksSpread, o
 from sextant.evaluation.conformal import conformal_quantile
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, vfov_from_focal
 from sextant.geometry.canvas import of_picture, on_canvas
-from sextant.models import CalibrationNet
+from sextant.geometry.field_fit import fit_field
+from sextant.models import CalibrationNet, CalibrationOutput
 from sextant.models.canvas import pictures_of_canvas
+from sextant.models.field_head import cell_centres
 
 #: share of validation images that count as looking usual
 USUAL = 0.95
@@ -111,17 +113,32 @@ class CameraNetwork(nn.Module):
     ) -> tuple[CameraParameters, Float[Tensor, "b 4"]]:
         """Cameras of images in [0, 1], and the expected absolute errors of the quantities of :func:`reported`.
 
-        On a canvas, this is the mean of the network's outputs for an image and for its mirror image, in which only roll
-        changes sign.
+        On a canvas, this is the mean of the cameras of an image and of its mirror image, in which only roll changes
+        sign.
         """
         if not self.spec.canvas:
             output = self.network(images, aspect)
             return self.decoded(self.space.from_unit(output.unit), aspect), output.log_scale.exp()
         output = self.network(torch.cat([images, images.flip(-1)]), aspect.repeat(2))
-        both = self.decoded(self.space.from_unit(output.unit), aspect.repeat(2))
+        both = self.decoded(self.answers(output, aspect.repeat(2))[-1], aspect.repeat(2))
         tilt, roll, focal, k1 = (value.reshape(2, -1) for value in both)
         camera = CameraParameters(tilt.mean(0), (roll[0] - roll[1]) / 2, focal.log().mean(0).exp(), k1.mean(0))
         return camera, output.log_scale.exp().reshape(2, -1, 4).mean(0)
+
+    def answers(self, output: CalibrationOutput, aspect: Float[Tensor, "b"]) -> list[Float[Tensor, "b 4"]]:
+        """The four numbers by the heads and, of a network with a field, those of the cameras fitted to it."""
+        said = self.space.from_unit(output.unit)
+        if output.believed is None:
+            return [said]
+        points, seen = self.cell_centres(aspect)
+        start, family = self.parameterization.decode(said), self.parameterization.k2_of_k1
+        fitted = fit_field(start, output.believed, points, seen, family)
+        return [said, self.parameterization.encode(fitted).to(said.dtype)]
+
+    def cell_centres(self, aspect: Float[Tensor, "b"]) -> tuple[Float[Tensor, "b n 2"], Bool[Tensor, "b n"]]:
+        """Where the points of a field are on the canvas, and which lie in the picture."""
+        assert self.network.field is not None
+        return cell_centres(self.network.field.cells, aspect)
 
     def looks(self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 16"]:
         """The looks of images in [0, 1] to the network, by :mod:`sextant.evaluation.calibration.picture_looks`."""
@@ -203,5 +220,6 @@ def network_parts(
     except ValueError as error:
         raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
     lines = None if task.get("canvas") is None else task["canvas"]["lines"]
-    network = CalibrationNet(backbone, task["features"], coordinates=task["coordinates"], lines=lines)
+    field = task.get("perspective_field") is not None
+    network = CalibrationNet(backbone, task["features"], coordinates=task["coordinates"], lines=lines, field=field)
     return network, facts, build("parameterization")

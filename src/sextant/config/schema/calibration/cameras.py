@@ -58,3 +58,9 @@ class Canvas(Node):
 
     lines: Positive = Field(examples=[96])
     detail: list[Positive] = Field(min_length=2, max_length=2, examples=["[40,224]"])
+
+
+class FieldPrediction(Node):
+    """The perspective field of a picture, and the weight of its loss."""
+
+    weight: Positive = Field(examples=[0.1])
