@@ -1,5 +1,6 @@
 """A network for pictures of every shape, from its config to its answer."""
 
+import copy
 from functools import partial
 
 import numpy as np
@@ -10,8 +11,12 @@ from calibration_toy import ToyPanoramas
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.config.building import build
+from sextant.config.digest import digest
 from sextant.data.photos import network_view, photo_of_array
 from sextant.errors import UserError
+from sextant.geometry.canvas import on_canvas
+from sextant.geometry.perspective_field import perspective_field
+from sextant.losses.field import field_loss
 from sextant.recipes import recipe_of
 from sextant.tasks.calibration.network import network_parts
 
@@ -78,27 +83,69 @@ def test_upright_photos_are_seen_whole_and_their_field_of_view_is_theirs(parts):
     assert float(2 * torch.atan(0.5 / said.parameters.focal)) == pytest.approx(float(longer_side))
 
 
-def test_a_field_is_learnt_through_the_camera_that_is_fitted_to_it():
+@pytest.fixture
+def with_field():
     config = validate(to_plain(compose(SMALL)))
     recipe = recipe_of("calibration")
     data = recipe.data(config, ToyPanoramas())
     torch.manual_seed(0)
     module = recipe.module(config, recipe.spec(config, ToyPanoramas(), data), training=True).train()
-    batch = data.split("val")[list(range(24))]
+    return module, data.split("val")[list(range(24))]
+
+
+def test_a_field_is_learnt_from_the_camera_that_is_fitted_to_it(with_field):
+    module, batch = with_field
+    module.field_weight = 0.0
+    module.training_step(batch, 0).backward()
+    assert all(parameter.grad.abs().sum() > 0 for parameter in module.network.field.parameters())
+    with torch.no_grad():
+        output = module.network(batch.images_in_unit_range(), batch.aspect)
+        said, fitted = module.camera(output, None, batch.aspect), module.fitted(output, batch.aspect)
+    assert not torch.allclose(module.camera(output, fitted, batch.aspect).tilt, said.tilt)
+
+
+def test_a_field_is_learnt_from_what_each_cell_shows(with_field):
+    module, batch = with_field
     optimizer = torch.optim.Adam(module.parameters(), 3e-3)
+    points, seen = module.cell_centres(batch.aspect)
+    true = perspective_field(on_canvas(batch.cameras, batch.aspect), points)
     losses = []
-    for step in range(60):
+    for _ in range(30):
+        loss = field_loss(module.network(batch.images_in_unit_range(), batch.aspect).believed, true, seen).mean()
+        losses.append(loss.item())
         optimizer.zero_grad()
-        loss = module.training_step(batch, step)
         loss.backward()
         optimizer.step()
-        losses.append(loss.item())
-    assert np.mean(losses[-5:]) < 0.5 * np.mean(losses[:5])
-    head = module.network.field
-    assert all(parameter.grad.abs().sum() > 0 for parameter in head.parameters())
-    output = module.network(batch.images_in_unit_range(), batch.aspect)
-    started, fitted = module.answers(output, batch.aspect)
-    assert not torch.equal(started, fitted)
+    assert losses[-1] < losses[0] - 1
+
+
+def test_a_run_goes_on_from_one_without_a_field_and_learns_it_anew(with_field):
+    module, _ = with_field
+    before = {name: value for name, value in module.state_dict().items() if ".field." not in name}
+    other = copy.deepcopy(module)
+    for parameter in other.parameters():
+        torch.nn.init.normal_(parameter)
+    other.load_state_dict(before)
+    assert torch.equal(other.network.values[0][0].weight, module.network.values[0][0].weight)
+    assert not torch.equal(other.network.field.out.weight, module.network.field.out.weight)
+    del before["network.values.0.0.weight"]
+    with pytest.raises(RuntimeError, match=r"network\.values"):
+        other.load_state_dict(before)
+
+
+def test_runs_from_before_fields_are_the_same_experiment_as_those_without_one():
+    before = to_plain(compose([*SMALL, "task.perspective_field=null"]))
+    without = {**before, "task": {key: value for key, value in before["task"].items() if key != "perspective_field"}}
+    assert digest(before) == digest(without) != digest(to_plain(compose(SMALL)))
+
+
+def test_a_field_needs_numbers_that_tell_any_camera():
+    plain = validate(to_plain(compose([*SMALL, "parameterization=horizon"]))).plain
+    recipe, config = recipe_of("calibration"), validate(to_plain(compose(SMALL)))
+    spec = recipe.spec(config, ToyPanoramas(), recipe.data(config, ToyPanoramas()))
+    with pytest.raises(UserError, match=r"task.perspective_field: parameterization=horizon") as told:
+        network_parts(plain, spec, partial(build, plain))
+    assert "parameterization=angles or direct" in str(told.value)
 
 
 def test_a_field_needs_a_backbone_that_shows_its_map():

@@ -1,15 +1,15 @@
 r"""The camera that fits a perspective field best, point by point as far as each is trusted.
 
-From a first answer x of tilt, roll, log focal length and k1, a few damped steps of Gauss and Newton minimise
+From a first answer :math:`x_0` of tilt, roll, log focal length and k1, a few damped Gauss-Newton steps minimise
 
-.. math:: \tfrac12 |W (x - x_0)|^2 + \tfrac12\, w \sum_i
-          \rho\!\left(\frac{\Delta\varphi_i}{\sigma_{\varphi,i}}\right)
-        + \rho\!\left(\frac{\Delta\upsilon_i}{\sigma_{\upsilon,i}}\right) ,
+.. math:: \tfrac12 |T (x - x_0)|^2 + \tfrac12 \sum_i \left[
+          \rho\!\left(\frac{\sqrt{w}\, \Delta\varphi_i}{\sigma_{\varphi,i}}\right)
+        + \rho\!\left(\frac{\sqrt{w}\, \Delta\upsilon_i}{\sigma_{\upsilon,i}}\right) \right] ,
           \qquad \rho(e) = 2 (\sqrt{1 + e^2} - 1) ,
 
-with the errors of latitude and up direction in units of those that are expected. Points err alike, and so count less
-than as many independent ones (:math:`w`). All steps are differentiable, so that what is believed of each point can be
-learnt from the camera that follows from all of them.
+with the errors of latitude and up direction in units of those expected, and the trust T in the first answer. Errors of
+neighbouring points are correlated, so a point counts less than an independent one would (:math:`w`). All steps are
+differentiable, so that what is believed of each point is learnt from the camera that follows from all of them.
 
 Source: A. Veicht et al., "GeoCalib: learning single-image calibration with geometric optimization", ECCV 2024.
 """
@@ -20,15 +20,15 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from sextant.geometry.distortion import K2Family
+from sextant.geometry.distortion import K2Family, k2_of_k1, max_distorted_radius
 from sextant.geometry.parameterization import CameraParameters
 from sextant.geometry.perspective_field import PerspectiveField, field_errors, perspective_field
 
-#: weight of a point, as neighbours err alike
+#: weight of a point, w
 EVIDENCE = 0.15
 STEPS, LONGEST_STEP, DAMPING, DIFFERENCE = 5, 0.3, 1e-3, 1e-4
-#: ends of tilt, roll, log focal length and k1
-LOWEST, HIGHEST = (-1.55, -3.2, -1.3, -0.6), (1.55, 3.2, 2.3, 0.6)
+#: ends of tilt, roll, log focal length and k1: beyond those of any camera
+LOWEST, HIGHEST = (-1.55, -3.2, -3.0, -2.0), (1.55, 3.2, 4.0, 2.0)
 
 
 class BelievedField(NamedTuple):
@@ -37,12 +37,12 @@ class BelievedField(NamedTuple):
     Attributes:
         field: latitudes and up directions of n points.
         log_error: logarithms of the errors expected of each, radians.
-        held: root of the weight that the first answer has beside the field, for tilt, roll, log focal length and k1.
+        trust: in the first answer beside the field, T: roots of the weights of tilt, roll, log focal length and k1.
     """
 
     field: PerspectiveField
     log_error: Float[Tensor, "b 2 n"]
-    held: Float[Tensor, "b 4"]
+    trust: Float[Tensor, "b 4"]
 
 
 def fit_field(
@@ -55,10 +55,10 @@ def fit_field(
     """Cameras fitted to fields, in double precision.
 
     Args:
-        start: first answers, which the fits are held to.
+        start: first answers.
         believed: the fields.
         points: where these are, in image heights from the centre.
-        seen: points that count.
+        seen: points that count; those beyond the fold of a lens never do.
         family: of the lenses.
 
     >>> true, near = (CameraParameters(*torch.tensor(x).T) for x in ([[0.2, 0.1, 0.9, 0.0]], [[0.1, 0.0, 1.2, 0.0]]))
@@ -68,18 +68,20 @@ def fit_field(
     [0.2, 0.1, 0.9, 0.0]
     """
     field = PerspectiveField(believed.field.latitude.double(), believed.field.up.double())
-    weight = torch.exp(-believed.log_error.double()) * seen[:, None] * EVIDENCE**0.5
+    weight = torch.exp(-believed.log_error.double()) * EVIDENCE**0.5
     first = torch.stack([start.tilt, start.roll, start.focal.log(), start.k1], -1).double()
-    held, points = believed.held.double().square(), points.double()
+    trust, points = believed.trust.double().square(), points.double()
+    radius = torch.linalg.vector_norm(points, dim=-1)
     apart = torch.cat([first.new_zeros(1, 4), DIFFERENCE * torch.eye(4).to(first)])
     lowest, highest = first.new_tensor(LOWEST), first.new_tensor(HIGHEST)
     found = first
     for _ in range(STEPS):
         errors = field_errors(perspective_field(_camera(found + apart[:, None]), points, family), field)
-        residuals = _robust(errors * weight).flatten(-2)
+        counted = seen & _before_the_fold(_camera(found.detach()), radius, family)
+        residuals = (_robust(errors * weight) * counted[:, None]).flatten(-2)
         slope = ((residuals[1:] - residuals[0]) / DIFFERENCE).permute(1, 2, 0)
-        curvature = slope.mT @ slope + torch.diag_embed(held + DAMPING)
-        gradient = (slope.mT @ residuals[0][..., None])[..., 0] + held * (found - first)
+        curvature = slope.mT @ slope + torch.diag_embed(trust + DAMPING)
+        gradient = (slope.mT @ residuals[0][..., None])[..., 0] + trust * (found - first)
         step = torch.linalg.solve(curvature, gradient).clamp(-LONGEST_STEP, LONGEST_STEP)
         found = torch.minimum(torch.maximum(found - step, lowest), highest)
     return _camera(found)
@@ -88,6 +90,11 @@ def fit_field(
 def _camera(found: Float[Tensor, "*b 4"]) -> CameraParameters:
     tilt, roll, log_focal, k1 = found.unbind(-1)
     return CameraParameters(tilt, roll, log_focal.exp(), k1)
+
+
+def _before_the_fold(camera: CameraParameters, radius: Float[Tensor, "b n"], family: K2Family) -> Bool[Tensor, "b n"]:
+    k2 = k2_of_k1(camera.k1, family)
+    return radius < (camera.focal * max_distorted_radius(camera.k1, k2))[:, None]
 
 
 def _robust(errors: Tensor) -> Tensor:

@@ -1,12 +1,12 @@
 r"""The perspective field of a camera: where up is, seen from each point of its image.
 
 With b the unit ray of an image point and g up in the camera frame, the *latitude* of the point is
-:math:`\arcsin(b \cdot g)`, and its *up direction* is the one in which the image moves when what is seen there is lifted:
+:math:`\arcsin(b \cdot g)`. Its *up direction* is the one in which the image moves when what is seen there is lifted:
 
 .. math:: \dot p = g_{xy} - g_z\, p, \qquad u \propto d\, \dot p + 2 (k_1 + 2 k_2 r^2)(p \cdot \dot p)\, p ,
 
-with :math:`p = b_{xy} / b_z`, :math:`r = |p|` and the distortion :math:`d = 1 + k_1 r^2 + k_2 r^4`. One point tells little
-of a camera, but all together they give it (:mod:`sextant.geometry.field_fit`).
+with :math:`p = b_{xy} / b_z`, :math:`r = |p|` and the distortion :math:`d = 1 + k_1 r^2 + k_2 r^4`. One point tells
+little of a camera, but all together they give it (:mod:`sextant.geometry.field_fit`).
 
 Source: L. Jin et al., "Perspective Fields for single image camera calibration", CVPR 2023.
 """
@@ -23,8 +23,9 @@ from sextant.geometry.parameterization import CameraParameters
 from sextant.geometry.perspective import perspective_bearings
 from sextant.geometry.rotations import up_in_camera
 
-#: sine of the latitude beyond which it counts as this, and least depth of a ray: both only keep gradients finite
-STEEPEST, NEAREST = 0.9999, 0.02
+#: sine of the latitude beyond which it counts as this, least depth of a ray, and what is added to a cosine: all only
+#: keep gradients finite
+STEEPEST, NEAREST, TINY = 0.9999, 0.02, 1e-6
 
 
 class PerspectiveField(NamedTuple):
@@ -64,14 +65,14 @@ def perspective_field(
 
 
 def field_errors(found: PerspectiveField, true: PerspectiveField) -> Float[Tensor, "*b 2 n"]:
-    """Differences of the latitudes, and angles between the up directions, both in radians and with their sign.
+    """Found minus true latitudes, and angles from the true to the found up directions, from x to y; radians.
 
     >>> level, rolled = (CameraParameters(*torch.tensor([0.0, roll, 0.5, 0.0])) for roll in (0.0, 0.1))
     >>> centre = torch.zeros(1, 2)
     >>> field_errors(perspective_field(rolled, centre), perspective_field(level, centre))
-    tensor([[0.0000],
-            [0.1000]])
+    tensor([[ 0.0000],
+            [-0.1000]])
     """
-    cross = found.up[..., 0] * true.up[..., 1] - found.up[..., 1] * true.up[..., 0]
-    turn = torch.atan2(cross, (found.up * true.up).sum(-1) + 1e-6)
+    cross = true.up[..., 0] * found.up[..., 1] - true.up[..., 1] * found.up[..., 0]
+    turn = torch.atan2(cross, (found.up * true.up).sum(-1) + TINY)
     return torch.stack([found.latitude - true.latitude, turn], -2)

@@ -24,4 +24,4 @@ def field_loss(believed: BelievedField, true: PerspectiveField, seen: Bool[Tenso
     """
     errors = field_errors(believed.field, true).abs()
     each = (believed.log_error + errors * torch.exp(-believed.log_error)).sum(-2)
-    return (each * seen).sum(-1) / seen.sum(-1)
+    return (each * seen).sum(-1) / seen.sum(-1).clamp(min=1)

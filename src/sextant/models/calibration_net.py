@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.geometry.field_fit import BelievedField
 from sextant.models.canvas import pictures_on_canvas
 from sextant.models.efficientnet_lite0 import EfficientNetLite0
@@ -63,7 +63,7 @@ class CalibrationNet(nn.Module):
         field: also predict the perspective field of the cells of the backbone's map.
 
     Raises:
-        UserError: a field is asked of a backbone that does not show its map.
+        ArgumentError: a field is asked of a backbone that does not show its map.
 
     Example:
         >>> from sextant.models import StridedCNN
@@ -91,10 +91,7 @@ class CalibrationNet(nn.Module):
         self.field: FieldHead | None = None
         if field:
             if not isinstance(backbone, EfficientNetLite0):
-                raise UserError(
-                    f"task.perspective_field: {type(backbone).__name__} does not show its map of cells",
-                    "backbone=efficientnet_lite0, or task.perspective_field=null",
-                )
+                raise ArgumentError(f"field: {type(backbone).__name__} does not show its map of cells")
             self.field = FieldHead(backbone.channels, backbone.grid, features)
 
     def forward(self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]) -> CalibrationOutput:

@@ -147,7 +147,10 @@ class EfficientNetLite0(nn.Module):
     def forward(
         self, x: Float[Tensor, "b c h w"], *, with_cells: bool = False
     ) -> Float[Tensor, "b k"] | tuple[Float[Tensor, "b k"], Float[Tensor, "b d rows columns"]]:
-        """Outputs of the last layer; ``with_cells`` also the means over the cells, which it takes."""
+        """Outputs of the last layer, and with ``with_cells`` also the means over the cells that it takes.
+
+        Not in a method of its own: what keeps frozen stages as they are hangs on the call of the network.
+        """
         x = self.stages(self.stem(self.normalize(x)))
         cells = x.mean((2, 3), keepdim=True) if self.grid == (1, 1) else cell_means(x, self.grid)
         outputs = self.classifier(cells.flatten(1))

@@ -75,7 +75,10 @@ class CalibrationTask(TaskNode):
     @model_validator(mode="after")
     def _fields_are_of_canvases(self) -> Self:
         if self.perspective_field is not None and self.canvas is None:
-            raise ValueError("task.perspective_field needs pictures on a canvas: experiment=calibration_held has one")
+            raise ValueError(
+                "task.perspective_field needs pictures on a canvas, as experiment=calibration_held has: "
+                "task.perspective_field=null"
+            )
         return self
 
     @model_validator(mode="after")

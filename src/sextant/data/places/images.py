@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class PlaceImages:
     """Images of one split with the place of each.
 
-    A *traverse* is one drive under one condition. Places are known by position, by frame number along aligned
-    traverses, or by both.
+    A *traverse* is a set of images under one condition, mostly a drive. Places are known by position, by frame number
+    along aligned traverses, or by both.
 
     Attributes:
         images: bytes ``(n, h, w, c)``, read when indexed.
@@ -35,7 +35,7 @@ class PlaceImages:
         heading_deg: viewing direction in degrees, from any origin and in either sense as long as both are the same for
             all; nan where unknown, or None.
         aligned: equal frames of two traverses show one place.
-        drives: the frames of a traverse follow one another, as sequence matching takes them to.
+        drives: the frames of a traverse follow one another, as sequence matching assumes.
         skipped: files left out because they cannot be used, each with the reason.
         copies: conditions whose images are altered copies of another's: they count for their own recall, not for that
             of pairs.

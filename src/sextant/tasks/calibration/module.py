@@ -16,6 +16,7 @@ from sextant.data.calibration.crop_batch import CropBatch
 from sextant.evaluation.calibration.errors import GRID, bearing_error
 from sextant.evaluation.protocols import calibration_converged
 from sextant.geometry import CameraParameters, Parameterization
+from sextant.geometry.canvas import on_canvas
 from sextant.geometry.perspective_field import perspective_field
 from sextant.losses import CameraLoss
 from sextant.losses.bearing import bearing_grid
@@ -92,30 +93,28 @@ class Calibration(CameraNetwork, pl.LightningModule):
     def training_step(self, batch: CropBatch, batch_idx: int) -> Tensor:
         """The loss of the cameras plus the loss of the expected errors given the actual errors."""
         output = self.network(batch.images_in_unit_range(), batch.aspect)
-        answers = self.answers(output, batch.aspect)
-        truth, values = self.encoded(batch.cameras, batch.aspect), answers[-1]
-        loss = batch.weight * self._loss(answers, output, truth, batch.aspect).mean()
+        fitted = self.fitted(output, batch.aspect)
+        loss = batch.weight * self._loss(output, fitted, batch).mean()
         with torch.no_grad():
-            error = (reported(self.decoded(values, batch.aspect)) - reported(batch.cameras)).abs()
+            error = (reported(self.camera(output, fitted, batch.aspect)) - reported(batch.cameras)).abs()
         # negative log-likelihood of a Laplace distribution, smallest if the scale is the mean absolute error
         expected = batch.weight * (output.log_scale + error * torch.exp(-output.log_scale)).mean()
         log_training_loss(self, self.step_losses.add(self.global_step, loss))
         total: Tensor = loss + expected  # the heads of ``expected`` get detached features, so the sum couples nothing
         return total
 
-    def _loss(
-        self, answers: list[Tensor], output: CalibrationOutput, truth: Float[Tensor, "b 4"], aspect: Float[Tensor, "b"]
-    ) -> Float[Tensor, "b"]:
-        """The loss of the answer; of a fitted one, also of what it started from, and of the field."""
+    def _loss(self, output: CalibrationOutput, fitted: CameraParameters | None, batch: CropBatch) -> Float[Tensor, "b"]:
+        """The loss of the camera; of one that is fitted to a field also those of the field and of the first answer."""
+        truth, aspect = self.encoded(batch.cameras, batch.aspect), batch.aspect
         shape = torch.ones_like(aspect) if self.spec.canvas else aspect
-        loss: Tensor = self.loss(answers[-1], truth, shape)
-        if output.believed is None:
-            return loss
+        said: Tensor = self.loss(self.space.from_unit(output.unit), truth, shape)
+        if fitted is None or output.believed is None:
+            return said
         points, seen = self.cell_centres(aspect)
-        camera, family = self.parameterization.decode(truth), self.parameterization.k2_of_k1
-        field = field_loss(output.believed, perspective_field(camera, points, family), seen)
-        start: Tensor = self.loss(answers[0], truth, shape)
-        return loss + START_WEIGHT * start + self.field_weight * field
+        true = perspective_field(on_canvas(batch.cameras, aspect), points, self.parameterization.k2_of_k1)
+        field = field_loss(output.believed, true, seen)
+        answer: Tensor = self.loss(self.parameterization.encode(fitted), truth, shape)
+        return answer + START_WEIGHT * said + self.field_weight * field
 
     def on_train_epoch_end(self) -> None:
         """Check and log the losses since the last logged one, so that no epoch ends unchecked."""

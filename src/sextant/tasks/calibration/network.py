@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.evaluation.calibration.picture_looks import NUMBERS, LooksSpread, own_distances, picture_looks
 from sextant.evaluation.conformal import conformal_quantile
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, vfov_from_focal
@@ -20,6 +20,8 @@ from sextant.models.field_head import cell_centres
 
 #: share of validation images that count as looking usual
 USUAL = 0.95
+#: parameterizations that can tell any camera, however steep
+WITH_FIELD = ("angles", "direct")
 
 
 @dataclass(frozen=True)
@@ -118,25 +120,31 @@ class CameraNetwork(nn.Module):
         """
         if not self.spec.canvas:
             output = self.network(images, aspect)
-            return self.decoded(self.space.from_unit(output.unit), aspect), output.log_scale.exp()
-        output = self.network(torch.cat([images, images.flip(-1)]), aspect.repeat(2))
-        both = self.decoded(self.answers(output, aspect.repeat(2))[-1], aspect.repeat(2))
+            return self.camera(output, None, aspect), output.log_scale.exp()
+        twice = aspect.repeat(2)
+        output = self.network(torch.cat([images, images.flip(-1)]), twice)
+        both = self.camera(output, self.fitted(output, twice), twice)
         tilt, roll, focal, k1 = (value.reshape(2, -1) for value in both)
         camera = CameraParameters(tilt.mean(0), (roll[0] - roll[1]) / 2, focal.log().mean(0).exp(), k1.mean(0))
         return camera, output.log_scale.exp().reshape(2, -1, 4).mean(0)
 
-    def answers(self, output: CalibrationOutput, aspect: Float[Tensor, "b"]) -> list[Float[Tensor, "b 4"]]:
-        """The four numbers by the heads and, of a network with a field, those of the cameras fitted to it."""
-        said = self.space.from_unit(output.unit)
+    def camera(
+        self, output: CalibrationOutput, fitted: CameraParameters | None, aspect: Float[Tensor, "b"]
+    ) -> CameraParameters:
+        """The cameras of pictures: those fitted to a field, or those of the heads where none are."""
+        return self.decoded(self.space.from_unit(output.unit), aspect) if fitted is None else of_picture(fitted, aspect)
+
+    def fitted(self, output: CalibrationOutput, aspect: Float[Tensor, "b"]) -> CameraParameters | None:
+        """The cameras on the canvas that fit the network's field best; None of a network without one."""
         if output.believed is None:
-            return [said]
+            return None
+        start = self.parameterization.decode(self.space.from_unit(output.unit))
         points, seen = self.cell_centres(aspect)
-        start, family = self.parameterization.decode(said), self.parameterization.k2_of_k1
-        fitted = fit_field(start, output.believed, points, seen, family)
-        return [said, self.parameterization.encode(fitted).to(said.dtype)]
+        fitted = fit_field(start, output.believed, points, seen, self.parameterization.k2_of_k1)
+        return fitted.to(dtype=output.unit.dtype)
 
     def cell_centres(self, aspect: Float[Tensor, "b"]) -> tuple[Float[Tensor, "b n 2"], Bool[Tensor, "b n"]]:
-        """Where the points of a field are on the canvas, and which lie in the picture."""
+        """Where the points of a field are on the canvas, and which show the picture."""
         assert self.network.field is not None
         return cell_centres(self.network.field.cells, aspect)
 
@@ -187,6 +195,10 @@ class CameraNetwork(nn.Module):
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *arguments: Any) -> None:
         for name in ("looks_mean", "looks_whitening", "looks_scores"):  # missing in runs from before these existed
             state_dict.setdefault(prefix + name, getattr(self, name))
+        head = prefix + "network.field."
+        if self.network.field is not None and not any(name.startswith(head) for name in state_dict):
+            # a run continued from one without a field learns it anew
+            state_dict |= {head + name: value for name, value in self.network.field.state_dict().items()}
         for name in ("scores", "looks_scores"):  # a run continued from another with other panoramas has its own
             if state_dict.get(prefix + name, self.scores).shape != getattr(self, name).shape:
                 state_dict[prefix + name] = getattr(self, name)
@@ -220,6 +232,18 @@ def network_parts(
     except ValueError as error:
         raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
     lines = None if task.get("canvas") is None else task["canvas"]["lines"]
+    parameterization: Parameterization = build("parameterization")
     field = task.get("perspective_field") is not None
-    network = CalibrationNet(backbone, task["features"], coordinates=task["coordinates"], lines=lines, field=field)
-    return network, facts, build("parameterization")
+    if field and parameterization.name not in WITH_FIELD:
+        raise UserError(
+            f"task.perspective_field: parameterization={parameterization.name} cannot tell all cameras that are fitted "
+            "to a field",
+            f"parameterization={' or '.join(WITH_FIELD)}, or task.perspective_field=null",
+        )
+    try:
+        network = CalibrationNet(backbone, task["features"], coordinates=task["coordinates"], lines=lines, field=field)
+    except ArgumentError as error:
+        raise UserError(
+            f"task.perspective_{error.problem}", "backbone=efficientnet_lite0, or task.perspective_field=null"
+        ) from None
+    return network, facts, parameterization

@@ -40,7 +40,7 @@ class MethodResult:
         recall: at several ranks.
         curve: precision-recall curve of the best matches.
         hit: whether the best match of each query is right.
-        sequence_hit: the same with sequence matching; None where images are no drives.
+        sequence_hit: the same with sequence matching; None where the images form no drives.
     """
 
     described: Described

@@ -61,6 +61,6 @@ class Canvas(Node):
 
 
 class FieldPrediction(Node):
-    """The perspective field of a picture, and the weight of its loss."""
+    """How a network learns the perspective field of a picture."""
 
     weight: Positive = Field(examples=[0.1])
