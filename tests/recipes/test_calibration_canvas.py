@@ -25,12 +25,12 @@ SMALL = [
     "backbone.frozen_stages=0", "backbone.grid=[2,2]", "task.width=32", "task.height=32", "task.canvas.lines=28",
     "task.crops_per_panorama={train: 4, val: 4, test: 2}",
 ]  # fmt: skip
+FIELD = [*SMALL, "task.perspective_field={weight: 0.1}"]
 
 
-@pytest.fixture(scope="module", params=["null", "{weight:0.1}"], ids=["heads", "field"])
+@pytest.fixture(scope="module", params=[SMALL, FIELD], ids=["heads", "field"])
 def parts(request):
-    field = f"task.perspective_field={request.param}"
-    recipe, config = recipe_of("calibration"), validate(to_plain(compose([*SMALL, field])))
+    recipe, config = recipe_of("calibration"), validate(to_plain(compose(request.param)))
     data = recipe.data(config, ToyPanoramas())
     spec = recipe.spec(config, ToyPanoramas(), data)
     torch.manual_seed(0)
@@ -85,7 +85,7 @@ def test_upright_photos_are_seen_whole_and_their_field_of_view_is_theirs(parts):
 
 @pytest.fixture
 def with_field():
-    config = validate(to_plain(compose(SMALL)))
+    config = validate(to_plain(compose(FIELD)))
     recipe = recipe_of("calibration")
     data = recipe.data(config, ToyPanoramas())
     torch.manual_seed(0)
@@ -134,14 +134,14 @@ def test_a_run_goes_on_from_one_without_a_field_and_learns_it_anew(with_field):
 
 
 def test_runs_from_before_fields_are_the_same_experiment_as_those_without_one():
-    before = to_plain(compose([*SMALL, "task.perspective_field=null"]))
+    before = to_plain(compose(SMALL))
     without = {**before, "task": {key: value for key, value in before["task"].items() if key != "perspective_field"}}
-    assert digest(before) == digest(without) != digest(to_plain(compose(SMALL)))
+    assert digest(before) == digest(without) != digest(to_plain(compose(FIELD)))
 
 
 def test_a_field_needs_numbers_that_tell_any_camera():
-    plain = validate(to_plain(compose([*SMALL, "parameterization=horizon"]))).plain
-    recipe, config = recipe_of("calibration"), validate(to_plain(compose(SMALL)))
+    plain = validate(to_plain(compose([*FIELD, "parameterization=horizon"]))).plain
+    recipe, config = recipe_of("calibration"), validate(to_plain(compose(FIELD)))
     spec = recipe.spec(config, ToyPanoramas(), recipe.data(config, ToyPanoramas()))
     with pytest.raises(UserError, match=r"task.perspective_field: parameterization=horizon") as told:
         network_parts(plain, spec, partial(build, plain))
@@ -149,7 +149,7 @@ def test_a_field_needs_numbers_that_tell_any_camera():
 
 
 def test_a_field_needs_a_backbone_that_shows_its_map():
-    config = validate(to_plain(compose(SMALL)))
+    config = validate(to_plain(compose(FIELD)))
     plain = config.plain | {
         "backbone": to_plain(compose(["task=calibration", "backbone=mobilenet_v3_small"]))["backbone"]
     }
@@ -172,4 +172,4 @@ def test_a_field_needs_a_backbone_that_shows_its_map():
 )
 def test_a_canvas_is_an_even_square_without_geometric_methods(override, says):
     with pytest.raises(UserError, match=says):
-        validate(to_plain(compose([*SMALL, override])))
+        validate(to_plain(compose([*FIELD, override])))
