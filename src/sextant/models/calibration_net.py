@@ -102,16 +102,16 @@ class CalibrationNet(nn.Module):
             aspect = torch.ones_like(aspect)
         if self.coordinates:
             x = torch.cat([x, coordinate_channels(images.shape[-2], images.shape[-1], aspect.to(x))], 1)
-        x, cells = x.contiguous(memory_format=torch.channels_last), None
+        x, believed = x.contiguous(memory_format=torch.channels_last), None
         if self.field is None:
             features = F.relu(self.backbone(x))
         else:
-            features, cells = self.backbone(x, with_cells=True)
-            features = F.relu(features)
+            outputs, cells = self.backbone(x, with_cells=True)
+            features = F.relu(outputs)
+            believed = self.field(cells, features)
         # a camera is computed in single precision, whatever the network's: with three digits tilt would lose degrees
         unit = torch.sigmoid(torch.cat([head(features) for head in self.values], 1).float())
         log_scale = torch.cat([head(features.detach()) for head in self.scales], 1).float()
-        believed = None if self.field is None else self.field(cells, features)
         return CalibrationOutput(unit, log_scale.clamp(*LOG_SCALE), believed)
 
 
