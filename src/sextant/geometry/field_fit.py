@@ -61,11 +61,11 @@ def fit_field(
         seen: points that count; those beyond the fold of a lens never do.
         family: of the lenses.
 
-    >>> true, near = (CameraParameters(*torch.tensor(x).T) for x in ([[0.2, 0.1, 0.9, 0.0]], [[0.1, 0.0, 1.2, 0.0]]))
+    >>> true, near = (CameraParameters(*torch.tensor(x).T) for x in ([[0.2, 0.1, 0.9, -0.1]], [[0.1, 0.0, 1.2, 0.0]]))
     >>> points = torch.rand(1, 40, 2, generator=torch.Generator().manual_seed(0)) - 0.5
     >>> sure = BelievedField(perspective_field(true, points), torch.full((1, 2, 40), -5.0), torch.full((1, 4), 0.1))
-    >>> [round(float(x), 3) for x in fit_field(near, sure, points, torch.ones(1, 40, dtype=torch.bool))]
-    [0.2, 0.1, 0.9, 0.0]
+    >>> [round(float(x), 2) for x in fit_field(near, sure, points, torch.ones(1, 40, dtype=torch.bool))]
+    [0.2, 0.1, 0.9, -0.1]
     """
     field = PerspectiveField(believed.field.latitude.double(), believed.field.up.double())
     weight = torch.exp(-believed.log_error.double()) * EVIDENCE**0.5

@@ -48,8 +48,8 @@ def perspective_field(
     >>> level = CameraParameters(*torch.tensor([0.0, 0.0, 0.5, 0.0]))
     >>> field = perspective_field(level, torch.tensor([[0.0, 0.0], [0.0, -0.5]]))
     >>> torch.rad2deg(field.latitude), field.up
-    (tensor([ 0., 45.]), tensor([[-0., -1.],
-            [-0., -1.]]))
+    (tensor([ 0., 45.]), tensor([[ 0., -1.],
+            [ 0., -1.]]))
     """
     up = up_in_camera(camera.tilt, camera.roll)[..., None, :]
     k1 = camera.k1[..., None]
