@@ -9,7 +9,7 @@ From a first answer :math:`x_0` of tilt, roll, log focal length and k1, a few da
 
 with the errors of latitude and up direction in units of those expected, and the trust T in the first answer. Errors of
 neighbouring points are correlated, so a point counts less than an independent one would (:math:`w`). All steps are
-differentiable, so that what is believed of each point is learnt from the camera that follows from all of them.
+differentiable, so that the expected errors are learnt from the camera that follows from all points.
 
 Source: A. Veicht et al., "GeoCalib: learning single-image calibration with geometric optimization", ECCV 2024.
 """
@@ -32,7 +32,7 @@ LOWEST, HIGHEST = (-1.55, -3.2, -3.0, -2.0), (1.55, 3.2, 4.0, 2.0)
 
 
 class BelievedField(NamedTuple):
-    """A perspective field as it is believed.
+    """A predicted perspective field, with the errors that are expected of it.
 
     Attributes:
         field: latitudes and up directions of n points.

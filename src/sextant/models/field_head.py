@@ -18,7 +18,7 @@ OVERLAP = 0.01
 
 
 class FieldHead(nn.Module):
-    """Believes, of each cell of a map, in a latitude and an up direction, from the cell and the whole picture.
+    """Predicts a latitude and an up direction for each cell of a map, from the cell and the whole picture.
 
     Args:
         channels: of the map.
