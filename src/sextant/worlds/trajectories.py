@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,11 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from sextant.errors import UserError
+from sextant.user_files import read_lines, read_text
 
 #: The three rows of a rotation must be orthonormal within this tolerance.
 ROTATION_TOLERANCE = 1e-3
+FIX = "Set SEXTANT_DATA to the folder with kitti/poses/00.txt and cold/map.json, or use a procedural town."
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +39,8 @@ class ColdSequence:
 def load_kitti_poses(path: Path | str) -> Float[ndarray, "n 4 4"]:
     """Camera poses of a KITTI odometry sequence, `world_from_camera`: x right, y down, z forward of the first camera.
 
-    The file has a line per frame with the 12 numbers of a 3×4 matrix, row by row. The ground plane is x, z:
-    `plane_positions` extracts it.
+    The file has a line per frame with the 12 numbers of a 3×4 matrix, row by row; comments and empty lines are left
+    out. The ground plane is x, z: `plane_positions` extracts it.
 
     Source: A. Geiger, P. Lenz, R. Urtasun, "Are we ready for autonomous driving?", CVPR 2012.
 
@@ -52,19 +55,23 @@ def load_kitti_poses(path: Path | str) -> Float[ndarray, "n 4 4"]:
     >>> plane_positions(poses)  # of one frame, 0.9 m forwards
     array([[0. , 0.9]])
     """
-    lines = [line.split() for line in _read(path).splitlines() if line.strip()]
+    lines = read_lines(path, FIX)
     if not lines:
         raise UserError(f"{path} is empty: a line of 12 numbers for each frame is expected", "Fetch it again.")
     rows = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in lines:
         try:
             row = [float(word) for word in line]
         except ValueError:
             row = []
         if len(row) != 12 or not np.isfinite(row).all():
-            raise UserError(f"{path}, line {number}: 12 numbers are expected, got {len(line)} words: {line[:3]} ...")
+            raise UserError(
+                f"{path}, line {number}: 12 finite numbers are expected, got {len(line)} words: {' '.join(line[:3])} "
+                "...",
+                "Each line: the rows of a 3x4 matrix. Frames without a pose cannot be left in.",
+            )
         rows.append(row)
-    return _as_poses(np.array(rows), path)
+    return _as_poses(np.array(rows), path, [f"line {number}" for number, _ in lines])
 
 
 def plane_positions(poses: Float[ndarray, "n 4 4"]) -> Float[ndarray, "n 2"]:
@@ -88,7 +95,7 @@ def load_cold(path: Path | str) -> ColdSequence:
     array([[3.  , 4.  , 1.57]])
     """
     try:
-        content: Any = json.loads(_read(path))
+        content: Any = json.loads(read_text(path, FIX))
     except json.JSONDecodeError as error:
         raise UserError(f"{path} is not json: {error}", "Fetch it again.") from None
     if not isinstance(content, dict) or not {"im_paths", "poses"} <= set(content):
@@ -100,26 +107,18 @@ def load_cold(path: Path | str) -> ColdSequence:
     return ColdSequence(images, _times(images), poses, odometry)
 
 
-def _read(path: Path | str) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(
-            f"{path} cannot be read: {error}",
-            "Set SEXTANT_DATA to the folder with kitti/poses/00.txt and cold/map.json, or use a procedural town.",
-        ) from None
-
-
-def _as_poses(rows: Float[ndarray, "n 12"], path: Path | str) -> Float[ndarray, "n 4 4"]:
+def _as_poses(
+    rows: Float[ndarray, "n 12"], path: Path | str, names: Sequence[str] | None = None
+) -> Float[ndarray, "n 4 4"]:
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3] = rows.reshape(-1, 3, 4)
     rotation = poses[:, :3, :3]
     off = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     off = np.maximum(off, 1 - np.linalg.det(rotation))  # 2 of a mirror image
     if (off > ROTATION_TOLERANCE).any():
-        raise UserError(
-            f"{path}, pose {int(np.argmax(off)) + 1}: its 3x3 part is not a rotation (off by {off.max():.2g})"
-        )
+        worst = int(np.argmax(off))
+        name = names[worst] if names else f"pose {worst + 1}"
+        raise UserError(f"{path}, {name}: its 3x3 part is not a rotation (off by {off.max():.2g})")
     return poses
 
 

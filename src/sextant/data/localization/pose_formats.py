@@ -17,6 +17,7 @@ from sextant.data.localization.plane import to_plane
 from sextant.data.places.problem_list import problem_list
 from sextant.data.positions import too_far
 from sextant.errors import UserError
+from sextant.user_files import read_lines
 from sextant.worlds.trajectories import load_kitti_poses
 
 #: quaternions in files are rounded: their norm may differ from 1 by this
@@ -57,17 +58,10 @@ def read_tum_matrices(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[
             rotation, a position is implausibly far away, or times do not increase; the message names the file and the
             lines.
     """
-    try:
-        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} cannot be read: {error}", "A file of lines: timestamp tx ty tz qx qy qz qw") from None
     rows: list[list[float]] = []
     numbers: list[int] = []
     problems: list[str] = []
-    for number, line in enumerate(lines, start=1):
-        words = line.split()
-        if not words or words[0].startswith("#"):
-            continue
+    for number, words in read_lines(path, "A file of lines: timestamp tx ty tz qx qy qz qw"):
         row = _floats(words)
         if len(words) != 8 or row is None:
             problems.append(f"line {number}: 8 finite numbers are expected, got {' '.join(words[:4])} ...")
@@ -94,12 +88,12 @@ def read_kitti(path: Path | str) -> Float64[ndarray, "n 4 4"]:
     """Read ``world_from_body`` from a KITTI file; see :func:`~sextant.worlds.trajectories.load_kitti_poses`.
 
     Raises:
-        UserError: as there, or a position is implausibly far away; the message names the line.
+        UserError: as there, or a position is implausibly far away; the message names the pose.
     """
     poses = load_kitti_poses(path)
     for number, position in enumerate(poses[:, :3, 3].tolist(), start=1):
         if far := too_far(position):
-            raise UserError(f"{path}, line {number}: {far}", "Correct this line.")
+            raise UserError(f"{path}, pose {number}: {far}", "Correct this line.")
     return poses
 
 

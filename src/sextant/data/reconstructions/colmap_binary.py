@@ -23,6 +23,7 @@ from sextant.data.reconstructions.reconstruction import (
     unusable,
 )
 from sextant.errors import UserError
+from sextant.user_files import absent
 
 FIX = "Copy the model again, or write it as text: colmap model_converter --output_type TXT"
 POINT_BYTES = 24
@@ -36,7 +37,8 @@ class _Bytes:
         try:
             self.content = path.read_bytes()
         except OSError as error:
-            raise UserError(f"{path} cannot be read: {error.strerror}", FIX) from None
+            problem = f"{path} cannot be read: {error.strerror}" if path.exists() else absent(path)
+            raise UserError(problem, FIX) from None
 
     def take(self, layout: str) -> tuple[float, ...]:
         """Read numbers in a layout of :mod:`struct`."""

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from sextant.errors import UserError
+from sextant.user_files import read_text
 
 
 def read_foreign_json(path: Path, fix: str) -> Any:
@@ -14,8 +15,6 @@ def read_foreign_json(path: Path, fix: str) -> Any:
         UserError: it cannot be read, or is not JSON.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise UserError(f"{path} cannot be read: {error.strerror}", fix) from None
+        return json.loads(read_text(path, fix))
     except (ValueError, RecursionError) as error:
         raise UserError(f"{path} is no JSON: {str(error)[:80]}", fix) from None
