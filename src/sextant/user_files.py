@@ -56,10 +56,11 @@ def read_text(path: Path | str, fix: str | None = None) -> str:
     encoding = next((name for mark, name in MARKS if content.startswith(mark)), "utf-8")
     try:
         text = content.decode(encoding)
+        zero = text.find("\0")
     except UnicodeDecodeError as error:
-        raise UserError(f"{path} cannot be read as text in UTF-8: {error.reason} at byte {error.start:,}", fix) from None
-    if "\0" in text:
-        raise UserError(f"{path} cannot be read as text in UTF-8: it has zero bytes, as UTF-16 and binary files do", fix)
+        zero = error.start
+    if zero >= 0:
+        raise UserError(f"{path} cannot be read: byte {zero:,} is not of text in UTF-8", fix or "Save it in UTF-8.")
     return text
 
 
@@ -69,8 +70,8 @@ def read_lines(path: Path | str, fix: str | None = None) -> list[tuple[int, list
     Raises:
         UserError: as :func:`read_text`.
     """
-    lines = ((number, line.strip()) for number, line in _numbered(read_text(path, fix)))
-    return [(number, line.rstrip(" \t,;").split()) for number, line in lines if line.rstrip(",;") and not _comment(line)]
+    lines = ((number, line.strip(" \t,;")) for number, line in _numbered(read_text(path, fix)))
+    return [(number, line.split()) for number, line in lines if line and not line.startswith(COMMENTS)]
 
 
 @dataclass(eq=False)
@@ -120,14 +121,30 @@ class TextTable:
 def read_table(path: Path, fix: str | None = None) -> TextTable:
     """Read a table whose cells are separated by commas, semicolons, tabs or vertical bars, as its first line shows.
 
-    Empty lines and comments are left out. If the first row has a number where a comment above it has as many cells, that
-    comment is the header.
+    Empty lines and comments are left out. A comment directly above a first row that begins with a number is the header
+    if both have as many cells.
 
     Raises:
         UserError: as :func:`read_text`; or a cell is not closed.
     """
-    lines = [(number, line) for number, line in _numbered(read_text(path, fix)) if line.strip()]
-    kept = [(number, line) for number, line in lines if not _comment(line)]
+    return table_of(read_text(path, fix), path)
+
+
+def table_header(path: Path, size: int = 65536) -> tuple[str, ...]:
+    """The columns that the first bytes of a table name; none if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(size)
+        encoding = next((name for mark, name in MARKS if head.startswith(mark)), "utf-8")
+        return table_of("\n".join(head.decode(encoding, "replace").splitlines()[:20]), path).header
+    except (OSError, UserError):
+        return ()
+
+
+def table_of(text: str, path: Path) -> TextTable:
+    """The table that a text is; ``path`` is for messages."""
+    lines = [(number, line) for number, line in _numbered(text) if line.strip()]
+    kept = [(number, line) for number, line in lines if not line.lstrip().startswith(COMMENTS)]
     if not kept:
         return TextTable(path, (), [])
     above = [line.lstrip().lstrip("".join(COMMENTS)) for number, line in lines if number < kept[0][0]]
@@ -153,23 +170,16 @@ def _separator(lines: Sequence[str]) -> str:
 
 def _cells(path: Path, numbers: Sequence[int], lines: Sequence[str], separator: str) -> list[tuple[int, list[str]]]:
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=separator != "\t")
-    rows: list[tuple[int, list[str]]] = []
     try:
-        for row in reader:
-            rows.append((numbers[reader.line_num - 1], [cell.strip() for cell in row]))
+        return [(numbers[reader.line_num - 1], [cell.strip() for cell in row]) for row in reader]
     except csv.Error as error:
         raise UserError(
             f"{path}: line {numbers[reader.line_num - 1]} cannot be read: {error}", "Is a quotation mark open above?"
         ) from None
-    return rows
 
 
 def _numbered(text: str) -> Iterator[tuple[int, str]]:
     return enumerate(re.split(r"\r\n|\r|\n", text), start=1)
-
-
-def _comment(line: str) -> bool:
-    return line.lstrip().startswith(COMMENTS)
 
 
 def _float(word: str) -> bool:

@@ -2,7 +2,6 @@
 
 import mimetypes
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from PIL import Image
 
 from sextant.data.upright import upright
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif")
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif", ".gif", ".jp2")
 #: formats that are decoded; none whose decoder runs another program, as that of EPS does
 FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "AVIF", "GIF", "JPEG2000")
 #: raw sensor data
@@ -37,17 +36,6 @@ def require_sides(image: Image.Image) -> None:
     """Raise a ``ValueError`` for a picture of so few pixels that it shows nothing, however much it is enlarged."""
     if min(image.size) < SMALLEST_SIDE:
         raise ValueError(f"{image.width}x{image.height} pixels, the shorter side needs {SMALLEST_SIDE}")
-
-
-def images_below(folder: Path) -> list[Path]:
-    """All image files below a folder except hidden ones; ``image2`` comes before ``image10``."""
-    return sorted(image_paths(folder), key=lambda path: natural_key(path.relative_to(folder).as_posix()))
-
-
-def image_paths(folder: Path) -> Iterator[Path]:
-    """:func:`images_below` in no particular order."""
-    found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
-    return (path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))
 
 
 def natural_key(name: str) -> tuple[list[tuple[int, str]], str]:

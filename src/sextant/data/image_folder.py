@@ -9,12 +9,12 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image, ImageOps
 
-from sextant.data.image_files import FORMATS, eight_bits, require_sides
+from sextant.data.image_files import FORMATS, SUFFIXES, eight_bits, require_sides
+from sextant.data.photo_files import image_paths, is_hidden
 from sextant.data.source import ImageSource, ImageSpec, LabelledImages, MissingDataError, Split, channels_first
 from sextant.data.upright import upright
 from sextant.errors import ArgumentError, UserError
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm")
 LARGEST_IN_MEMORY = 8 * 2**30
 
 
@@ -50,7 +50,8 @@ class ImageFolder(ImageSource):
     def _classes(self) -> list[str]:
         root = self._root()
         base = root / "train" if self._has_splits() else root
-        classes = sorted(path.name for path in base.iterdir() if path.is_dir() and any(_images(path)))
+        inside = (path for path in base.iterdir() if path.is_dir() and not is_hidden(path.name))
+        classes = sorted(path.name for path in inside if any(_images(path)))
         if len(classes) < 2:
             raise MissingDataError(
                 f"folder={root}: {len(classes)} folders with images, need one for each of at least two classes",
@@ -140,8 +141,4 @@ def decode_square(path: Path, size: int, channels: int) -> UInt8[ndarray, "h w *
 
 
 def _images(folder: Path) -> list[Path]:
-    return (
-        [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file()]
-        if folder.is_dir()
-        else []
-    )
+    return list(image_paths(folder, deep=False)) if folder.is_dir() else []

@@ -1,29 +1,123 @@
-"""Find the photos that a path, a folder or a pattern names; imports no torch."""
+"""Find the images below a folder, or those that a path or pattern names; imports no torch.
+
+Datasets, predictions, maps and inspection all list folders by :func:`walk_folder`.
+"""
 
 import glob
 import logging
 import os
-from collections.abc import Iterable
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from pathlib import Path
 
-from sextant.data.image_files import SUFFIXES
+from sextant.data.image_files import RAW, SUFFIXES, natural_key, not_decoded
 from sextant.errors import UserError
+from sextant.user_files import absent
 
 log = logging.getLogger(__name__)
 
 #: the last two are not decoded: they are found so that messages can name them
-FOUND_IN_FOLDERS = (*SUFFIXES, ".gif", ".jp2", ".heic", ".heif")
+FOUND_IN_FOLDERS = (*SUFFIXES, ".heic", ".heif")
 #: names of pictures that predictions write: :mod:`~sextant.applications.calibration.photo_files`,
 #: :mod:`~sextant.cli.place_matching.gallery_pages`
 WRITTEN = ("*_overlay.png", "*_undistorted.png", "*_undistorted.jpg", "*calibrations.png", "matches_page*.png")
+#: what systems and network drives leave among photos, besides names that begin with a dot; in lower case
+SYSTEM = re.compile(
+    r"__macosx.*|@eadir|@tmp|@recycle|@recently-snapshot|#recycle|#snapshot|\$recycle\.bin|recycler|lost\+found"
+    r"|system volume information|network trash folder|temporary items|synofile_thumb.*|(eh)?thumbs\.db|desktop\.ini"
+)
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a file or folder of this name is hidden, or a system's own: a thumbnail, resource fork or wastebasket.
+
+    Example:
+        >>> [is_hidden(name) for name in ("._1.jpg", "@eaDir", "Thumbs.db", "IMG_1.jpg")]
+        [True, True, True, False]
+    """
+    return name.startswith(".") or SYSTEM.fullmatch(name.lower()) is not None
+
+
+@dataclass(eq=False)
+class FolderWalk:
+    """The files below a folder, relative to it, in no particular order.
+
+    Attributes:
+        folder: the folder.
+        files: all files, also links to nothing.
+        hidden: files and folders that :func:`is_hidden`; they are not entered.
+        links: links to folders; they are not entered, since they may be circular or lead to the same images twice.
+        unreadable: reasons by file or folder.
+    """
+
+    folder: Path
+    files: list[Path] = field(default_factory=list)
+    hidden: list[Path] = field(default_factory=list)
+    links: list[Path] = field(default_factory=list)
+    unreadable: dict[str, str] = field(default_factory=dict)
+
+    def left_out(self) -> Iterator[str]:
+        """What was left out, hidden files apart, for messages."""
+        if self.unreadable:
+            yield f"left out, as it cannot be read: {', '.join(self.unreadable)}"
+        if self.links:
+            yield f"left out, as it is a link to a folder: {', '.join(map(str, self.links))}"
+
+
+def walk_folder(folder: Path, *, deep: bool = True) -> FolderWalk:
+    """List a folder, with all folders in it unless ``deep`` is false."""
+    found = FolderWalk(folder)
+
+    def failed(error: OSError) -> None:
+        found.unreadable[os.path.relpath(error.filename, folder)] = f"cannot be read: {error.strerror}"
+
+    for base, folders, files in os.walk(folder, onerror=failed):
+        here = Path(base).relative_to(folder)
+        found.hidden += [here / name for name in (*folders, *files) if is_hidden(name)]
+        seen = [name for name in folders if not is_hidden(name)]
+        links = [name for name in seen if os.path.islink(os.path.join(base, name))]
+        found.links += [here / name for name in links] if deep else []
+        folders[:] = [name for name in seen if name not in links] if deep else []
+        for name in files:
+            path = os.path.join(base, name)
+            if is_hidden(name):
+                continue
+            if os.path.isfile(path) or not os.path.exists(path):
+                found.files.append(here / name)
+            else:  # reading a pipe might never end
+                found.unreadable[(here / name).as_posix()] = "is no file"
+    return found
+
+
+def images_below(folder: Path) -> list[Path]:
+    """All image files below a folder that are not hidden; ``image2`` comes before ``image10``."""
+    return sorted(image_paths(folder), key=lambda path: natural_key(path.relative_to(folder).as_posix()))
+
+
+def image_paths(folder: Path, *, deep: bool = True) -> Iterator[Path]:
+    """:func:`images_below` in no particular order; warns of photos in formats that are not decoded, and of links."""
+    found = walk_folder(folder, deep=deep)
+    for said in found.left_out():
+        _warn_once(f"{folder}: {said}")
+    others = [path for path in found.files if path.suffix.lower() in (*FOUND_IN_FOLDERS[len(SUFFIXES) :], *RAW)]
+    if others:
+        _warn_once(f"{folder}: {len(others):,} files left out, such as {others[0]}, which {not_decoded(others[0])}")
+    return (folder / path for path in found.files if path.suffix.lower() in SUFFIXES and (folder / path).is_file())
+
+
+@lru_cache(maxsize=1024)
+def _warn_once(message: str) -> None:  # datasets list their folders many times
+    log.warning("%s", message)
 
 
 def find_photos(given: str, output: Path | None, key: str = "input") -> list[Path]:
     """The photo at a path, all photos below a folder, or those matching a pattern, in order; never files written here.
 
     Args:
-        given: path, folder or pattern.
+        given: path, folder or pattern. Hidden files and folders are left out unless the pattern spells their names.
         output: folder that predictions are written to, if there is one.
         key: of the argument, for messages.
 
@@ -33,13 +127,17 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
     path = Path(given).expanduser()
     if path.is_file():
         return [path]
+    hidden: list[Path] = []
     if path.is_dir():
-        candidates: Iterable[Path] = list(path.rglob("*"))
-        shut = [str(p) for p in (path, *candidates) if os.path.isdir(p) and not os.access(p, os.R_OK | os.X_OK)]
-        if shut:
-            log.warning("%s=%s: left out, as it cannot be read: %s", key, given, ", ".join(shut))
+        walked = walk_folder(path)
+        for said in walked.left_out():
+            log.warning("%s=%s: %s", key, given, said)
+        candidates, hidden = [path / file for file in walked.files], [path / file for file in walked.hidden]
     else:
-        candidates = (Path(name) for name in glob.glob(str(path), recursive=True))
+        spelt = {part for part in path.parts if not glob.has_magic(part)}
+        matched = [Path(name) for name in glob.glob(str(path), recursive=True)]  # leaves out names with a dot itself
+        hidden = [p for p in matched if any(SYSTEM.fullmatch(part.lower()) for part in {*p.parts} - spelt)]
+        candidates = [p for p in matched if p not in set(hidden)]
     written = None if output is None else output.resolve()
     found = sorted(
         p
@@ -49,8 +147,12 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         and not (written and any(fnmatchcase(p.name, name) for name in WRITTEN) and p.resolve().is_relative_to(written))
     )
     if not found:
+        there = path.exists() or glob.has_magic(given)
+        why = f"{given}: no photo there" if there else absent(path)
+        if hidden:
+            why += f"; {len(hidden):,} hidden files and folders are left out, such as {hidden[0]}"
         raise UserError(
-            f"{key}={given}: no photo there",
+            f"{key}={why}",
             "Give a photo, a folder or a pattern such as 'photos/*.jpg'. "
             f"Photos end in {', '.join(FOUND_IN_FOLDERS[:-2])}",
         )

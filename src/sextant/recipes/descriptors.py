@@ -16,6 +16,7 @@ from PIL import Image
 
 from sextant.config import Config
 from sextant.config.building import build
+from sextant.data.photo_files import walk_folder
 from sextant.data.source import file_sha256
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
@@ -86,7 +87,7 @@ class DescriptorFiles:
             UserError: the folder does not exist, has no such file, or its files have different widths.
         """
         root = Path(self.folder).expanduser()
-        paths = sorted(root.rglob("*.npy"))
+        paths = sorted(root / path for path in walk_folder(root).files if path.suffix == ".npy")
         if not paths:
             raise UserError(
                 f"descriptor.folder={self.folder}: there is no such folder, or no .npy file in it",

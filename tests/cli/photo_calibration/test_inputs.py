@@ -14,7 +14,10 @@ def test_photos_are_found_by_file_folder_or_pattern_and_outputs_are_not(tmp_path
     assert find_photos(str(tmp_path / "**" / "*.PNG"), tmp_path / "out") == [b]
     calibrate([a, b], tmp_path)
     assert find_photos(str(tmp_path), tmp_path) == [a, b]
-    for nowhere in ("none.jpg", "*.gif", "empty"):
-        (tmp_path / "empty").mkdir(exist_ok=True)
-        with pytest.raises(UserError, match="no photo there"):
+    (tmp_path / "empty").mkdir()
+    for nowhere, said in {
+        "none.jpg": r"none\.jpg does not exist", "aa.jpg": r"did you mean .*/a\.jpg\?", "*.gif": "no photo there",
+        "empty": "no photo there",
+    }.items():  # fmt: skip
+        with pytest.raises(UserError, match=said):
             find_photos(str(tmp_path / nowhere), tmp_path / "out")

@@ -66,7 +66,7 @@ def test_lenses_known_by_other_files(tmp_path):
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda folder: None, "no such folder"),
+        (lambda folder: None, "does not exist"),
         (lambda folder: folder.mkdir(), "no photo there"),
         (lambda folder: save(folder / "a.jpg"), "has no photo of a known camera"),
     ],
@@ -158,8 +158,8 @@ def test_panoramas_of_one_scene_are_not_independent_and_a_photo_among_them_is_na
     ("name", "content", "says"),
     [
         ("t.csv", b"file,f_px\n,90\n", "line 2 has no file"),
-        ("t.csv", b"file,f_px\n\xff\xfe,90\n", "cannot be read as a table in UTF-8"),
-        ("t.csv", b"file;f_px\na.png;90\n", "line 1: the columns 'file;f_px' are not separated by commas"),
+        ("t.csv", b"file,f_px\n\xff\xfe,90\n", "cannot be read: byte 10 is not of text in UTF-8"),
+        ("t.csv", b"file,f_px\na.png,90,5\n", "line 2: 3 values for 2 columns: decimal commas? Separate cells by ;"),
         ("calibration_computed.json", b"{", "has no focal length of a camera"),
         ("calibration_computed.json", b'{"K": []}', "has no focal length of a camera"),
         ("K.txt", b"", "has no focal length of a camera"),

@@ -159,7 +159,7 @@ def test_order_joins_images_and_poses_that_tell_no_time(tmp_path):
             (tmp_path / drive / name).rename(tmp_path / drive / f"{i}.png")
     drive = source(tmp_path, "tum").read().test[0]
     assert np.allclose(drive.times_s, 1002.25 + np.arange(6))
-    with pytest.raises(UserError, match=r"some image names contain no time, such as 0.png"):
+    with pytest.raises(UserError, match=r"8 of 8 names contain no time of a known form, such as 0.png"):
         source(tmp_path, "tum", times="names").read()
     (tmp_path / "run" / "7.png").unlink()
     with pytest.raises(UserError, match=r"test.run: poses.txt has 8 poses for 7 images"):
@@ -248,7 +248,13 @@ def test_kitti_poses_of_another_count_or_plane_are_told(tmp_path):
 def test_images_out_of_order_are_told(tmp_path):
     folder = write(tmp_path, "tum")
     (folder / "run" / names()[3]).rename(folder / "run" / "a_1000.50.png")
-    with pytest.raises(UserError, match=r"test.run: images are out of order: a_1000.50.png"):
+    with pytest.raises(
+        UserError, match=r"test.run: 1 of 8 names contain no time of a known form, such as a_1000.50.png"
+    ):
+        source(folder, "tum").read()
+    for k, name in enumerate(sorted(path.name for path in (folder / "run").glob("*.png"))):
+        (folder / "run" / name).rename(folder / "run" / f"{'b' if k == 3 else 'a'}_{1305031102.25 + k:.2f}.png")
+    with pytest.raises(UserError, match=r"test.run: images are out of order: b_1305031105.25.png"):
         source(folder, "tum").read()
 
 

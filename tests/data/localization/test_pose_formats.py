@@ -1,5 +1,7 @@
 """Files of poses, and poses in space in a plane."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sextant.data.localization.plane import STEEPEST_DEG, to_plane
 from sextant.data.localization.pose_formats import read_tum, read_tum_matrices, write_tum
-from sextant.data.localization.pose_times import check_gaps, check_rising, poses_at, time_in_name
+from sextant.data.localization.pose_times import check_gaps, check_rising, poses_at, times_of_names
 from sextant.errors import UserError
 from sextant.worlds.trajectories import load_kitti_poses
 
@@ -142,7 +144,9 @@ def test_a_kitti_car_drives_where_its_camera_looks(real_data):
      ("frame_000123.png", None), ("20240102.png", None), ("a.png", None)],
 )  # fmt: skip
 def test_times_in_names(name, seconds):
-    assert time_in_name(name) == (None if seconds is None else pytest.approx(seconds, abs=1e-6))
+    found = times_of_names([Path(name)])
+    assert (found is None) == (seconds is None)
+    assert found is None or found == pytest.approx(seconds, abs=1e-6)
 
 
 def test_poses_between_two_are_interpolated_the_shorter_way_round():

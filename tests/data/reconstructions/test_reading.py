@@ -152,8 +152,10 @@ def test_files_are_found_by_the_ends_of_their_paths(tmp_path):
     row = {name: k for k, name in enumerate(found.names)}
     asked = ["left/1.png", "right/1.png", "train/r_0.png", "other/only.jpg", "1.png", "missing.png"]
     expected = [row["images/left/1.png"], row["images/right/1.png"], row["train/r_0"], row["deep/only.jpg"], None, None]
-    assert found.rows_of(asked) == expected
-    assert found.rows_of(["a/only.jpg", "b/only.jpg"]) == [None, None]  # which of them?
+    assert found.match(asked).rows == expected
+    doubtful = found.match(["a/only.jpg", "b/only.jpg"])
+    assert doubtful.rows == [None, None]
+    assert doubtful.ambiguous == ("a/only.jpg and b/only.jpg may be deep/only.jpg",)
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,13 @@
 """The files below a folder, by what they may be."""
 
-import os
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from sextant.data.image_files import RAW, natural_key, not_decoded
 from sextant.data.localization.frames import VIDEOS
 from sextant.data.localization.rosbag import FIRST, METADATA
-from sextant.data.photo_files import FOUND_IN_FOLDERS
+from sextant.data.photo_files import FOUND_IN_FOLDERS, FolderWalk, walk_folder
 
 #: files that may contain poses, or facts about photos
 TABLES = (".txt", ".csv", ".tum", ".kitti", ".json", ".bin")
@@ -39,10 +37,8 @@ class FoundFiles:
 
 def found_files(path: Path) -> FoundFiles:
     """List a folder recursively, or one file. Links to folders are not followed, since they may be circular."""
-    unreadable: dict[str, str] = {}
-    links: list[Path] = []
-    walked = _walk(path, unreadable, links) if path.is_dir() else [Path(path.name)]
-    files = sorted(walked, key=lambda file: natural_key(file.as_posix()))
+    walked = walk_folder(path) if path.is_dir() else FolderWalk(path.parent, [Path(path.name)])
+    files, unreadable = sorted(walked.files, key=lambda file: natural_key(file.as_posix())), walked.unreadable
     kinds = (FOUND_IN_FOLDERS, VIDEOS, TABLES, RAW)
     images, videos, tables, raw = (tuple(file for file in files if file.suffix.lower() in kind) for kind in kinds)
     for file in raw:
@@ -54,20 +50,4 @@ def found_files(path: Path) -> FoundFiles:
     }
     known = {*images, *videos, *tables, *raw, *bags}
     others = Counter(file.suffix.lower() or file.name for file in files if file not in known)
-    return FoundFiles(images, videos, tables, tuple(sorted(bags)), dict(others), unreadable, tuple(links))
-
-
-def _walk(folder: Path, unreadable: dict[str, str], links: list[Path]) -> Iterator[Path]:
-    def failed(error: OSError) -> None:
-        unreadable[os.path.relpath(error.filename, folder)] = f"cannot be read: {error.strerror}"
-
-    for base, folders, files in os.walk(folder, onerror=failed):
-        here = Path(base).relative_to(folder)
-        folders[:] = [name for name in folders if not name.startswith((".", "__MACOSX"))]
-        links += [here / name for name in folders if (Path(base) / name).is_symlink()]
-        for name in files:
-            path = Path(base) / name
-            if path.exists() and not path.is_file():  # reading a pipe might never end
-                unreadable[(here / name).as_posix()] = "is no file"
-            elif not name.startswith("."):
-                yield here / name
+    return FoundFiles(images, videos, tables, tuple(sorted(bags)), dict(others), unreadable, tuple(walked.links))

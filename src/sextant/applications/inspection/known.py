@@ -1,11 +1,11 @@
 """Known cameras beside photos, and datasets in their published layout."""
 
-import csv
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sextant.data.photos.header import PhotoHeader
+from sextant.user_files import table_header
 
 #: files of a dataset in its published layout, below the folder that ``paths.data`` names
 STANDARD = {
@@ -51,8 +51,4 @@ def _columns(path: Path) -> set[str]:
     """The column names of a CSV file; empty for any other file."""
     if path.suffix.lower() != ".csv":
         return set()
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            return set(next(csv.reader(file), []))
-    except (OSError, UnicodeDecodeError, csv.Error):
-        return set()
+    return set(table_header(path))

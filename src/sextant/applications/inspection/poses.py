@@ -1,6 +1,5 @@
 """Files of poses in any format, and the images that they belong to."""
 
-import csv
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,11 +12,13 @@ from numpy import ndarray
 
 from sextant.data.localization.pose_formats import read_kitti, read_tum_matrices
 from sextant.data.localization.pose_times import times_of_names
+from sextant.data.name_matching import match_names
 from sextant.data.places.pose_files import read_pose_table
 from sextant.data.reconstructions import NAMED_FORMATS, named_format, read_reconstruction
 from sextant.data.reconstructions.json_file import read_foreign_json
 from sextant.data.unusable_files import reason_alone
 from sextant.errors import UserError
+from sextant.user_files import table_header
 from sextant.worlds.trajectories import load_cold
 
 PosesFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "cold"]
@@ -92,7 +93,7 @@ def _format(path: Path) -> PosesFormat | None:
         return _format_of_json(path)
     lines = [] if suffix == ".bin" else _first_lines(path)
     if suffix == ".csv":
-        header = {word.strip().lower() for word in next(csv.reader(lines[:1], skipinitialspace=True), [])}
+        header = set(table_header(path))
         return "csv" if {"file", "x", "y"} <= header or path.name == "poses.csv" else None
     numbers = [_float(word) for word in lines[0].split()] if lines else []
     if None in numbers or len(numbers) not in (8, 12):
@@ -149,23 +150,25 @@ def _read(folder: Path, file: Path, kind: PosesFormat, around: Path | None, imag
     path = folder / file
     if kind == "csv":
         table = read_pose_table(path)
-        names = {name for name in table if (path.parent / name).is_file()}
-        told = {image.relative_to(file.parent).as_posix() for image in images if image.is_relative_to(file.parent)}
-        posed = len(told & set(table))
+        told = [image.relative_to(file.parent).as_posix() for image in images if image.is_relative_to(file.parent)]
+        matches = match_names(told, list(table))
+        rows = {row for row in matches.rows if row is not None}
+        without = sum(row not in rows and not (path.parent / name).is_file() for row, name in enumerate(table))
         headings = all(pose.heading_deg is not None for pose in table.values())
         return FoundPoses(
-            file, kind, len(table), around, posed, len(images) - posed, len(table) - len(names), headings,
+            file, kind, len(table), around, len(rows), len(images) - len(rows), without, headings,
+            remarks=tuple(filter(None, [matches.remark])),
         )  # fmt: skip
     if kind in NAMED_FORMATS:
         found = read_reconstruction(path, kind)
-        rows = found.rows_of([image.as_posix() for image in images])
-        own = [image for image, row in zip(images, rows, strict=True) if row is not None]
+        matches = found.match([image.as_posix() for image in images])
+        own = [image for image, row in zip(images, matches.rows, strict=True) if row is not None]
         if own and len(own) < len(images):  # the others may be of another split
             around = Path(os.path.commonpath([image.parent for image in own]))
             images = [image for image in images if image.is_relative_to(around)]
         return FoundPoses(
             file, kind, len(found.images), around, len(own), len(images) - len(own), len(found.images) - len(own),
-            remarks=found.remarks, poses=found.poses, names=tuple(found.names),
+            remarks=tuple(filter(None, [*found.remarks, matches.remark])), poses=found.poses, names=tuple(found.names),
         )  # fmt: skip
     if kind == "cold":
         return FoundPoses(file, kind, len(load_cold(path).poses))

@@ -181,7 +181,7 @@ def pose_format(path: Path | str) -> Literal["TUM", "KITTI"] | NamedFormat:
 
 
 def _compare_named(reference: Reconstruction, estimate: Reconstruction) -> TrajectoryComparison:
-    rows = estimate.rows_of(reference.names)
+    rows = estimate.match(reference.names).refuse_ambiguous("images of both files").rows
     both = [(row, own) for row, own in enumerate(rows) if own is not None]
     if not both:
         raise UserError(

@@ -13,14 +13,13 @@ A folder is one of
 - photos with focal lengths in their EXIF, and folders of any of these.
 """
 
-import csv
 import json
 import math
-import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +30,13 @@ from PIL import Image
 
 from sextant.data.calibration.camera_distributions import CameraDistribution
 from sextant.data.calibration.crops import crop_panoramas
-from sextant.data.photo_files import FOUND_IN_FOLDERS, find_photos
+from sextant.data.name_matching import match_names
+from sextant.data.photo_files import FOUND_IN_FOLDERS, find_photos, is_hidden, walk_folder
 from sextant.data.photos import read_photo
 from sextant.data.places.problem_list import problem_list
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError
+from sextant.user_files import absent, read_table, read_text
 
 UNKNOWN = math.nan
 #: shorter side of photos cut from panoramas, pixels
@@ -96,7 +97,7 @@ def known_photos(
             camera, or none can be read.
     """
     if not folder.is_dir():
-        raise UserError(f"{folder}: no such folder", "Give a folder of photos of known cameras.")
+        raise UserError(absent(folder), "Give a folder of photos of known cameras.")
     skipped = {} if skipped is None else skipped
     photos = _of_folder(folder, leave_out, lambda at, i, row: _cut(at, i, row, distribution, cuts, seed))
     found = False
@@ -139,6 +140,13 @@ class _Table:
                 the lines.
         """
         rows = {line: row for line, row in self.rows.items() if there(row["file"])}
+        if any(not (self.path.parent / row["file"]).is_file() for row in rows.values()):
+            images = [path.as_posix() for path in walk_folder(self.path.parent).files]
+            listed = list(rows.values())
+            found = match_names(images, [row["file"] for row in listed]).refuse_ambiguous(str(self.path)).rows
+            for image, row in zip(images, found, strict=True):
+                if row is not None:
+                    listed[row]["file"] = image
         seen: dict[Path, int] = {}
         problems: list[str] = []
         for line, row in rows.items():
@@ -178,10 +186,11 @@ def _of_folder(
     def there(name: str) -> bool:
         return not any(fnmatchcase(name, pattern) for pattern in leave_out)
 
-    found = [_table(path) for path in sorted(folder.glob("*.csv")) if not path.is_dir()]
+    files = sorted(folder / path for path in walk_folder(folder, deep=False).files)
+    found = [_table(path) for path in files if path.suffix.lower() == ".csv"]
     tables = [table for table in found if "file" in table.columns and table.rows]
     lenses = [table for table in tables if "f_px" in table.columns]
-    own = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in FOUND_IN_FOLDERS and there(path.name)]
+    own = [path for path in files if path.suffix.lower() in FOUND_IN_FOLDERS and there(path.name)]
     if lenses:
         return [(folder / row["file"], partial(_of_row, folder, row)) for row in lenses[0].checked(there)]
     panoramas = [each for each in tables if any(_is_panorama(folder / row["file"]) for row in each.rows.values())]
@@ -200,34 +209,29 @@ def _of_folder(
                 f"{table.path} has a column {told[0]}, but no column f_px",
                 "Add f_px, the focal length in pixels of the file.",
             )
-    inside = sorted(path for path in folder.iterdir() if path.is_dir())
+    inside = sorted(path for path in folder.iterdir() if path.is_dir() and not is_hidden(path.name))
     planned: Planned = [(path, partial(_of_lens, path)) for path in own]
     return planned + [photo for each in inside for photo in _of_folder(each, leave_out, cut)]
 
 
 def _table(path: Path) -> _Table:
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
-            rows: dict[int, Row] = {}
-            for row in reader:
-                rows[reader.line_num] = row
-            columns = tuple(reader.fieldnames or ())
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UserError(
-            f"{path} cannot be read as a table in UTF-8: {error}", "Save it as CSV in UTF-8, or take it away."
-        ) from None
-    if len(columns) == 1 and columns[0] != "file" and "file" in re.split(r"[;\t|]", columns[0]):
-        raise UserError(
-            f"{path}, line 1: the columns {columns[0]!r} are not separated by commas",
-            "Save it with commas: file,f_px,tilt_deg,roll_deg",
-        )
+    table = read_table(path, "Save it as CSV in UTF-8, or take it away.")
+    if "file" not in table.header:
+        return _Table(path, {}, table.header)
+    if problems := list(table.long_rows()):
+        raise UserError(f"{path} cannot be used as it is\n{problem_list(problems)}", "Correct these lines.")
+    rows = {
+        line: dict(zip_longest(table.header, cells[: len(table.header)], fillvalue="")) for line, cells in table.rows
+    }
     for line, row in rows.items():
-        if "file" in columns and not row["file"]:
+        if not row["file"]:
             raise UserError(
                 f"{path}: line {line} has no file", "Give the name of the photo's file, or take the line out."
             )
-    return _Table(path, rows, columns)
+        for column in COLUMNS.keys() & row.keys():
+            if "," in row[column] and (value := table.number(row[column])) is not None:
+                row[column] = repr(value)
+    return _Table(path, rows, table.header)
 
 
 def _is_panorama(path: Path, unread: bool = False) -> bool:
@@ -241,7 +245,7 @@ def _is_panorama(path: Path, unread: bool = False) -> bool:
 
 def _numbers(path: Path, read: Callable[[str], tuple[str | float, ...]]) -> list[float]:
     try:
-        found = [float(value) for value in read(path.read_text(encoding="utf-8-sig"))]
+        found = [float(value) for value in read(read_text(path))]
         if not all(map(math.isfinite, found)) or found[0] <= 0:
             raise ValueError("the focal length is not above 0")
     except (OSError, ValueError, TypeError, LookupError) as error:

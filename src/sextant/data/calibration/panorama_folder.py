@@ -15,7 +15,8 @@ from numpy import ndarray
 
 from sextant.data.calibration.panorama_images import SMALLEST_HEIGHT, UnfitImageError, decode_panorama
 from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split
-from sextant.data.image_files import SUFFIXES, image_paths
+from sextant.data.image_files import SUFFIXES
+from sextant.data.photo_files import image_paths
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.progress import notify_every
 from sextant.data.source import MissingDataError, file_sha256, first_folder

@@ -12,6 +12,7 @@ from PIL import Image
 
 from sextant.data.image_files import UnreadableImageError, decode_image, natural_key, picture_bytes
 from sextant.data.localization.pose_times import check_rising, times_of_names
+from sextant.data.name_matching import match_names
 from sextant.data.photo_files import find_photos
 from sextant.data.photos import read_photo
 from sextant.data.unusable_files import reason_alone
@@ -71,17 +72,17 @@ class Photos:
         """The photos in the order of a table's rows; a row whose file is missing is a frame in which nothing is seen.
 
         Raises:
-            UserError: a photo has no row, or times do not increase in the order of the rows.
+            UserError: a photo has no row or several, or times do not increase in the order of the rows.
         """
-        listed, there = {Path(name).as_posix() for name in names}, set(self.names)
-        if missing := [name for name in self.names if name not in listed]:
+        rows = match_names(self.names, names).refuse_ambiguous(f"odometry={given}").rows
+        if missing := [name for name, row in zip(self.names, rows, strict=True) if row is None]:
             raise UserError(
                 f"odometry={given} has no row for {len(missing):,} of {len(self):,} photos, such as {missing[0]}",
                 "One row per image, with its file name relative to the folder; or leave out the column file.",
             )
-        assert there
-        times = None if len(listed) != len(there) else self.times_s
-        order = [Path(name).as_posix() for name in names]
+        photos = {row: name for name, row in zip(self.names, rows, strict=True)}
+        times = None if len(names) != len(self.names) else self.times_s
+        order = [photos.get(row, Path(name).as_posix()) for row, name in enumerate(names)]
         if order != list(self.names) and times is not None:
             times = np.array([times[self.names.index(name)] for name in order])
             check_rising(times, order, f"odometry={given}")

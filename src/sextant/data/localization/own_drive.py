@@ -98,11 +98,13 @@ def open_drive(
         moves, named = read_odometry(odometry), odometry
         if moves.names is not None and isinstance(frames, Photos):
             frames = frames.in_order_of(moves.names, odometry)
+    told = list(frames.remarks) if isinstance(frames, Bag) and odometry is None else []
     if moves is None:
-        motions, remarks = [None] * len(frames), [NO_ODOMETRY]
+        motions, remarks = [None] * len(frames), told or [NO_ODOMETRY]
     else:
         count = frames.frames if isinstance(frames, Video) else None
         motions, remarks = motions_of(moves, frames.names, frames.times_s, named, every, count)
+        remarks = [*told, *remarks]
     times = frames.times_s
     if times is None and moves is not None and moves.times_s is not None and len(moves.times_s) == len(frames):
         times = moves.times_s

@@ -18,7 +18,15 @@ from sextant.data.localization.localization_data import LocalizationData, Protoc
 from sextant.data.localization.motions import compose, motions_along
 from sextant.data.localization.plane import AHEAD, PLANES, Ahead, Plane, to_plane
 from sextant.data.localization.pose_formats import read_kitti, read_tum_matrices
-from sextant.data.localization.pose_times import check_gaps, check_rising, poses_at, times_of_file, times_of_names
+from sextant.data.localization.pose_times import (
+    check_gaps,
+    check_rising,
+    names_without_time,
+    no_times,
+    poses_at,
+    times_of_file,
+    times_of_names,
+)
 from sextant.data.places.aligned import traverse_files
 from sextant.data.places.decoded_images import ImageSize, read_images
 from sextant.data.places.gps_poses import drive_by_gps
@@ -294,16 +302,14 @@ class PoseFolder:
 
     def _times(self, folder: Path, paths: list[Path], key: str) -> Float64[ndarray, "n"] | None:
         """When the images were taken, if anything other than the poses says so."""
-        if self.times is None:
-            return times_of_names(paths) if self.poses == "tum" else None
-        if self.times == "order":
+        if self.times == "order" or (self.times is None and self.poses != "tum"):
             return None
-        if self.times != "names":
+        if self.times not in ("names", None):
             return times_of_file(folder / self.times, len(paths))
-        times = times_of_names(paths)
-        if times is None:
+        times, names = times_of_names(paths), [path.name for path in paths]
+        if times is None and (self.times == "names" or len(names_without_time(names)) < len(names)):
             raise ArgumentError(
-                f"{key}: times=names, but some image names contain no time, such as {paths[0].name}",
+                f"{key}: {'times=names, but ' if self.times else ''}{no_times(names)}",
                 "Names such as 1305031102.175304.png, or times=order, or a file with one line per image.",
             )
         return times
@@ -355,7 +361,7 @@ class PoseFolder:
         assert self.poses in NAMED_FORMATS
         found = read_reconstruction(file, self.poses)
         names = [path.relative_to(folder.resolve()).as_posix() for path in paths]
-        rows = found.rows_of(names)
+        rows = found.match(names).refuse_ambiguous(f"{key}: {file}").rows
         if without := [name for name, row in zip(names, rows, strict=True) if row is None]:
             raise ArgumentError(
                 f"{key}: {len(without):,} of {len(names):,} images have no pose in {file}\n{problem_list(without)}",

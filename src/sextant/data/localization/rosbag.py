@@ -25,11 +25,13 @@ from sextant.data.image_files import picture_bytes
 from sextant.data.localization.frames import Frame, Size
 from sextant.data.localization.odometry_file import OdometryFile
 from sextant.data.localization.plane import to_plane
-from sextant.data.localization.pose_formats import pose_matrices
+from sextant.data.localization.pose_formats import LENGTH_TOLERANCE, pose_matrices
 from sextant.errors import ArgumentError, UserError
 
 #: suffix of a ROS 1 bag, and the file that makes a folder a ROS 2 bag
 FIRST, METADATA = ".bag", "metadata.yaml"
+#: how a ROS 1 bag begins
+MAGIC = b"#ROSBAG V2.0"
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 ODOMETRY = ("nav_msgs/msg/Odometry",)
 #: encoding of sensor_msgs/Image -> channels, and their order as RGB (None: grey)
@@ -57,8 +59,9 @@ class Bag:
         path: file or folder.
         topic: of the images.
         times_s: of the images, as read by :meth:`read`.
-        odometry: from its odometry topic; None without one.
+        odometry: from its odometry topic; None without one, or if none of its poses can be used.
         every: step from one image to the next.
+        remarks: what the user should know about the odometry.
     """
 
     path: Path
@@ -66,6 +69,7 @@ class Bag:
     times_s: Float64[ndarray, "n"]
     odometry: OdometryFile | None
     every: int = 1
+    remarks: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -101,7 +105,8 @@ def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str 
         every: take every k-th image.
 
     Raises:
-        UserError: the bag cannot be read, has no images, or has several topics of which none was chosen.
+        UserError: the bag cannot be read, has no images, has several topics of which none was chosen, or the chosen
+            odometry has no pose that can be used.
     """
     with _opened(path) as bag:
         images = _topic(bag, IMAGES, "image_topic", image_topic)
@@ -109,8 +114,10 @@ def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str 
             raise UserError(f"{path} has no images", f"Its topics: {bag.listed()}.")
         moves = _topic(bag, ODOMETRY, "odometry_topic", odometry_topic)
         times = _times([(stamp, taken) for _, _, taken, stamp in bag.stamps(images)])
-        odometry = None if moves is None else _odometry(bag, moves)
-    return Bag(path, images, times[::every], odometry, every)
+        odometry, problem = (None, "") if moves is None else _odometry(bag, moves)
+    if odometry is None and odometry_topic is not None:
+        raise ArgumentError(f"odometry_topic={odometry_topic}: {problem}", "Leave it out, or give odometry=<table>.")
+    return Bag(path, images, times[::every], odometry, every, (problem,) if problem else ())
 
 
 class _Opened:
@@ -161,9 +168,20 @@ def _opened(path: Path) -> Iterator[_Opened]:
         raise
     except Exception as error:  # the readers raise their own errors, and those of sqlite and YAML
         told = str(error).splitlines()[0] if str(error) else repr(error)
-        raise UserError(
-            f"{path} cannot be read as a ROS bag: {told}", "Was its recording ended? ros2 bag reindex"
-        ) from None
+        raise UserError(f"{path} cannot be read as a ROS bag: {told}", _remedy(path)) from None
+
+
+def _remedy(path: Path) -> str:
+    """What to do about a bag that cannot be read, by what it holds."""
+    if path.is_dir():
+        if any(file.suffix in (".db3", ".mcap") for file in path.iterdir()):
+            return f"Was its recording ended? ros2 bag reindex {path}"
+        return f"A ROS 2 bag is a folder with {METADATA} and a .db3 or .mcap file, which {path} has not."
+    with path.open("rb") as file:
+        head = file.read(len(MAGIC))
+    if head == MAGIC:
+        return f"Was its recording ended? rosbag reindex {path}"
+    return f"It begins with {head!r}, and a ROS 1 bag with {MAGIC!r}: give the bag itself."
 
 
 def _topic(bag: _Opened, kinds: tuple[str, ...], argument: str, chosen: str | None) -> str | None:
@@ -187,15 +205,26 @@ def _times(found: list[tuple[float, float]]) -> Float64[ndarray, "n"]:
     return np.ascontiguousarray(stamps if rise else np.maximum.accumulate(taken))
 
 
-def _odometry(bag: _Opened, topic: str) -> OdometryFile:
+def _odometry(bag: _Opened, topic: str) -> tuple[OdometryFile | None, str]:
+    """The poses of a topic that can be used, and what is wrong with the others."""
     rows = [(bag.message(raw, kind).pose.pose, (stamp, taken)) for kind, raw, taken, stamp in bag.stamps(topic)]
     found, times = [pose for pose, _ in rows], _times([seconds for _, seconds in rows])
     position = np.array([(p.position.x, p.position.y, p.position.z) for p in found])
     turned = np.array([(p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w) for p in found])
-    fine = np.isfinite(position).all(axis=1) & (np.abs(np.linalg.norm(turned, axis=1) - 1) < 0.01)
-    fine &= np.concatenate([[True], np.diff(times) > 0])
+    length = np.linalg.norm(turned, axis=1)
+    posed = np.isfinite(position).all(axis=1) & (np.abs(length - 1) < LENGTH_TOLERANCE)
+    fine = posed & np.concatenate([[True], np.diff(times) > 0])
+    problem = ""
+    if not posed.all():
+        bad = int(np.flatnonzero(~posed)[0])
+        problem = (
+            f"odometry of {topic}: {int((~posed).sum()):,} of {len(posed):,} poses cannot be used, such as number "
+            f"{bad + 1}, whose orientation is a quaternion of length {length[bad]:.3g}, not 1, or not finite"
+        )
+    if not fine.any():
+        return None, f"{problem}: motion is unknown"
     poses = to_plane(pose_matrices(position[fine], turned[fine]), "xy", "x", f"odometry of {topic}")
-    return OdometryFile(poses, times[fine])
+    return OdometryFile(poses, times[fine]), problem
 
 
 def picture_of(message: Any, kind: str) -> Image.Image:

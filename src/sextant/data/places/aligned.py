@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sextant.data.image_files import images_below, natural_key
+from sextant.data.image_files import natural_key
+from sextant.data.photo_files import images_below
 from sextant.data.places.problem_list import problem_list
 from sextant.data.source import MissingDataError
 from sextant.errors import ArgumentError

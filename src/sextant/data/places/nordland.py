@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from sextant.data.photo_files import is_hidden
 from sextant.data.places.aligned import AlignedRides, align_by_name, traverse_files
 from sextant.data.places.decoded_images import ImageSize, read_images
 from sextant.data.places.images import PlaceImages
@@ -87,7 +88,7 @@ class Nordland:
             UserError: a season is missing, has no images, or lacks frames (the message names them).
         """
         traverses = {name: self.folder / name for name in self.seasons}
-        there = sorted(path.name for path in self.folder.iterdir() if path.is_dir())
+        there = sorted(path.name for path in self.folder.iterdir() if path.is_dir() and not is_hidden(path.name))
         absent = [name for name in self.seasons if name not in there]
         if absent:
             raise MissingDataError(

@@ -1,7 +1,8 @@
 """Where images were taken, from a table or from their names.
 
-*Tables* are CSV files with a header: ``file``, ``x``, ``y`` in metres, and optionally ``heading`` in degrees. Other
-columns are ignored. ``file`` is the path relative to the table's folder.
+*Tables* are CSV files with a header: ``file``, ``x``, ``y`` in metres, and optionally ``heading`` or ``heading_deg`` in
+degrees. Other columns are ignored. ``file`` is the path relative to the table's folder, compared as in
+:mod:`~sextant.data.name_matching`. Cells may also be separated by semicolons or tabs, and then have decimal commas.
 
 *Names* follow the VPR community's convention, with fields separated by ``@``::
 
@@ -14,15 +15,16 @@ zone number, and those of the southern hemisphere (zone letters below N) by thei
 apart stay far apart; distances across a zone's border are not true.
 """
 
-import csv
 import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from sextant.data.name_matching import match_names
 from sextant.data.places.problem_list import problem_list
 from sextant.errors import ArgumentError, UserError
+from sextant.user_files import read_table
 
 COLUMNS = ("file", "x", "y", "heading")
 EAST, NORTH, ZONE, LETTER, HEADING = 1, 2, 3, 4, 9
@@ -47,12 +49,8 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
         UserError: the table cannot be read, lacks a column, lists a file twice, or has a value that is not a finite
             number; the message names the file, the rows and the values.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} cannot be read as a table: {error}", f"A CSV file with {','.join(COLUMNS)}") from None
-    rows, lines = _rows(path, text)
-    header = [name.strip().lower() for name in (rows[0] if rows else [])]
+    table = read_table(path, f"A CSV file with {','.join(COLUMNS)}")
+    header = ["heading" if name == "heading_deg" else name for name in table.header]
     lacking = [name for name in COLUMNS[:3] if header.count(name) != 1]
     if lacking or header.count("heading") > 1:
         raise UserError(
@@ -62,16 +60,15 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
         )
     where = [header.index(name) for name in COLUMNS if name in header]
     poses: dict[str, Pose] = {}
-    problems: list[str] = []
-    for row, number in zip(rows[1:], lines[1:], strict=True):
-        if not any(cell.strip() for cell in row):
-            continue
+    problems = list(table.long_rows())
+    for number, row in table.rows:
         line = f"line {number}"
         if len(row) < len(header):
-            problems.append(f"{line}: {len(row)} values for {len(header)} columns")
+            if any(row):
+                problems.append(f"{line}: {len(row)} values for {len(header)} columns")
             continue
-        file, *cells = (row[k].strip() for k in where)
-        numbers = [_number(cell) for cell in cells]
+        file, *cells = (row[k] for k in where)
+        numbers = [table.number(cell) for cell in cells]
         wrong = [f"{name}={cell!r}" for name, cell, n in zip(COLUMNS[1:], cells, numbers, strict=False) if n is None]
         name = Path(file).as_posix()
         if wrong:
@@ -87,22 +84,6 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
             "Correct them, or remove these rows and their images.",
         )
     return poses
-
-
-def _rows(path: Path, text: str) -> tuple[list[list[str]], list[int]]:
-    """The cells of each row, and the line that it ends on."""
-    reader = csv.reader(text.splitlines(), skipinitialspace=True)
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    try:
-        for row in reader:
-            rows.append(row)
-            lines.append(reader.line_num)
-    except csv.Error as error:
-        raise UserError(
-            f"{path}: line {reader.line_num} cannot be read: {error}", "Is a quotation mark open above?"
-        ) from None
-    return rows, lines
 
 
 def parse_utm_name(name: str) -> Pose | None:
@@ -153,21 +134,23 @@ def table_poses(paths: Sequence[Path], folder: Path, table: Path, key: str) -> l
     """
     poses, root = read_pose_table(table), folder.resolve()
     inside = Path(os.path.relpath(folder, table.parent))  # as it was named: folders and files may be links
-    names = [(inside / path.relative_to(root)).as_posix() for path in paths]
-    unplaced = [name for name in names if name not in poses]
-    if unplaced:
+    names, listed = [(inside / path.relative_to(root)).as_posix() for path in paths], list(poses)
+    rows = match_names(names, listed, whole=inside != Path()).refuse_ambiguous(f"{key}: {table}").rows
+    if unplaced := [name for name, row in zip(names, rows, strict=True) if row is None]:
         raise ArgumentError(
             f"{key}: {len(unplaced):,} of {len(names):,} images have no row in {table}\n{problem_list(unplaced)}",
             "Add rows of file,x,y, with paths relative to the table's folder, or remove these images.",
         )
-    own = [name for name in poses if inside == Path() or name.startswith(f"{inside.as_posix()}/")]
-    absent = sorted(name for name in set(own) - set(names) if not (table.parent / name).is_file())
+    below = f"{inside.as_posix()}/"
+    own = {name for name in poses if inside == Path() or name.replace("\\", "/").startswith(below)}
+    matched = [listed[row] for row in rows if row is not None]
+    absent = sorted(name for name in own - set(matched) if not (table.parent / name).is_file())
     if absent:
         raise ArgumentError(
             f"{key}: {len(absent):,} rows of {table} have no image\n{problem_list(absent)}",
             "Add these images, or remove their rows.",
         )
-    return [poses[name] for name in names]
+    return [poses[name] for name in matched]
 
 
 def _number(text: str) -> float | None:

@@ -63,7 +63,8 @@ def _lenses(path: Path) -> dict[str, Lens]:
     for number, words in read_lines(path, FIX):
         numbers = finite([words[2], words[3], *words[4:]], len(words) - 2) if len(words) > 4 else None
         if numbers is None:
-            raise UserError(f"{path}, line {number}: not CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]: {' '.join(words)[:40]}", FIX)
+            begins = " ".join(words)[:40]
+            raise UserError(f"{path}, line {number}: not CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]: {begins}", FIX)
         found[words[0]] = lens_of(words[1], int(numbers[0]), int(numbers[1]), float(numbers[2]))
     return found
 

@@ -13,6 +13,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from sextant.data.image_files import natural_key
+from sextant.data.name_matching import NameMatches, match_names
 from sextant.data.places.problem_list import problem_list
 from sextant.data.positions import too_far
 from sextant.errors import UserError
@@ -74,22 +75,9 @@ class Reconstruction:
         """``world_from_camera`` of all images."""
         return np.stack([image.world_from_camera for image in self.images])
 
-    def rows_of(self, files: Sequence[str]) -> list[int | None]:
-        """The index of the image that each file is, or None.
-
-        A file matches an image if their paths share an ending that no others have: programs write paths relative to
-        different folders, or file names alone. nerfstudio's may lack the suffix.
-
-        Args:
-            files: paths relative to some folder, written with ``/``.
-        """
-        named, own = _by_ends(self.names), _by_ends(files)
-        found: list[int | None] = []
-        for file in files:
-            ends = [end for end in _ends(file) if own[end] is not None]
-            ends += [end.removesuffix(Path(end).suffix) for end in ends]
-            found.append(next((row for end in ends if (row := named.get(end)) is not None), None))
-        return found
+    def match(self, files: Sequence[str]) -> NameMatches:
+        """The image that each file is, by :func:`~sextant.data.name_matching.match_names`."""
+        return match_names(files, self.names)
 
 
 def reconstruction_of(path: Path, images: Iterable[PosedImage], remarks: Sequence[str] = ()) -> Reconstruction:
@@ -139,18 +127,3 @@ def finite(value: Any, *shape: int) -> Float64[ndarray, "..."] | None:
 def unusable(path: Path, problems: Sequence[str], what: str) -> UserError:
     """The error for a file with images that cannot be used."""
     return UserError(f"{path}: {len(problems)} images cannot be used\n{problem_list(problems)}", what)
-
-
-def _by_ends(names: Sequence[str]) -> dict[str, int | None]:
-    """Rows by all ends of their paths; None where two rows share one."""
-    found: dict[str, int | None] = {}
-    for row, name in enumerate(names):
-        for end in _ends(name):
-            found[end] = None if end in found else row
-    return found
-
-
-def _ends(name: str) -> list[str]:
-    """``a/b/c``, ``b/c`` and ``c``."""
-    parts = Path(name).parts
-    return ["/".join(parts[k:]) for k in range(len(parts))]
