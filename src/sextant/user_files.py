@@ -18,6 +18,8 @@ MARKS = (
 )  # fmt: skip
 #: beginnings of comments
 COMMENTS = ("#", "%", "//")
+#: comparing with more names than this would take long
+MOST_NAMES = 5000
 SEPARATORS = (";", ",", "\t", "|")
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 
@@ -29,16 +31,26 @@ def absent(path: Path | str) -> str:
         >>> absent("/usr/bim/env")
         '/usr/bim/env does not exist: there is no bim in /usr; did you mean /usr/bin?'
     """
-    missing = Path(path)
-    while not missing.parent.is_dir() and missing.parent != missing.parent.parent:
-        missing = missing.parent
+    missing, near = _first_missing(Path(path)), nearest_path(path)
+    where = "" if missing == Path(path) else f": there is no {missing.name} in {missing.parent}"
+    return f"{path} does not exist{where}" + (f"; did you mean {near}?" if near else "")
+
+
+def nearest_path(path: Path | str) -> Path | None:
+    """What exists beside the first part of a path that does not, by the most similar name; None if none is similar."""
+    missing = _first_missing(Path(path))
     try:
         there = {name.casefold(): name for name in os.listdir(missing.parent)}
     except OSError:
-        there = {}
-    near = difflib.get_close_matches(missing.name.casefold(), there, n=1)
-    where = "" if missing == Path(path) else f": there is no {missing.name} in {missing.parent}"
-    return f"{path} does not exist{where}" + (f"; did you mean {missing.parent / there[near[0]]}?" if near else "")
+        return None
+    near = difflib.get_close_matches(missing.name.casefold(), there, n=1) if len(there) <= MOST_NAMES else []
+    return missing.parent / there[near[0]] if near else None
+
+
+def _first_missing(path: Path) -> Path:
+    while not path.parent.is_dir() and path.parent != path.parent.parent:
+        path = path.parent
+    return path
 
 
 def read_text(path: Path | str, fix: str | None = None) -> str:

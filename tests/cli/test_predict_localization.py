@@ -197,9 +197,9 @@ def test_photos_in_the_output_folder_do_not_come_back_as_input(office, photos):
         (["input={empty}"], "no photo there"),
         ([], "input= is missing"),
         (["input={photos}", "odometry={short}"], "has 3 rows for 40 images, 0000.png to 0039.png"),
-        (["input={photos}", "odometry={none}"], "there is no such file"),
+        (["input={photos}", "odometry={none}"], "none.csv does not exist"),
         (["input={photos}", "odometry={columns}"], "has the columns a, b, c"),
-        (["input={photos}", "odometry={words}"], "row 1 is not a pose: 1,two,3"),
+        (["input={photos}", "odometry={words}"], "line 2 is not a pose: 1,two,3"),
         (["input={photos}", "every=2"], "every=2 applies to a video"),
         (["input={photos}", "particles=0"], "particles=0 must be a whole number from 1"),
         (["input={photos}", "start=here"], "start=here must be one of uniform, appearance"),
@@ -215,7 +215,7 @@ def test_mistakes_are_told_in_one_message(office, photos, tmp_path, arguments, s
     for folder in places.values():
         folder.mkdir()
     (places["bad"] / "a.png").write_bytes(b"x")
-    for name in ("a200.5.png", "b100.5.png"):
+    for name in ("a1305031102.5.png", "b1305031101.5.png"):
         shutil.copy(photos / "0000.png", places["disorder"] / name)
     texts = {"short": "0,0,0\n1,0,0\n2,0,0\n", "columns": "a,b,c\n1,2,3\n", "words": "x,y,theta\n1,two,3\n"}
     for name, text in texts.items():

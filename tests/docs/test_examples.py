@@ -60,6 +60,7 @@ def names(tmp_path, monkeypatch):
     for k in range(4):
         drawn(tmp_path / "photos" / f"{k}.png", (640, 480), glyphs=((100 + 90 * k, 150),))
     (tmp_path / "photos" / "broken.jpg").write_bytes(b"")
+    (tmp_path / "odometry.csv").write_text("x,y,theta\n0,0,0\n1,0,0.1\n")
     for light in ("day", "night"):
         tiny_places.ride(tmp_path / light, range(12), night=light == "night")
     image = np.zeros((12, 16, 3), np.uint8)

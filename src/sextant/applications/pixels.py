@@ -13,6 +13,7 @@ from sextant.applications.arguments import check_several
 from sextant.data.image_files import UnreadableImageError, decode_image, picture_bytes
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
+from sextant.user_files import absent
 
 Size = tuple[int, int, int]
 #: a file, an array of bytes, nested lists of them, or a Pillow image
@@ -51,7 +52,7 @@ def as_pixels(image: AnyImage, size: Size | None = None) -> UInt8[ndarray, "h w 
         if path.is_dir():
             raise UserError(f"{image} is a folder; an image is a file", "Give the file of an image.")
         if not path.is_file():
-            raise UserError(f"{image}: there is no such file", "Give the file of an image.")
+            raise UserError(absent(image), "Give the file of an image.")
         try:
             return decode_image(path, *(size or _own_size(path)))
         except UnreadableImageError as error:

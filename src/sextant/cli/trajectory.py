@@ -22,7 +22,7 @@ PICTURES = (".png", ".svg", ".pdf")
 
 
 class TrajectoryOptions(Options):
-    """What the user chose, apart from the two files (TUM, KITTI, COLMAP, OpenSfM, nerfstudio)."""
+    """What the user chose, apart from the two files (TUM, KITTI, table, COLMAP, OpenSfM, nerfstudio)."""
 
     max_gap_s: float = Field(0.01, ge=0)
     """largest difference of times, in seconds, for two poses of TUM files to be of one frame"""

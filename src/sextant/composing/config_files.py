@@ -10,6 +10,7 @@ import yaml
 
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir
+from sextant.user_files import absent
 
 #: folders of YAML files that are not options of a config
 NO_GROUPS = ("claim",)
@@ -32,7 +33,7 @@ def own_configs(folder: str | Path | None) -> Iterator[None]:
         return
     path = Path(folder).expanduser().absolute()
     if not path.is_dir():
-        raise UserError(f"config_dir={folder}: there is no such folder", "Its files are <group>/<option>.yaml.")
+        raise UserError(f"config_dir={absent(folder)}", "Its files are <group>/<option>.yaml.")
     before = _OWN.set((*_OWN.get(), path))
     try:
         yield

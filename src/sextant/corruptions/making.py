@@ -19,6 +19,7 @@ from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
 from sextant.corruptions.eight_bit import to_bytes
 from sextant.errors import UserError
+from sextant.user_files import absent
 
 Images = NDArray[np.uint8]
 Corruptions = Mapping[str, BenchmarkCorruption[Any, Any]]
@@ -60,7 +61,7 @@ def read_array(path: Path, name: str) -> NDArray[Any]:
     try:
         loaded = np.load(path.expanduser(), mmap_mode="r", allow_pickle=False)
     except FileNotFoundError:
-        raise UserError(f"{name}: there is no such file") from None
+        raise UserError(f"{name}: {absent(path.expanduser())}") from None
     except (OSError, ValueError, EOFError) as error:
         reason = str(error).splitlines()[0] if str(error) else "it is cut off"
         raise UserError(f"{name} cannot be read: {reason}", "It must be a complete .npy file of numbers.") from None

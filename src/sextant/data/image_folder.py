@@ -11,7 +11,15 @@ from PIL import Image, ImageOps
 
 from sextant.data.image_files import FORMATS, SUFFIXES, eight_bits, require_sides
 from sextant.data.photo_files import image_paths, is_hidden
-from sextant.data.source import ImageSource, ImageSpec, LabelledImages, MissingDataError, Split, channels_first
+from sextant.data.source import (
+    ImageSource,
+    ImageSpec,
+    LabelledImages,
+    MissingDataError,
+    Split,
+    channels_first,
+    first_folder,
+)
 from sextant.data.upright import upright
 from sextant.errors import ArgumentError, UserError
 
@@ -60,14 +68,8 @@ class ImageFolder(ImageSource):
         return classes
 
     def _root(self) -> Path:
-        if self.folder is None:
-            places = "\n".join(f"  {path}" for path in dict.fromkeys(self.looked))
-            raise MissingDataError(
-                f"folder: no such folder. Looked for\n{places}",
-                "Give a folder with one sub-folder a class: folder=/path/to/images. "
-                "Without images of your own: dataset=digits",
-            )
-        return self.folder
+        fix = "Give a folder with one sub-folder a class: folder=/path/to/images. Without images of your own: "
+        return first_folder(self.looked, "folder", f"{fix}dataset=digits")
 
     def _has_splits(self) -> bool:
         return all((self._root() / split).is_dir() for split in ("train", "test"))

@@ -14,6 +14,7 @@ from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
 from sextant.errors import ArgumentError, UserError
+from sextant.user_files import nearest_path
 
 Split = Literal["train", "test"]
 SPLITS: tuple[Split, ...] = ("train", "test")
@@ -100,7 +101,9 @@ def first_folder(looked: Sequence[Path], key: str, fix: str) -> Path:
         if path.is_dir():
             return path
     places = "\n".join(f"  {path}" for path in dict.fromkeys(looked))
-    raise MissingDataError(f"{key}: no such folder. Looked for\n{places}", fix)
+    near = next(filter(None, map(nearest_path, looked)), None)
+    hint = f"Did you mean {near}? " if near else ""
+    raise MissingDataError(f"{key}: no such folder. Looked for\n{places}", f"{hint}{fix}")
 
 
 def find_folder(roots: Sequence[Path | str], folder: str, names: Sequence[str], *, dataset: str, source: str) -> Path:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from sextant.config.schema.places.parts import OffTheShelf
 from sextant.data.source import file_sha256
 from sextant.errors import ArgumentError, UserError
+from sextant.user_files import absent
 
 if TYPE_CHECKING:
     from torch import nn
@@ -47,7 +48,7 @@ def weights_identity(shelf: OffTheShelf, outputs: Path) -> str:
     path = Path(shelf.weights).expanduser()
     if not path.is_file():
         raise UserError(
-            f"{KEY}.weights={shelf.weights}: there is no such file",
+            f"{KEY}.weights={absent(path)}",
             f"Give the state dict of a {shelf.network}, or weights: imagenet, which are fetched. "
             "For a run of Sextant, or a published .pth.tar, leave out network.",
         )

@@ -4,6 +4,8 @@ from data.reconstructions.written import colmap_text, nerfstudio
 from scipy.spatial.transform import Rotation
 
 from sextant.applications.localization.trajectories import compare_trajectories
+from sextant.applications.localization.written_poses import COLUMNS
+from sextant.data.reconstructions import read_reconstruction
 from sextant.errors import UserError
 
 
@@ -113,6 +115,30 @@ def test_reconstructions_are_joined_by_the_names_of_images(tmp_path):
         compare_trajectories(one, nothing)
     with pytest.raises(UserError, match=r"\(colmap\) by names of images, .*\(KITTI\) by lines"):
         compare_trajectories(one, write_kitti_file(tmp_path / "a.txt", poses))
+
+
+def test_tables_are_joined_by_the_names_of_images_also_the_one_that_localization_writes(tmp_path):
+    headings = np.linspace(0, 300, 12)
+    rows = [(f"{i}.jpg", 2.0 * i, 0.1 * i * i, heading) for i, heading in enumerate(headings)]
+    truth, own = tmp_path / "truth.csv", tmp_path / "poses.csv"
+    truth.write_text("\n".join(["file;x;y;heading", *(";".join(map(str, row)).replace(".", ",") for row in rows)]))
+    truth.write_text(truth.read_text().replace(",jpg", ".jpg"))
+    said = [f"{name},{x + 1},{y},{heading - 3},0.1,0.1,1,1,1,false,,0,0" for name, x, y, heading in rows[2:]]
+    own.write_text("\n".join([",".join(COLUMNS), *said]))
+    found = compare_trajectories(truth, own)
+    assert (len(found.reference), found.reference_frames, found.estimate_frames) == (10, 12, 10)
+    assert found.absolute_m["none"].rmse == pytest.approx(1)
+    assert found.absolute_deg["none"].max == pytest.approx(3)
+    cameras = read_reconstruction(colmap_text(tmp_path / "images.txt", ["0.jpg"], poses_along(1)), "colmap")
+    assert compare_trajectories(truth, tmp_path / "images.txt").absolute_m["none"].max == pytest.approx(0)
+    assert cameras.names == ["0.jpg"]
+    tum = write_tum_file(tmp_path / "truth.tum", np.arange(3.0), poses_along(3))
+    write_tum_file(tmp_path / "trajectory.tum", np.arange(3.0), poses_along(3))
+    with pytest.raises(UserError, match=r"\(TUM\) by times, .*\(table\) by names of images\nGive .*trajectory.tum"):
+        compare_trajectories(tum, own)
+    truth.write_text("file,x,y\n0.jpg,1,2\n")
+    with pytest.raises(UserError, match=r"truth.csv has no column heading"):
+        compare_trajectories(truth, own)
 
 
 def test_clocks_that_never_meet(tmp_path):

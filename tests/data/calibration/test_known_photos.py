@@ -159,7 +159,7 @@ def test_panoramas_of_one_scene_are_not_independent_and_a_photo_among_them_is_na
     [
         ("t.csv", b"file,f_px\n,90\n", "line 2 has no file"),
         ("t.csv", b"file,f_px\n\xff\xfe,90\n", "cannot be read: byte 10 is not of text in UTF-8"),
-        ("t.csv", b"file,f_px\na.png,90,5\n", "line 2: 3 values for 2 columns: decimal commas? Separate cells by ;"),
+        ("t.csv", b"file,f_px\na.png,90,5\n", "line 2: 3 values for 2 columns: decimal commas"),
         ("calibration_computed.json", b"{", "has no focal length of a camera"),
         ("calibration_computed.json", b'{"K": []}', "has no focal length of a camera"),
         ("K.txt", b"", "has no focal length of a camera"),

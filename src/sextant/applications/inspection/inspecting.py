@@ -8,7 +8,7 @@ from typing import Any
 from sextant.applications.inspection.files import found_files
 from sextant.applications.inspection.gps import extent_m, poses_by_gps, positions
 from sextant.applications.inspection.photos import camera_groups, described, duplicates, panoramas, read_headers
-from sextant.applications.inspection.poses import FoundPoses, found_poses
+from sextant.applications.inspection.poses import FoundPoses, found_poses, separate_models
 from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.suggestion import Suggestion
 from sextant.applications.inspection.suggestions import suggestions
@@ -16,6 +16,7 @@ from sextant.applications.inspection.times import folders_of_photos
 from sextant.applications.inspection.videos import FoundVideo, found_video
 from sextant.errors import ArgumentError
 from sextant.reporter import SILENT, Progress
+from sextant.user_files import absent
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,7 @@ def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspecti
     """
     given = Path(input).expanduser()
     if not given.exists():
-        raise ArgumentError(f"input={given}: there is no such file or folder", "Give a folder of photos, or a video.")
+        raise ArgumentError(f"input={absent(given)}", "Give a folder of photos, or a video.")
     folder = given if given.is_dir() else given.parent
     files = found_files(given)
     with progress("reading headers", "images") as advance:
@@ -158,6 +159,7 @@ def _remarks(seen: Seen) -> list[str]:
                 f"{each.same_stem[0]} and {each.same_stem[1]}"
             )
     said += [f"{link.as_posix()} is a link to a folder and was not followed" for link in seen.files.links]
+    said += filter(None, [separate_models(seen.poses)])
     return said + [line for each in seen.poses for line in _remarks_on_poses(each)]
 
 

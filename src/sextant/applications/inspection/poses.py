@@ -66,6 +66,23 @@ class FoundPoses:
     names: tuple[str, ...] = field(default=(), repr=False)
 
 
+def separate_models(poses: Sequence[FoundPoses]) -> str:
+    """What COLMAP's several models of the same images are, each in a frame of its own; "" if there is but one."""
+    models: dict[Path, FoundPoses] = {}
+    for each in poses:  # a model may be exported as text beside its binary files
+        if each.format == "colmap" and not each.problem:
+            models.setdefault(each.file.parent, each)
+    for folder in dict.fromkeys(path.parent for path in models):
+        beside = sorted((each for path, each in models.items() if path.parent == folder), key=lambda each: -each.posed)
+        if len(beside) > 1 and folder not in models:
+            named = ", ".join(f"{each.file.as_posix()} ({each.posed:,} images)" for each in beside)
+            return (
+                f"{len(beside)} reconstructions, each in a frame of its own: {named}; the largest is used; another is "
+                "chosen by dataset.pose_file=<file>, or by map=<file> of sextant walk"
+            )
+    return ""
+
+
 def found_poses(folder: Path, file: Path, images: Sequence[Path]) -> FoundPoses | None:
     """Read the poses of a file; None if it has none.
 

@@ -6,6 +6,7 @@ from itertools import combinations
 from sextant.applications.inspection.poses import FoundPoses
 from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.suggestion import Suggestion, command
+from sextant.data.name_matching import match_names
 from sextant.data.reconstructions import NAMED_FORMATS
 
 #: largest number of commands
@@ -32,7 +33,8 @@ def _same_frames(one: FoundPoses, other: FoundPoses) -> bool:
     if one.images is not None and other.images is not None and one.images != other.images:
         return False  # two drives
     if one.format in NAMED_FORMATS and other.format in NAMED_FORMATS:
-        return bool(set(one.names) & set(other.names)) and one.file.with_suffix("") != other.file.with_suffix("")
+        same = match_names(one.names, other.names)
+        return any(row is not None for row in same.rows) and one.file.with_suffix("") != other.file.with_suffix("")
     if one.format != other.format:
         return False
     if one.times_s is not None and other.times_s is not None:

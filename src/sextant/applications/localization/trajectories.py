@@ -9,12 +9,15 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from sextant.data.localization.pose_formats import read_kitti, read_tum_matrices
+from sextant.data.places.pose_files import read_pose_table
 from sextant.data.reconstructions import (
     NAMED_FORMATS,
     NamedFormat,
+    PosedImage,
     Reconstruction,
     named_format,
     read_reconstruction,
+    reconstruction_of,
 )
 from sextant.errors import ArgumentError, UserError
 from sextant.evaluation.localization.trajectory_error import (
@@ -25,11 +28,14 @@ from sextant.evaluation.localization.trajectory_error import (
     relative_errors,
     segment_errors,
 )
+from sextant.user_files import read_lines, table_header
 
+Format = Literal["TUM", "KITTI", "table"] | NamedFormat
 #: numbers in a line -> format
-COLUMNS: dict[int, Literal["TUM", "KITTI"]] = {8: "TUM", 12: "KITTI"}
+COLUMNS: dict[int, Format] = {8: "TUM", 12: "KITTI"}
+BY_NAME: tuple[Format, ...] = (*NAMED_FORMATS, "table")
 #: how poses of two files are matched, by format
-JOINED_BY: dict[str, str] = {"TUM": "times", "KITTI": "lines", **dict.fromkeys(NAMED_FORMATS, "names of images")}
+JOINED_BY: dict[str, str] = {"TUM": "times", "KITTI": "lines", **dict.fromkeys(BY_NAME, "names of images")}
 
 
 @dataclass(frozen=True)
@@ -114,11 +120,13 @@ def compare_trajectories(
 ) -> TrajectoryComparison:
     """Compare two files of poses, both in TUM's format (matched by nearest time) or both in KITTI's (by line).
 
-    Files of COLMAP, OpenSfM and nerfstudio can be compared with each other; they are matched by image names.
+    Files of COLMAP, OpenSfM and nerfstudio and tables ``file,x,y,heading`` (degrees; also the ``poses.csv`` that
+    localization writes) can be compared with each other; they are matched by image names. A table's cameras look along
+    the ground, whose normal is z.
 
     Args:
-        reference, estimate: lines of ``timestamp tx ty tz qx qy qz qw``, or of the 12 numbers of a 3x4 matrix; or
-            ``images.txt``, ``images.bin``, ``reconstruction.json``, ``transforms.json``.
+        reference, estimate: lines of ``timestamp tx ty tz qx qy qz qw``, or of the 12 numbers of a 3x4 matrix; or a
+            table, ``images.txt``, ``images.bin``, ``reconstruction.json``, ``transforms.json``.
         max_gap_s: largest time difference between poses of one frame, in seconds.
 
     Raises:
@@ -134,9 +142,11 @@ def compare_trajectories(
     formats = {str(path): pose_format(path) for path in (reference, estimate)}
     if len({JOINED_BY[form] for form in formats.values()}) > 1:
         said = ", ".join(f"{path} ({form}) by {JOINED_BY[form]}" for path, form in formats.items())
-        raise UserError(f"these poses cannot be joined: {said}", "Convert one of them to the format of the other.")
-    named = [read_reconstruction(Path(path), form) for path, form in formats.items() if form in NAMED_FORMATS]
-    if named:
+        timed = next((each for path, form in formats.items() if form == "table" and "TUM" in formats.values()
+                      and (each := Path(path).with_name("trajectory.tum")).is_file()), None)  # fmt: skip
+        fix = f"Give {timed}, which has times." if timed else "Convert one of them to the format of the other."
+        raise UserError(f"these poses cannot be joined: {said}", fix)
+    if named := [_named(Path(path), form) for path, form in formats.items() if form in BY_NAME]:
         return _compare_named(named[0], named[-1])
     if "KITTI" in formats.values():
         truth, guess = read_kitti(reference), read_kitti(estimate)
@@ -158,7 +168,7 @@ def compare_trajectories(
     return _compare(truth[rows], guess[own_rows], len(truth), len(guess))
 
 
-def pose_format(path: Path | str) -> Literal["TUM", "KITTI"] | NamedFormat:
+def pose_format(path: Path | str) -> Format:
     """The format of a file of poses, by its name and first line.
 
     Raises:
@@ -166,18 +176,29 @@ def pose_format(path: Path | str) -> Literal["TUM", "KITTI"] | NamedFormat:
     """
     if (named := named_format(Path(path))) is not None:
         return named
-    try:
-        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} cannot be read: {error}", "A file of poses, a line each.") from None
-    first = next((line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")), [])
+    lines = read_lines(path, "A file of poses, a line each.")
+    if {"file", "x", "y"} <= set(table_header(Path(path))):
+        return "table"
+    first = lines[0][1] if lines else []
     if len(first) not in COLUMNS:
         raise UserError(
             f"{path}: {len(first)} numbers in its first line are no pose",
-            "8 a line: timestamp tx ty tz qx qy qz qw (TUM), or 12: the rows of a 3x4 matrix (KITTI); or a file of "
-            "COLMAP, OpenSfM or nerfstudio.",
+            "8 a line: timestamp tx ty tz qx qy qz qw (TUM), or 12: the rows of a 3x4 matrix (KITTI); or a table "
+            "file,x,y,heading; or a file of COLMAP, OpenSfM or nerfstudio.",
         )
     return COLUMNS[len(first)]
+
+
+def _named(path: Path, form: Format) -> Reconstruction:
+    if form in NAMED_FORMATS:
+        return read_reconstruction(path, form)
+    images = []
+    for name, row in read_pose_table(path).items():
+        if row.heading_deg is None:
+            raise UserError(f"{path} has no column heading (degrees)", "file,x,y,heading\nfirst.jpg,12.5,-3.0,90")
+        c, s = np.cos(np.radians(row.heading_deg)), np.sin(np.radians(row.heading_deg))
+        images.append(PosedImage(name, np.array([[s, 0, c, row.x], [-c, 0, s, row.y], [0, -1, 0, 0], [0, 0, 0, 1.0]])))
+    return reconstruction_of(path, images)
 
 
 def _compare_named(reference: Reconstruction, estimate: Reconstruction) -> TrajectoryComparison:

@@ -8,6 +8,7 @@ from typing import Literal
 
 from sextant.data.photo_files import find_photos
 from sextant.errors import ArgumentError
+from sextant.user_files import absent
 
 #: file that a folder of descriptors contains; see :mod:`~sextant.applications.places.saved_map`
 HEADER = "map.json"
@@ -79,8 +80,8 @@ def photos_below(
     if path.is_file() and one:
         return PhotoFolder(path.parent, (path.name,))
     if not path.is_dir():
-        what = "is a file, not a folder" if path.is_file() else "there is no such folder"
-        raise ArgumentError(f"{key}={given}: {what}", f"Give a folder of photos: {key}=/path/to/photos")
+        what = f"{given}: is a file, not a folder" if path.is_file() else absent(path)
+        raise ArgumentError(f"{key}={what}", f"Give a folder of photos: {key}=/path/to/photos")
     from sextant.data.image_files import natural_key
 
     names = [found.relative_to(path).as_posix() for found in find_photos(str(path), output, key)]

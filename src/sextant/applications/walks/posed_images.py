@@ -8,9 +8,10 @@ from numpy import ndarray
 
 from sextant.applications.inspection.drives import axes
 from sextant.applications.inspection.files import found_files
-from sextant.applications.inspection.poses import FoundPoses, found_poses
+from sextant.applications.inspection.poses import FoundPoses, found_poses, separate_models
 from sextant.data.localization.pose_folder import PoseFolder
 from sextant.errors import ArgumentError, UserError
+from sextant.user_files import absent
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ def posed_images(folder: Path | str, *, skip_bad: bool = False) -> PosedImages:
     plane that the camera moved in, as ``sextant inspect`` finds it.
 
     Args:
-        folder: folder with images and one such file.
+        folder: folder with images and one such file; or the file, at most two folders below the images' folder.
         skip_bad: leave out images at exactly the pose of another, which are otherwise an error.
 
     Raises:
@@ -48,25 +49,29 @@ def posed_images(folder: Path | str, *, skip_bad: bool = False) -> PosedImages:
         >>> found.poses.shape  # doctest: +SKIP
         (240, 3)
     """
-    folder = Path(folder).expanduser()
-    if not folder.is_dir():
-        raise ArgumentError(f"map={folder}: there is no such folder", "Give a folder of images with poses.")
+    given = folder = Path(folder).expanduser()
+    if not given.exists():
+        raise ArgumentError(f"map={absent(given)}", "Give a folder of images with poses.")
+    if given.is_file():
+        folder = next((each for each in given.parents[:3] if found_files(each).images), given.parent)
     files = found_files(folder)
-    tables = [each for file in files.tables if (each := found_poses(folder, file, files.images)) is not None]
+    chosen = files.tables if given == folder else (given.relative_to(folder),)
+    tables = [each for file in chosen if (each := found_poses(folder, file, files.images)) is not None]
     problems = {each.file: _problem(each) for each in tables}
     usable = [each for each in tables if each.posed and not problems[each.file]]
     best = max(usable, key=lambda each: each.posed, default=None)
+    models = separate_models(tables)
     try:
         paths, poses, notes = _source(folder, best, skip_bad).mapped_images()
     except UserError as error:
         if best is not None:
-            raise
+            raise UserError(f"{error.problem}\n{models}".rstrip(), error.fix) from None
         told = "".join(f"\n  {file}: {problem}" for file, problem in problems.items() if problem)
         raise ArgumentError(
             f"map={folder}: no file there has poses of its images, nor has their EXIF{told}",
             f"sextant inspect {folder} says what was found; poses.csv with file,x,y,heading is the simplest.",
         ) from error
-    remarks = best.remarks if best is not None else ()
+    remarks = (*(best.remarks if best is not None else ()), *filter(None, [models]))
     return PosedImages(paths, poses, folder if best is None else folder / best.file, (*remarks, *notes))
 
 

@@ -11,6 +11,7 @@ from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.data.photo_files import find_photos
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
+from sextant.user_files import absent
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,8 @@ def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
     options, output = DetectionOptions.of(given), Path(given["output"]).expanduser()
     prototype = Path(given["prototype"]).expanduser()
     if not prototype.is_file():
-        what = "is a folder, not one image" if prototype.is_dir() else "there is no such file"
-        raise UserError(f"prototype={given['prototype']}: {what}", "Give one image that shows what is looked for.")
+        what = f"{prototype} is a folder, not one image" if prototype.is_dir() else absent(prototype)
+        raise UserError(f"prototype={what}", "Give one image that shows what is looked for.")
     size = _upright_size(prototype)
     if options.point is not None and size is not None:
         check_point(options.point, size)

@@ -7,6 +7,7 @@ from pydantic import Field, field_validator
 
 from sextant.cli.arguments import Options, UserPath
 from sextant.errors import UserError
+from sextant.user_files import absent
 
 OUTPUT = "localization"
 
@@ -39,5 +40,5 @@ class LocalizingOptions(Options):
         if path is not None and path.is_dir():
             raise UserError(f"odometry={path} is a folder", "Name the file in it: a table, or a trajectory of TUM.")
         if path is not None and not path.is_file():
-            raise UserError(f"odometry={path}: there is no such file", "Leave it out if there is none.")
+            raise UserError(f"odometry={absent(path)}", "Leave it out if there is none.")
         return path

@@ -3,6 +3,8 @@
 from sextant.data.localization.drive import Drive
 from sextant.data.localization.drive_settings import DriveSettings
 from sextant.data.localization.localization_data import LocalizationData, ProtocolName
+from sextant.data.localization.motions import motions_along
+from sextant.data.localization.odometry_file import read_odometry
 from sextant.data.localization.pose_folder import PoseFolder
 from sextant.data.localization.source import LocalizationSource, as_localization_source
 
@@ -14,4 +16,6 @@ __all__ = [
     "PoseFolder",
     "ProtocolName",
     "as_localization_source",
+    "motions_along",
+    "read_odometry",
 ]

@@ -23,7 +23,17 @@ def compose(a: Float64[ndarray, "n 3"], b: Float64[ndarray, "n 3"]) -> Float64[n
 
 
 def motions_along(poses: Float64[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
-    """The motions between consecutive poses; the first is zero."""
+    """The motions between consecutive poses, as ``Localizer.step`` takes them; the first is zero.
+
+    Args:
+        poses: x and y in metres and headings in rad, counter-clockwise, in any frame of reference.
+
+    Example:
+        >>> motions_along(np.array([[0, 0, 0], [2, 0, np.pi / 2], [2, 1, np.pi / 2]])).round(2)
+        array([[0.  , 0.  , 0.  ],
+               [2.  , 0.  , 1.57],
+               [1.  , 0.  , 0.  ]])
+    """
     return np.concatenate([np.zeros((min(1, len(poses)), 3)), between(poses[:-1], poses[1:])])
 
 

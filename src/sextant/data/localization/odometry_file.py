@@ -60,12 +60,13 @@ class OdometryFile:
     timed_rows: bool = False
 
 
-def read_odometry(path: Path) -> OdometryFile:
+def read_odometry(path: Path | str) -> OdometryFile:
     """Read a table if the first line that is not a comment has commas, otherwise TUM.
 
     Raises:
         UserError: it is neither; the message names the file and the line.
     """
+    path = Path(path)
     table = _telling(read_table, path)
     first = " ".join(table.header)
     if len(first.split()) == 8 and table.separator != ";" and (len(table.header) == 1 or table.separator == "\t"):

@@ -88,12 +88,12 @@ def read_kitti(path: Path | str) -> Float64[ndarray, "n 4 4"]:
     """Read ``world_from_body`` from a KITTI file; see :func:`~sextant.worlds.trajectories.load_kitti_poses`.
 
     Raises:
-        UserError: as there, or a position is implausibly far away; the message names the pose.
+        UserError: as there, or a position is implausibly far away; the message names the line.
     """
     poses = load_kitti_poses(path)
-    for number, position in enumerate(poses[:, :3, 3].tolist(), start=1):
+    for (number, _), position in zip(read_lines(path), poses[:, :3, 3].tolist(), strict=True):
         if far := too_far(position):
-            raise UserError(f"{path}, pose {number}: {far}", "Correct this line.")
+            raise UserError(f"{path}, line {number}: {far}", "Correct this line.")
     return poses
 
 

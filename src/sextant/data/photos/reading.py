@@ -18,6 +18,7 @@ from sextant.data.photos.photo import Photo
 from sextant.data.photos.pixels import rgb_bytes
 from sextant.data.upright import TURN, exif_orientation
 from sextant.errors import UserError
+from sextant.user_files import absent
 
 #: formats that are decoded; none whose decoder runs another program, as that of EPS does
 FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "JPEG2000", "AVIF")
@@ -43,7 +44,7 @@ def read_photo(path: Path) -> Photo:
     if path.is_dir():
         raise UserError(f"{path} is a folder; a photo is a file", "Give the file of a photo.")
     if not path.is_file():
-        raise UserError(f"{path}: no such file")
+        raise UserError(absent(path))
     size = path.stat().st_size
     if size == 0:
         raise UserError(f"{path} is empty (0 bytes)", "Copy the photo again.")

@@ -9,6 +9,7 @@ from sextant.data.photo_files import images_below
 from sextant.data.places.problem_list import problem_list
 from sextant.data.source import MissingDataError
 from sextant.errors import ArgumentError
+from sextant.user_files import absent
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ def traverse_files(traverses: Mapping[str, Path], key: str) -> dict[str, list[Pa
     for name, folder in resolved.items():
         if not folder.is_dir():
             raise MissingDataError(
-                f"{within}{name}={traverses[name]}: no such folder", f"Give a folder of images: {within}{name}=<folder>"
+                f"{within}{name}={absent(traverses[name])}", f"Give a folder of images: {within}{name}=<folder>"
             )
         for other, around in resolved.items():
             if other != name and (folder == around or around in folder.parents):

@@ -6,6 +6,15 @@ if that program knew the scale.
 """
 
 from sextant.data.reconstructions.reading import NAMED_FORMATS, NamedFormat, named_format, read_reconstruction
-from sextant.data.reconstructions.reconstruction import Lens, Reconstruction
+from sextant.data.reconstructions.reconstruction import Lens, PosedImage, Reconstruction, reconstruction_of
 
-__all__ = ["NAMED_FORMATS", "Lens", "NamedFormat", "Reconstruction", "named_format", "read_reconstruction"]
+__all__ = [
+    "NAMED_FORMATS",
+    "Lens",
+    "NamedFormat",
+    "PosedImage",
+    "Reconstruction",
+    "named_format",
+    "read_reconstruction",
+    "reconstruction_of",
+]
