@@ -67,7 +67,7 @@ def read_text(path: Path | str, fix: str | None = None) -> str:
         raise UserError(f"{path} cannot be read: {error.strerror}", fix) from None
     encoding = next((name for mark, name in MARKS if content.startswith(mark)), "utf-8")
     try:
-        text = content.decode(encoding)
+        text = content.decode(encoding).lstrip("\ufeff")
         zero = text.find("\0")
     except UnicodeDecodeError as error:
         zero = error.start

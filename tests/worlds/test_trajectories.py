@@ -90,3 +90,18 @@ def test_the_real_sequences_are_read(real_data):
     named = [float(name.split("_a")[1].removesuffix(".jpeg")) for name in drive.images]
     assert np.abs(np.angle(np.exp(1j * (drive.poses[:, 2] - named)))).max() < 1e-5
     assert len(load_kitti_poses(real_data / "kitti" / "poses" / "00.txt")) == 4541
+
+
+@pytest.mark.parametrize("mark", ["", "\ufeff", "# r11 r12 ...\n", "\n\n% made by hand\n"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", " \n", "\t\r\n", ",\n"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_kitti_files_of_other_programs(tmp_path, mark, end, encoding):
+    lines = [IDENTITY, IDENTITY.replace(" ", "\t"), "", IDENTITY.replace(" ", "  ")]
+    (path := tmp_path / "poses").write_bytes((mark + end.join(lines) + end).encode(encoding))
+    assert np.array_equal(load_kitti_poses(path), np.tile(np.eye(4), (3, 1, 1)))
+
+
+def test_lines_are_counted_with_comments(tmp_path):
+    (path := tmp_path / "poses").write_text(f"# a\n\n{IDENTITY}\n{IDENTITY.replace('1', 'inf')}\n")
+    with pytest.raises(UserError, match="line 4: 12 finite numbers are expected, got 12 words: inf 0 0"):
+        load_kitti_poses(path)

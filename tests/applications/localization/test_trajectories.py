@@ -78,7 +78,7 @@ def test_a_straight_line_has_no_alignment_and_says_so(tmp_path):
     ("write", "said"),
     [
         (lambda folder, poses: (folder / "b.txt").write_text("1 2 3\n"), "3 numbers in its first line are no pose"),
-        (lambda folder, poses: None, "b.txt cannot be read"),
+        (lambda folder, poses: None, "b.txt does not exist"),
         (
             lambda folder, poses: write_kitti_file(folder / "b.txt", poses + np.eye(4)[3] * [[1e160], [0], [0], [0]]),
             r"b.txt, line 1: the position \(1e\+160, 0, 0\) is further away than 1e\+09",

@@ -6,6 +6,7 @@ from data.places.gps_pictures import add_gps
 from data.reconstructions.written import WRITERS
 from PIL import Image
 
+from sextant.applications.inspection import inspect
 from sextant.applications.walks.posed_images import posed_images
 from sextant.data.localization.pose_formats import write_tum
 from sextant.errors import UserError
@@ -98,5 +99,38 @@ def test_without_poses_it_says_what_was_looked_for(images):
     (images / "poses.csv").write_text("")
     with pytest.raises(UserError, match=r"poses.csv: columns \(none\)"):
         posed_images(images)
-    with pytest.raises(UserError, match="there is no such folder"):
+    with pytest.raises(UserError, match="gone does not exist"):
         posed_images(images / "gone")
+
+
+def test_of_several_models_the_largest_is_used_and_another_can_be_chosen(images):
+    for model, count in ((0, COUNT), (1, 4)):
+        folder = images / "sparse" / str(model)
+        folder.mkdir(parents=True)
+        WRITERS["colmap"][1](
+            folder / "images.bin", NAMES[:count], in_space(POSES[:count] + np.array([50.0 * model, 0, 0]))
+        )
+    found = posed_images(images)
+    assert found.source == images / "sparse/0/images.bin"
+    said = (
+        "2 reconstructions, each in a frame of its own: sparse/0/images.bin (6 images), sparse/1/images.bin (4 images)"
+    )
+    assert any(said in remark for remark in found.remarks)
+    assert any(said in remark for remark in inspect(images).remarks)
+    for name in NAMES[4:]:
+        (images / "images" / name).unlink()
+    chosen = posed_images(images / "sparse/1/images.bin")
+    assert np.allclose(chosen.poses[:, 0], POSES[:4, 0] + 50)
+    with pytest.raises(UserError, match=r"map=.*imagse does not exist; did you mean .*images\?"):
+        posed_images(images / "imagse")
+
+
+def test_a_partial_model_beside_another_is_refused_with_both(images):
+    for model, names in ((0, NAMES[:4]), (1, NAMES[4:])):
+        folder = images / "sparse" / str(model)
+        folder.mkdir(parents=True)
+        WRITERS["colmap"][1](folder / "images.bin", names, in_space(POSES[: len(names)]))
+    with pytest.raises(
+        UserError, match=r"2 of 6 images have no pose(.|\n)*2 reconstructions, each in a frame of its own"
+    ):
+        posed_images(images)

@@ -117,3 +117,66 @@ def test_topics_are_of_bags_alone(tmp_path):
     Image.fromarray(PICTURE).save(tmp_path / "1.png")
     with pytest.raises(UserError, match="image_topic=/camera is of a ROS bag"):
         open_drive(str(tmp_path), None, tmp_path / "out", image_topic="/camera")
+
+
+@pytest.mark.parametrize(
+    ("turned", "usable"),
+    [
+        ((0, 0, 0, 0), False), ((np.nan, 0, 0, 1), False), ((0, 0, 0, np.nan), False), ((np.inf, 0, 0, 1), False),
+        ((0, 0, 0, 2), False), ((0, 0, 0, 0.5), False), ((0, 0, 0.7, 0.2), False), ((1e-9, 0, 0, 0), False),
+        ((0, 0, 0, 1), True), ((0, 0, 0, -1), True), ((0, 0, 0.6, 0.8), True), ((0, 0, 0, 1.005), True),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("all_of_them", [True, False])
+def test_orientations_that_are_none_are_left_out_and_said(bags, tmp_path, turned, usable, all_of_them):
+    messages = [("/camera", t, bags.image(t, PICTURE)) for t in (1, 2, 3, 4)]
+    for t in (1, 2, 3, 4):
+        odometry = bags.odometry(t, x=2.0 * t, heading=0.0)
+        if all_of_them or t == 2:
+            quaternion = dict(zip("xyzw", map(float, turned), strict=True))
+            odometry.pose.pose.orientation = bags.new("geometry_msgs/msg/Quaternion", **quaternion)
+        messages.append(("/odom", t, odometry))
+    path = bags.write(tmp_path, sorted(messages, key=lambda message: message[1]))
+    drive = open_drive(str(path), None, tmp_path / "out")
+    if usable:
+        assert drive.remarks == []
+    else:
+        count = "4 of 4" if all_of_them else "1 of 4"
+        assert (
+            f"odometry of /odom: {count} poses cannot be used, such as number {1 if all_of_them else 2}"
+            in drive.remarks[0]
+        )
+    if usable or not all_of_them:
+        assert [round(float(np.hypot(*motion[:2])), 6) for motion in drive.motions[1:]] == [2.0] * 3
+    else:
+        assert drive.motions == [None] * 4
+        with pytest.raises(UserError, match=r"odometry_topic=/odom: odometry of /odom: 4 of 4 poses cannot be used"):
+            open_drive(str(path), None, tmp_path / "out", odometry_topic="/odom")
+
+
+@pytest.mark.parametrize(
+    ("files", "given", "said"),
+    [
+        (
+            {"drive.bag": b"a few words"},
+            "drive.bag",
+            r"begins with b'a few words', and a ROS 1 bag with b'#ROSBAG V2.0'",
+        ),
+        ({"drive.bag": b""}, "drive.bag", r"It begins with b''"),
+        ({"drive.bag": b"#ROSBAG V2.0\n"}, "drive.bag", r"rosbag reindex"),
+        ({"drive/metadata.yaml": b"a: 1"}, "drive", r"a folder with metadata.yaml and a .db3 or .mcap file"),
+        ({"drive/metadata.yaml": b"a: [", "drive/a.db3": b""}, "drive", r"ros2 bag reindex .*drive"),
+    ],
+)
+def test_what_is_no_bag_is_told_what_one_is(tmp_path, files, given, said):
+    for name, content in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(UserError, match=rf"{given} cannot be read as a ROS bag.*\n.*{said}"):
+        open_rosbag(tmp_path / given)
+
+
+def test_a_bag_that_does_not_exist_says_so(tmp_path):
+    (tmp_path / "drive.bag").write_bytes(b"")
+    with pytest.raises(UserError, match=r"input=.*drives\.bag does not exist; did you mean .*drive\.bag\?"):
+        open_drive(str(tmp_path / "drives.bag"), None, tmp_path / "out")

@@ -173,3 +173,51 @@ def test_other_files_are_not_taken_for_reconstructions(file, content, tmp_path):
     (tmp_path / file).write_text(content)
     assert named_format(tmp_path / file) is None
     assert named_format(tmp_path / "gone.txt") is None
+
+
+# -- COLMAP's text with and without points -----------------------------------------------------------------------------
+
+POINTS = ["1.5 2.5 -1", "10 20 7 11.5 21.5 -1 3 4 12", "0.0 0.0 0", ""]
+LAYOUTS = {
+    "points": [*POINTS],
+    "no lines of points": [None] * 4,
+    "empty lines": [""] * 4,
+    "comments instead": ["# points"] * 4,
+    "some lines": ["1.5 2.5 -1", None, "", None],
+    "the last without": ["1.5 2.5 -1", "1.5 2.5 -1", "", None],
+    "empty lines between": ["\n", "\n\n", "1.5 2.5 -1\n", "\n"],
+    "comments between": ["# a\n1.5 2.5 -1", "# b", "\n# c\n1.5 2.5 -1", None],
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize(("mark", "end"), [("", "\n"), ("\ufeff# Image list\n", "\r\n"), ("\n\n", "\n")])
+def test_no_image_is_lost_whatever_lies_between(layout, mark, end, tmp_path):
+    names, poses = ["a.jpg", "b c.jpg", "12 34 56.jpg", "d.jpg"], some_poses(4)
+    path = colmap_text(tmp_path / "images.txt", names, poses)
+    images = [line for line in path.read_text().splitlines() if ".jpg" in line]
+    lines = [each for image, after in zip(images, LAYOUTS[layout], strict=True) for each in (image, after)]
+    text = mark + "\n".join(line for line in lines if line is not None)
+    path.write_bytes(text.replace("\n", end).encode())
+    found = read(path)
+    assert sorted(found.names) == sorted(names)
+    assert np.abs(found.poses - poses[[names.index(name) for name in found.names]]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("3 1 0 0 0 0 0 0 1", "line 2: not IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME: 3 1 0 0"),
+        ("3 0.7 0.1 0.7 0.1 0 0 0 1", "line 2: not IMAGE_ID"),
+        ("3 1 0 0 0 0 0 x 1 c.jpg", "line 2: not IMAGE_ID"),
+        ("3 2 0 0 0 0 0 0 1 c.jpg", "line 2: the quaternion has not length 1"),
+        ("1.5 2.5", "line 2: not IMAGE_ID"),
+        ("1.5 nan -1", "line 2: not IMAGE_ID"),
+        ("1.5 2.5 0.5", "line 2: not IMAGE_ID"),
+        ("1.5 2.5 -1\n1.5 2.5 -1", "line 3: not IMAGE_ID"),
+    ],
+)
+def test_a_line_that_is_neither_an_image_nor_points_is_named(line, said, tmp_path):
+    (tmp_path / "images.txt").write_text(f"1 1 0 0 0 0 0 0 1 a.jpg\n{line}\n2 1 0 0 0 1 0 0 1 b.jpg\n")
+    with pytest.raises(UserError, match=re.escape(said)):
+        read_reconstruction(tmp_path / "images.txt", "colmap")

@@ -144,9 +144,9 @@ class _Table:
             images = [path.as_posix() for path in walk_folder(self.path.parent).files]
             listed = list(rows.values())
             found = match_names(images, [row["file"] for row in listed]).refuse_ambiguous(str(self.path)).rows
-            for image, row in zip(images, found, strict=True):
-                if row is not None:
-                    listed[row]["file"] = image
+            for image, index in zip(images, found, strict=True):
+                if index is not None:
+                    listed[index]["file"] = image
         seen: dict[Path, int] = {}
         problems: list[str] = []
         for line, row in rows.items():

@@ -28,7 +28,7 @@ T = TypeVar("T")
 #: widest gap in seconds over which poses are interpolated
 GAP_S = 5.0
 #: share of images with poses below which times of a much longer span are of another unit
-FEW = 0.2
+FEW = 0.5
 FIX = (
     "A table with commas: columns x,y,theta (metres, rad) or x,y,heading_deg, a row an image; or TUM: timestamp tx ty "
     "tz qx qy qz qw."
@@ -236,7 +236,7 @@ def _timed(
     table: TextTable, poses: Float64[ndarray, "n 3"], cells: Mapping[str, Sequence[str]], lines: Sequence[int]
 ) -> OdometryFile:
     """Poses in the order of the time that a table has, if it has one."""
-    columns = {name: found[1] for name in cells if (found := TIME.fullmatch(name))}
+    columns = {name: matched[1] for name in cells if (matched := TIME.fullmatch(name))}
     if not columns:
         return OdometryFile(poses)
     name, unit = next(iter(columns.items()))
