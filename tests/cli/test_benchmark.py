@@ -63,7 +63,7 @@ def test_all_methods_are_measured_and_written(benchmark, photos, tmp_path):
         (("calibration",), "folder= is missing"),
         (("calibration", "folder=x", "cuts=0"), "cuts=0 must be a whole number from 1 up"),
         (("calibration", "folder=x", "sampling=photo"), "Did you mean sampling=photos?"),
-        (("calibration", "folder=x"), "x: no such folder"),
+        (("calibration", "folder=x"), "x does not exist"),
     ],
 )
 def test_mistakes_are_told(benchmark, arguments, says, tmp_path, monkeypatch):

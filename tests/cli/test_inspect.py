@@ -34,7 +34,7 @@ def test_a_name_of_any_characters_is_shown_as_it_is(tmp_path, monkeypatch, capsy
     ("arguments", "said"),
     [
         ([], "input= is missing"),
-        (["nowhere"], "input=nowhere: there is no such file or folder"),
+        (["nowhere"], "input=nowhere does not exist"),
         (["one", "two"], "'two' is not a key=value argument"),
         ([".", "jsn=x"], "Did you mean json=x?"),
         (["<folder>", "json=<folder>"], "must be a file of its own that ends in .json"),

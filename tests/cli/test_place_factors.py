@@ -147,6 +147,6 @@ def test_nothing_is_trained_on_it(tmp_path):
 
 
 def test_weights_that_are_missing_are_told_before_training(folder, tmp_path):
-    with pytest.raises(UserError, match=r"off_the_shelf\.weights=gone\.pth: there is no such file"):
+    with pytest.raises(UserError, match=r"off_the_shelf\.weights=gone\.pth does not exist"):
         execute(config(folder, tmp_path, "task.off_the_shelf={weights: gone.pth, network: alexnet}"))
     assert not any(tmp_path.glob("runs/*/*"))

@@ -225,7 +225,7 @@ def test_a_condition_without_a_readable_image(folder, told):
 @pytest.mark.parametrize(
     ("overrides", "expected"),
     [
-        (["dataset.test={day: test/day, fog: test/fog}"], "/test/fog: no such folder"),
+        (["dataset.test={day: test/day, fog: test/fog}"], "/test/fog does not exist"),
         (["task.test_conditions=[day,fog]"], "task.test_conditions=['day', 'fog']: the test split of"),
         (["task.train_conditions=[day,fog]"], "task.train_conditions=['day', 'fog']: the train split of"),
         (["task.test_conditions=[day,day]"], "task.test_conditions=['day', 'day'] must name conditions, each once"),

@@ -460,8 +460,8 @@ def test_descriptors_that_are_not_finite_are_failures(rides, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"map": "{tmp}/none"}, "map=.*there is no such folder"),
-        ({"queries": "{tmp}/none"}, "queries=.*there is no such folder"),
+        ({"map": "{tmp}/none"}, "map=.*does not exist"),
+        ({"queries": "{tmp}/none"}, "queries=.*does not exist"),
         ({"map": "{tmp}/empty"}, "map=.*no photo there"),
         ({"map": "{tmp}/day/000.png"}, "is a file, not a folder"),
         ({"queries": "{tmp}/day"}, "are the same folder: 6 of 6 queries"),

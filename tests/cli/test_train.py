@@ -32,7 +32,7 @@ def test_its_options_are_named_where_one_is_wrong(own, capsys):
     for arguments, said in (
         ([f"--config-dir={own}", "backbone=min"], "Did you mean backbone=mine?"),
         (["backbone=mine"], "backbone=mine: no such option"),
-        (["--config-dir=gone", "backbone=mine"], "config_dir=gone: there is no such folder"),
+        (["--config-dir=gone", "backbone=mine"], "config_dir=gone does not exist"),
     ):
         with pytest.raises(SystemExit) as end:
             cli.run("train", arguments)

@@ -99,7 +99,7 @@ def test_a_dataset_brings_its_labels(make, tmp_path):
         ("seed=-1", ["seed=-1"]),
         ("mode=right", ["mode=right", "faithful"]),
         ("device=abacus", ["device=abacus", "cpu"]),
-        ("input=missing.npy", ["input=missing.npy", "no such file"]),
+        ("input=missing.npy", ["input=missing.npy", "missing.npy does not exist"]),
         ("input=cifar", ["input=cifar", "cifar10"]),
         ("input=town_panoramas", ["input=town_panoramas", "labelled images"]),
         ("sed=1", ["sed=1: unknown key", "seed=1"]),

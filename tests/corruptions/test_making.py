@@ -155,7 +155,7 @@ def test_what_is_no_array_of_numbers_is_refused(tmp_path):
     np.savez(tmp_path / "several.npz", IMAGES)
     (tmp_path / "several.npz").rename(tmp_path / "several.npy")
     for name, said in (
-        ("gone", "input: there is no such file"),
+        ("gone", "does not exist"),
         ("cut", "input cannot be read"),
         ("pickled", "input cannot be read"),
         ("several", r"input is not a \.npy file"),

@@ -150,7 +150,7 @@ def test_config_files_of_ones_own_are_found(swept, outputs, tmp_path):
         sextant.run([*where, "backbone=mine"])
     with pytest.raises(UserError, match=re.escape("Did you mean backbone=mine?")):
         sextant.run([*where, "backbone=minee"], config_dir=own)
-    with pytest.raises(UserError, match="config_dir=gone: there is no such folder"):
+    with pytest.raises(UserError, match="config_dir=gone does not exist"):
         sextant.run(where, config_dir="gone")
     mine = sextant.run([*where, "backbone=mine"], config_dir=own)
     assert mine.reused

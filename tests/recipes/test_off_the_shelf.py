@@ -91,7 +91,7 @@ class Malicious:
 @pytest.mark.parametrize(
     ("shelf", "said"),
     [
-        ({"weights": "none.pth", "network": "alexnet"}, r"off_the_shelf\.weights=none\.pth: there is no such file"),
+        ({"weights": "none.pth", "network": "alexnet"}, r"off_the_shelf\.weights=none\.pth does not exist"),
         ({"weights": "none"}, r"task\.off_the_shelf\.weights=none: no run, run directory or checkpoint"),
         ({"weights": "FILE", "network": "squeezenet1_0"}, r"task\.off_the_shelf\.weights=.*cannot be loaded"),
         ({"weights": "FILE", "network": "squeezenet9"}, r"off_the_shelf\.network='squeezenet9' is not"),

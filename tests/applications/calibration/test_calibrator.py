@@ -112,7 +112,7 @@ def test_another_task_is_refused(checkpoint):
         (np.zeros((60, 80, 3)), "the photo is float64 60x80x3"),
         (np.zeros((3, 60, 80), np.uint8), "the photo is uint8 3x60x80"),
         (np.zeros((31, 80, 3), np.uint8), "the photo has 80x31 pixels"),
-        ("gone.jpg", "gone.jpg: no such file"),
+        ("gone.jpg", "gone.jpg does not exist"),
     ],
 )
 def test_what_is_no_photo_is_refused(calibrator, image, says):

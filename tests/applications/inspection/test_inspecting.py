@@ -173,7 +173,7 @@ def test_damage_anywhere_is_a_line_and_no_traceback(good, which, edits):
 
 
 def test_what_is_not_there_is_one_message(tmp_path):
-    with pytest.raises(UserError, match=r"input=.*nowhere: there is no such file or folder"):
+    with pytest.raises(UserError, match=r"input=.*nowhere does not exist"):
         inspect(tmp_path / "nowhere")
 
 
@@ -202,7 +202,7 @@ def test_real_sets_are_recognised(folder, expected, real_data):
     ("file", "text", "told"),
     [
         ("lost.tum", "0 1 2 3 0 0 0 0\n1 1 2 3 0 0 0 0\n", "(tum): 2 lines cannot be used"),
-        ("a.txt", "1 0 0 nan 0 1 0 0 0 0 1 0\n", "(kitti): line 1: 12 numbers are expected"),
+        ("a.txt", "1 0 0 nan 0 1 0 0 0 0 1 0\n", "(kitti): line 1: 12 finite numbers are expected"),
         ("poses.csv", "a.jpg,1,2,3\n", "(csv): columns a.jpg, 1, 2, 3; the first line must name file, x and y"),
     ],
 )

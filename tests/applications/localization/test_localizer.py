@@ -304,7 +304,7 @@ def test_a_map_of_few_images_is_one(corridor):
         ({"descriptor": np.full(384, np.nan, np.float32)}, "finite"),
         ({"image": np.zeros((32, 48, 3))}, "float64 32x48x3; the network takes uint8 32x48x3"),
         ({"image": np.zeros((32, 48, 2), np.uint8)}, "uint8 32x48x2"),
-        ({"image": "gone.png"}, "gone.png: there is no such file"),
+        ({"image": "gone.png"}, "gone.png does not exist"),
         ({"image": np.zeros((32, 48, 3), np.uint8), "descriptor": np.zeros(384, np.float32)}, "an image and a desc"),
         ({"motion": (np.nan, 0, 0)}, "three finite numbers"),
         ({"motion": (1, 0)}, "three finite numbers"),

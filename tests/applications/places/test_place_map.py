@@ -300,7 +300,7 @@ def test_arrays_that_cannot_be_looked_up_are_named_and_the_others_are_not_lost(r
         (lambda places, day: places.add(day), r"photos: .*000\.png is in the map already"),
         (lambda places, day: places.add([day / "x.png", day / "x.png"]), r"x\.png is in the map already"),
         (lambda places, day: places.add([]), "there is no photo"),
-        (lambda places, day: places.add(day / "none"), "photos=.*there is no such folder"),
+        (lambda places, day: places.add(day / "none"), "photos=.*does not exist"),
         (lambda places, day: places.add(day, [(0, 0)]), r"positions has shape \(1, 2\) for 6 photos"),
         (lambda places, day: places.look_up(day / "000.png", k=0), "k=0 must be a whole number, at least 1"),
         (lambda places, day: places.look_up_sequence([day / "000.png"], length=1), "length=1 must be a whole"),

@@ -65,7 +65,7 @@ def test_mistakes_are_told(given, says):
         (["task=cosfire", "prototype={image}", "input={image}"], "output= is missing"),
         (["{all}", "camera=one"], "camera= does not go with task=cosfire"),
         (["{all}", "queries={image}"], "queries= does not go with task=cosfire"),
-        (["{all}", "prototype={out}/none.png"], "there is no such file"),
+        (["{all}", "prototype={out}/none.png"], "none.png does not exist"),
         (["{all}", "prototype={folder}"], "is a folder, not one image"),
         (["{all}", "point=220,10"], "point=220,10 lies outside the prototype of 220x160 pixels"),
         (["{all}", "input={folder}/*.tif"], "no photo there"),

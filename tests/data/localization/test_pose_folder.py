@@ -206,7 +206,7 @@ def test_missing_folders_and_files_are_told(tmp_path, form):
     with pytest.raises(MissingDataError, match="Looked for"):
         source(tmp_path / "nothing", form).read()
     folder = write(tmp_path, form)
-    with pytest.raises(MissingDataError, match=r"elsewhere=\S*: no such folder"):
+    with pytest.raises(MissingDataError, match=r"elsewhere=\S* does not exist"):
         source(folder, form, test={"elsewhere": "elsewhere"}).read()
     with pytest.raises(UserError, match="have the same files"):
         source(folder, form, test={"run": "map"}).read()

@@ -118,7 +118,7 @@ def test_what_is_no_picture_is_named(tmp_path, content, says):
 
 
 def test_a_missing_file_and_a_folder_are_named(tmp_path):
-    for path, says in ((tmp_path / "none.jpg", "no such file"), (tmp_path, "is a folder; a photo is a file")):
+    for path, says in ((tmp_path / "none.jpg", "does not exist"), (tmp_path, "is a folder; a photo is a file")):
         with pytest.raises(UserError, match=says):
             read_photo(path)
 

@@ -265,7 +265,7 @@ def test_an_empty_or_missing_folder_is_named(folder, tmp_path):
     (folder / "night").mkdir()
     with pytest.raises(MissingDataError, match=r"test.night=.*holds no images"):
         folders(folder, places="order", test={"reference": "reference", "night": "night"}).files("test")
-    with pytest.raises(MissingDataError, match=r"test.fog=.*no such folder"):
+    with pytest.raises(MissingDataError, match=r"test.fog=.*fog does not exist"):
         folders(folder, places="order", test={"reference": "reference", "fog": "fog"}).files("test")
     with pytest.raises(MissingDataError, match=r"no such folder\. Looked for"):
         folders(tmp_path / "nowhere", roots=[tmp_path]).files("test")
