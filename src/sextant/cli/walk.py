@@ -22,7 +22,7 @@ class WalkOptions(LocalizingOptions, FocalOptions):
     input: str
     """folder of photos in the order of their names, a video or a ROS bag, all of one camera"""
     map: str
-    """folder of images with poses of any format, the file of these poses, or a saved map, such as an earlier walk wrote"""
+    """folder of images with poses of any format, the file of these, or a saved map, such as an earlier walk wrote"""
     output: UserPath = Path("walk")
     """folder for report.md, poses, cameras, the map and pictures (default: walk)"""
     run: str = "zoo:calibration"

@@ -16,7 +16,7 @@ class LocalizingOptions(Options):
     """Options for any drive that is localized."""
 
     odometry: UserPath | None = None
-    """TUM trajectory, or table x,y,theta (m, rad) with a row per image or with times; without it the motion is unknown"""
+    """TUM trajectory, or table x,y,theta (m, rad) with a row per image or times; without it the motion is unknown"""
     particles: int | None = Field(None, ge=1, le=100_000, examples=[1000])
     """number of particles, up to 100000 (default: as the map was tested with)"""
     start: Literal["uniform", "appearance"] = Field("uniform", examples=["appearance"])
