@@ -26,10 +26,11 @@ from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.cli.photo_calibration.predict import predict_calibrations
 from sextant.cli.place_matching.inputs import read_inputs
 from sextant.cli.place_matching.predict import predict_places
-from sextant.data.image_files import UnreadableImageError, decode_image
+from sextant.data.image_files import decode_image
 from sextant.data.image_folder import decode_square
 from sextant.data.photo_files import find_photos
 from sextant.data.photos import read_photo
+from sextant.data.picture_files import UnreadableImageError
 from sextant.errors import UserError
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import FoundRun

@@ -108,8 +108,12 @@ def test_if_no_image_can_be_read_the_command_fails_and_names_them_all(tmp_path, 
     assert ended.value.code == 2
     said = capsys.readouterr().err
     assert f"input={photos}: none of 3 images could be read" in said
-    for name, why in (("a.jpg", "(0 bytes)"), ("b.png", "(7 bytes)"), ("c.png", "(no such file)")):
-        assert f"{photos / name}: cannot be read as an image {why}" in said
+    for name, why in (
+        ("a.jpg", "is empty"),
+        ("b.png", "cannot be decoded (7 bytes)"),
+        ("c.png", "is a link to nothing"),
+    ):
+        assert f"{photos / name}: {why}" in said
     assert len(json.loads((out / "predictions.json").read_text())) == 3
 
 
@@ -119,7 +123,7 @@ def test_images_that_were_skipped_are_in_a_table_with_reasons(tmp_path, picture,
     said = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert "Skipped (1)" in said
     assert "b.png" in said
-    assert "cannot be read as an image (7 bytes)" in said
+    assert "cannot be decoded (7 bytes): it is text" in said
     assert "1 images classified, 1 could not be read" in said
 
 

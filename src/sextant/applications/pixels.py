@@ -10,7 +10,8 @@ from numpy import ndarray
 from PIL import Image
 
 from sextant.applications.arguments import check_several
-from sextant.data.image_files import UnreadableImageError, decode_image, picture_bytes
+from sextant.data.image_files import decode_image, picture_bytes
+from sextant.data.picture_files import UnreadableImageError, open_picture
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
 from sextant.user_files import absent
@@ -98,7 +99,7 @@ def several_pixels(
 
 def _own_size(path: Path) -> Size:
     try:
-        with Image.open(path) as image:
+        with open_picture(path) as image:
             width, height = upright_size(image)
             return height, width, 3
     except OSError:

@@ -9,9 +9,12 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image, ImageOps
 
-from sextant.data.image_files import FORMATS, SUFFIXES, eight_bits, require_sides
+from sextant.data.image_files import SUFFIXES, require_sides
 from sextant.data.photo_files import image_paths, is_hidden
+from sextant.data.picture_files import open_picture, why_unreadable
+from sextant.data.pixel_values import WhiteLevels, eight_bits, without_alpha
 from sextant.data.source import (
+    SPLITS,
     ImageSource,
     ImageSpec,
     LabelledImages,
@@ -113,32 +116,31 @@ class ImageFolder(ImageSource):
                 f"need {needed / 2**30:.1f} GiB of memory",
                 f"Use smaller images, for example size={self.size // 2}",
             )
+        levels = WhiteLevels((path for each in SPLITS for path in self.files(each)), str(self.folder))
         with ThreadPoolExecutor() as pool:  # Pillow decodes outside the interpreter lock
-            images = list(pool.map(lambda path: decode_square(path, self.size, self.channels), paths))
+            images = list(pool.map(lambda path: decode_square(path, self.size, self.channels, levels), paths))
         index = {name: label for label, name in enumerate(self._classes())}
         labels = np.array([index[path.parent.name] for path in paths], np.int64)
         return LabelledImages(channels_first(np.stack(images)), labels)
 
 
-def decode_square(path: Path, size: int, channels: int) -> UInt8[ndarray, "h w *c"]:
+def decode_square(path: Path, size: int, channels: int, levels: WhiteLevels | None = None) -> UInt8[ndarray, "h w *c"]:
     """An image turned upright, scaled to cover a square of ``size`` pixels and cropped at its centre.
 
-    Transparent pixels become black.
+    Transparent pixels become black, and more than 8 bits become 8 by the white level of ``levels``; without, by that of
+    the files of its folder.
 
     Raises:
         UserError: it cannot be decoded; the message names the file.
     """
     try:
-        Image.init()  # until then Pillow knows only the commonest formats
-        with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
+        with open_picture(path) as image:
             require_sides(image)
-            picture = eight_bits(upright(image)).convert("RGB" if channels == 3 else "L")
+            picture = without_alpha(upright(eight_bits(image, path, levels))).convert("RGB" if channels == 3 else "L")
             return np.asarray(ImageOps.fit(picture, (size, size), Image.Resampling.BICUBIC))
     except Exception as error:  # Pillow's decoders raise whatever they come across in a damaged file
-        held = f"{path.stat().st_size:,} bytes" if path.is_file() else "no such file"
         raise UserError(
-            f"{path} cannot be read as an image ({held}): {error or type(error).__name__}",
-            "Replace the file or take it out of the folder.",
+            f"{path} {why_unreadable(path, error)}", "Replace the file or take it out of the folder."
         ) from None
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from urllib.parse import unquote
 
-from sextant.data.image_files import RAW
+from sextant.data.file_kinds import RAW
 from sextant.data.photo_files import FOUND_IN_FOLDERS
 from sextant.errors import UserError
 

@@ -13,7 +13,8 @@ from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 
-from sextant.data.image_files import RAW, SUFFIXES, natural_key, not_decoded
+from sextant.data.file_kinds import DEVELOP, RAW, not_decoded
+from sextant.data.image_files import SUFFIXES, natural_key
 from sextant.errors import UserError
 from sextant.user_files import absent
 
@@ -104,7 +105,8 @@ def image_paths(folder: Path, *, deep: bool = True) -> Iterator[Path]:
         _warn_once(f"{folder}: {said}")
     others = [path for path in found.files if path.suffix.lower() in (*FOUND_IN_FOLDERS[len(SUFFIXES) :], *RAW)]
     if others:
-        _warn_once(f"{folder}: {len(others):,} files left out, such as {others[0]}, which {not_decoded(others[0])}")
+        why = not_decoded(folder / others[0]) or "is not decoded here"
+        _warn_once(f"{folder}: {len(others):,} files left out, such as {others[0]}, which {why}")
     return (folder / path for path in found.files if path.suffix.lower() in SUFFIXES and (folder / path).is_file())
 
 
@@ -139,6 +141,7 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         hidden = [p for p in matched if any(SYSTEM.fullmatch(part.lower()) for part in {*p.parts} - spelt)]
         candidates = [p for p in matched if p not in set(hidden)]
     written = None if output is None else output.resolve()
+    raw = sorted(p for p in candidates if p.suffix.lower() in RAW and p.is_file())
     found = sorted(
         p
         for p in candidates
@@ -146,9 +149,12 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         and (os.path.isfile(p) or (os.path.islink(p) and not os.path.exists(p)))  # the reader reports broken links
         and not (written and any(fnmatchcase(p.name, name) for name in WRITTEN) and p.resolve().is_relative_to(written))
     )
+    left_out = f"{len(raw):,} raw files, such as {raw[0].name}" if raw else ""
     if not found:
         there = path.exists() or glob.has_magic(given)
         why = f"{given}: no photo there" if there else absent(path)
+        if raw:
+            why += f", but {left_out}: {DEVELOP}"
         if hidden:
             why += f"; {len(hidden):,} hidden files and folders are left out, such as {hidden[0]}"
         raise UserError(
@@ -156,4 +162,6 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
             "Give a photo, a folder or a pattern such as 'photos/*.jpg'. "
             f"Photos end in {', '.join(FOUND_IN_FOLDERS[:-2])}",
         )
+    if raw:
+        log.warning("%s=%s: left out %s, which are not developed here: %s", key, given, left_out, DEVELOP)
     return found

@@ -2,6 +2,8 @@
 
 from PIL import Image
 
+from sextant.data.metadata import as_number, exif_of, tag_of
+
 ORIENTATION = 0x0112
 TURN = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
@@ -20,12 +22,9 @@ STORED_FROM_UPRIGHT = {
 
 
 def exif_orientation(image: Image.Image) -> int:
-    """The EXIF orientation, 1 to 8, with 1 being upright; also 1 if the block is broken."""
-    try:
-        value = int(image.getexif().get(ORIENTATION, 1))
-    except Exception:  # metadata that cannot be read is no reason to refuse the picture
-        return 1
-    return value if value in TURN else 1
+    """The EXIF orientation, 1 to 8, with 1 being upright; also 1 if it is missing, broken or no such number."""
+    value = as_number(tag_of(exif_of(image), ORIENTATION))
+    return int(value) if value in TURN else 1
 
 
 def upright(image: Image.Image) -> Image.Image:
@@ -37,5 +36,6 @@ def upright(image: Image.Image) -> Image.Image:
 
 def upright_size(image: Image.Image) -> tuple[int, int]:
     """Upright width and height of a picture that is not loaded yet."""
-    turned = image.format != "TIFF" and exif_orientation(image) >= 5  # Pillow gives a TIFF's upright size
+    by_pillow = image.format == "TIFF" and isinstance(tag_of(exif_of(image), ORIENTATION), int)
+    turned = not by_pillow and exif_orientation(image) >= 5  # Pillow gives a TIFF's upright size
     return (image.height, image.width) if turned else (image.width, image.height)

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
-from PIL import Image
 
 from sextant.config import Config
 from sextant.config.building import build
 from sextant.data.photo_files import walk_folder
+from sextant.data.picture_files import open_picture, why_unreadable
 from sextant.data.source import file_sha256
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
@@ -205,12 +205,11 @@ def _photo_identity(photo: str, points: Sequence[Sequence[float]]) -> str:
     """The hash of a photo; raises a ``UserError`` unless all points lie on it."""
     path = Path(photo).expanduser()
     try:
-        with Image.open(path) as image:
+        with open_picture(path) as image:
             width, height = upright_size(image)
         digest = file_sha256(path)
     except OSError as error:
-        reason = error.strerror or "it is no picture"
-        raise UserError(f"descriptor.photo={photo} cannot be read: {reason}", "Give a photo's file.") from None
+        raise UserError(f"descriptor.photo={photo} {why_unreadable(path, error)}", "Give a photo's file.") from None
     for x, y in points:
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
             raise UserError(

@@ -15,7 +15,7 @@ def test_a_photo_that_fails_is_named_and_the_rest_go_on(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "1 photos calibrated, 2 failed" in said
     assert "Skipped (2)" in said
-    assert "cannot be read as a photo (7 bytes)" in " ".join(said.replace("│", " ").split())
+    assert "cannot be decoded (7 bytes): it is text" in " ".join(said.replace("│", " ").split())
     lines = list(csv.DictReader((tmp_path / "out" / "calibrations.csv").open()))
     assert [bool(line["error"]) for line in lines] == [False, True, True]
 

@@ -105,7 +105,7 @@ def test_photos_that_cannot_be_read_are_left_out_with_the_reason(tmp_path):
     (tmp_path / "more.csv").mkdir()
     skipped = {}
     assert [photo.name for photo in of(tmp_path, skipped=skipped)] == ["b.png"]
-    assert "cannot be read" in skipped[str(tmp_path / "a.png")]
+    assert "cannot be decoded" in skipped[str(tmp_path / "a.png")]
     with pytest.raises(UserError, match=r"none of its photos of known cameras can be read\n.*a\.png"):
         of(tmp_path, leave_out=["b*"])
 

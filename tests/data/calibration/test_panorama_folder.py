@@ -94,7 +94,7 @@ def bad_files(folder):
     Image.new("RGB", (128, 96)).save(folder / "photo.jpg")
     Image.new("RGB", (1, 1)).save(folder / "dot.png")
     Image.new("RGB", (16, 8)).save(folder / "tiny.png")
-    Image.fromarray(ramp()[..., 0].astype(np.float32)).save(folder / "float.tif")
+    Image.fromarray(ramp()[..., 0].astype(np.float32) / 32).save(folder / "float.tif")
     (folder / "huge.ppm").write_bytes(b"P6 40000 20000 255\n" + bytes(100))
     return {
         "truncated.jpg": "cannot be decoded", "empty.jpg": "is empty", "text.png": "cannot be decoded",

@@ -38,8 +38,8 @@ def test_what_is_lacking_is_lacking_here():
 def test_photos_without_a_position_are_named(tmp_path):
     write_pictures(tmp_path, ["a.png", "b.png"])
     add_gps(tmp_path / "a.png", 3, 4, 30)
-    assert photo_gps(tmp_path / "a.png").direction_deg == pytest.approx(60)
-    assert photo_gps(tmp_path / "gone.png") is None
+    assert photo_gps(tmp_path / "a.png").position.direction_deg == pytest.approx(60)
+    assert photo_gps(tmp_path / "gone.png").position is None
     with pytest.raises(ArgumentError, match=r"map: 1 of 2 images have no GPS position in EXIF\n.*b\.png"):
         gps_poses([tmp_path / "a.png", tmp_path / "b.png"], "map")
 
@@ -68,5 +68,5 @@ def test_the_reader_of_colmap_finds_the_same(tmp_path):
     database = pycolmap.Database.open(tmp_path / "a.db")
     (prior,) = database.read_all_pose_priors()
     database.close()
-    found = photo_gps(tmp_path / "in" / "a.jpg")[:3]
+    found = photo_gps(tmp_path / "in" / "a.jpg").position[:3]
     np.testing.assert_allclose(found, prior.position, rtol=0, atol=1e-5)  # the altitude has 32 bits there

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from sextant.data.image_files import UnreadableImageError, decode_image, natural_key
+from sextant.data.image_files import decode_image, natural_key
+from sextant.data.picture_files import UnreadableImageError
 from sextant.data.places import PlaceFolders, PlaceTolerance, as_place_source
 from sextant.data.places.pose_files import Pose, parse_utm_name, read_pose_table
 from sextant.data.source import MissingDataError

@@ -175,7 +175,7 @@ def _position(path: Path) -> dict[str, Any]:
     """The position of a photo by EXIF; COLMAP needs the altitude too."""
     import pycolmap
 
-    found = photo_gps(path)
+    found, _ = photo_gps(path)
     if found is None or found.altitude_m is None:
         return {}
     place = [found.latitude_deg, found.longitude_deg, found.altitude_m]

@@ -18,7 +18,7 @@ from sextant.applications.failures import FailedPhoto, attempted
 from sextant.baselines.calibration import LineEvidence
 from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
 from sextant.data.photos.odd_pictures import check_no_panorama, closed_around, odd_picture
-from sextant.data.photos.pixels import rgb_bytes
+from sextant.data.pixel_values import eight_bits, rgb_bytes
 from sextant.data.upright import upright
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters
@@ -86,7 +86,7 @@ def _read(name: str, photo: AnyPhoto) -> Photo:
         return read_photo(Path(photo))
     if isinstance(photo, Image.Image):
         try:
-            photo = np.asarray(rgb_bytes(upright(photo), 1))
+            photo = np.asarray(rgb_bytes(upright(eight_bits(photo)), 1))
         except OSError as error:  # Pillow reads it only now
             raise UserError(f"{name} cannot be read: {error}", "Give another.") from None
     if not isinstance(photo, ndarray):

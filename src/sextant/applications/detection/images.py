@@ -11,8 +11,9 @@ from PIL import Image
 from torch import Tensor
 
 from sextant.data.photos import read_photo
-from sextant.data.photos.pixels import rgb_bytes
-from sextant.data.photos.reading import FORMATS, SMALLEST_SIDE
+from sextant.data.photos.reading import SMALLEST_SIDE
+from sextant.data.picture_files import open_picture
+from sextant.data.pixel_values import eight_bits, rgb_bytes
 from sextant.data.upright import upright
 from sextant.errors import UserError
 
@@ -99,9 +100,9 @@ def _shrunk(image: UInt8[ndarray, "h w 3"], longest: int) -> UInt8[ndarray, "h w
 def _small(path: Path) -> UInt8[ndarray, "h w 3"] | None:
     """An image too small for a photo but not for a filter; None if it is not an image or cannot be read."""
     try:
-        with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
+        with open_picture(path) as image:
             if min(image.size) >= SMALLEST_SIDE:
                 return None
-            return np.asarray(rgb_bytes(upright(image), 1))
+            return np.asarray(rgb_bytes(upright(eight_bits(image, path)), 1))
     except Exception:  # decoders raise almost anything, and read_photo has reported what is wrong
         return None

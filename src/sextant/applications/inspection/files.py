@@ -4,7 +4,8 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from sextant.data.image_files import RAW, natural_key, not_decoded
+from sextant.data.file_kinds import RAW, not_decoded
+from sextant.data.image_files import natural_key
 from sextant.data.localization.frames import VIDEOS
 from sextant.data.localization.rosbag import FIRST, METADATA
 from sextant.data.photo_files import FOUND_IN_FOLDERS, FolderWalk, walk_folder

@@ -17,9 +17,8 @@ APART_M = 50.0
 
 def positions(headers: Mapping[Path, PhotoHeader], folder: Path | None = None) -> list[GpsPosition]:
     """Positions of all photos, or of those directly in a folder."""
-    return [
-        each.gps for file, each in headers.items() if each.gps is not None and (folder is None or file.parent == folder)
-    ]
+    chosen = (each.gps.position for file, each in headers.items() if folder is None or file.parent == folder)
+    return [position for position in chosen if position is not None]
 
 
 def poses_by_gps(headers: Mapping[Path, PhotoHeader], folders: Sequence[FolderOfPhotos]) -> list[FoundPoses]:

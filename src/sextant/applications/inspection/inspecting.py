@@ -14,6 +14,7 @@ from sextant.applications.inspection.suggestion import Suggestion
 from sextant.applications.inspection.suggestions import suggestions
 from sextant.applications.inspection.times import folders_of_photos
 from sextant.applications.inspection.videos import FoundVideo, found_video
+from sextant.data.places.gps_poses import doubtful
 from sextant.errors import ArgumentError
 from sextant.reporter import SILENT, Progress
 from sextant.user_files import absent
@@ -42,6 +43,7 @@ class Inspection:
             "sizes": [{"width": w, "height": h, "images": n} for (w, h), n in sizes(seen).items()],
             "cameras": [asdict(each) for each in seen.cameras],
             "gps": len(gps := positions(seen.headers)),
+            "gps_doubtful": sum(bool(each.gps.position and each.gps.problem) for each in seen.headers.values()),
             "gps_directions": sum(each.direction_deg is not None for each in gps),
             "gps_extent_m": list(extent_m(gps)) if gps else None,
             "gravity": dict(Counter(each.gravity for each in headers if each.gravity)),
@@ -140,6 +142,10 @@ def _remarks(seen: Seen) -> list[str]:
         said.append(
             f"{more:,} images have the content of another, such as {seen.duplicates[0][1]} = {seen.duplicates[0][0]}"
         )
+    for missing, what in ((False, "doubtful"), (True, "left out")):
+        found = {file.as_posix(): each.gps for file, each in seen.headers.items()}
+        chosen = {name: gps.problem if (gps.position is None) is missing else "" for name, gps in found.items()}
+        said += doubtful(chosen, what)
     for each in seen.folders:
         where = each.folder.as_posix()
         if each.jumps:

@@ -86,7 +86,7 @@ def _places(seen: Seen, by_child: dict[Path, list[Path]]) -> KnownBy:
         return "csv"
     if all(parse_utm_name(file.name) for files in by_child.values() for file in files):
         return "utm"
-    if all(seen.headers[file].gps for files in by_child.values() for file in files):
+    if all(seen.headers[file].gps.position for files in by_child.values() for file in files):
         return "gps"
     names = [{file.relative_to(folder).with_suffix("") for file in files} for folder, files in by_child.items()]
     shared, smallest = set.intersection(*names), min(map(len, names))

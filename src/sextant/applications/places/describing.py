@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, UInt8
 from numpy import ndarray
-from PIL import Image
 
 from sextant.applications.kept_descriptor import Describes
 from sextant.applications.places.photo_folder import PhotoFolder
 from sextant.data import upright
-from sextant.data.image_files import UnreadableImageError, decode_image
+from sextant.data.image_files import decode_image
+from sextant.data.picture_files import UnreadableImageError, open_picture
+from sextant.data.pixel_values import WhiteLevels
 from sextant.data.places.decoded_images import ImageSize
 from sextant.reporter import Advance
 from sextant.retrieval.flat_index import FlatIndex
@@ -159,6 +160,7 @@ def _decoded(
 ) -> Iterator[tuple[list[int], UInt8[ndarray, "b h w c"]]]:
     """Numbers and images batch by batch; why a photo cannot be decoded is put into ``failed``."""
     aspect = size.width / size.height
+    levels = WhiteLevels(photo for photo in photos if isinstance(photo, Path))
 
     def decode(photo: Path | ndarray) -> tuple[ndarray | str, bool]:
         if isinstance(photo, ndarray):
@@ -166,7 +168,7 @@ def _decoded(
         if not photo.is_file():
             return ("is a folder; an image is a file" if photo.is_dir() else "there is no such file"), False
         try:
-            image = decode_image(photo, size.height, size.width, size.channels)
+            image = decode_image(photo, size.height, size.width, size.channels, levels)
         except UnreadableImageError as error:
             return str(error), False
         width, height = upright_size(photo)
@@ -190,5 +192,5 @@ def _decoded(
 
 def upright_size(path: Path) -> tuple[int, int]:
     """Width and height of a decodable image file, upright; only the header is read."""
-    with Image.open(path) as image:
+    with open_picture(path) as image:
         return upright.upright_size(image)

@@ -34,13 +34,13 @@ class KnownPlaces:
         tolerance: what counts as one place.
         same_place: for each map image, the map images of its place, with or without itself.
         positives: for each query, the map images of its place; None where the ground truth is unknown.
-        remark: what the user should know about it, or "".
+        remarks: what the user should know about it.
     """
 
     tolerance: PlaceTolerance
     same_place: Positives
     positives: Positives | None
-    remark: str = ""
+    remarks: tuple[str, ...] = ()
 
 
 def same_place(described: DescribedPhotos, tolerance: float) -> Positives:
@@ -93,23 +93,28 @@ def known_places(
     if places == "none":
         along_the_ride = replace(reference, positions=None)
         return KnownPlaces(tolerance, same_place(along_the_ride, tolerance.positive), None)
-    images = _placed(reference.photos, queries.photos, places)
-    remark = ""
+    remarks: list[str] = []
+    images = _placed(reference.photos, queries.photos, places, remarks)
     if images.heading_deg is None and tolerance.heading_deg is not None:
-        tolerance, remark = replace(tolerance, heading_deg=None), "headings are not known, so none were compared"
+        tolerance = replace(tolerance, heading_deg=None)
+        remarks.append("headings are not known, so none were compared")
     of_map, of_queries = reference.rows, len(reference.photos) + queries.rows
     same = Positives.from_sparse(images.positives(of_map, of_map, tolerance))
-    return KnownPlaces(tolerance, same, Positives.from_sparse(images.positives(of_queries, of_map, tolerance)), remark)
+    positives = Positives.from_sparse(images.positives(of_queries, of_map, tolerance))
+    if images.position_m is not None and not positives.matchable.any():
+        nearest = cKDTree(images.position_m[of_map]).query(images.position_m[of_queries])[0].min()
+        remarks.append(f"no query is at the place of a map image: the nearest two are {nearest:,.0f} m apart")
+    return KnownPlaces(tolerance, same, positives, tuple(remarks))
 
 
 def check_truth(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy) -> None:
     """Raise a ``UserError`` if the photos lack what ``places`` asks for, before any of them is described."""
     if places != "none":
-        _placed(reference, queries, places)
+        _placed(reference, queries, places, [])
 
 
-def _placed(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy) -> PlaceImages:
-    """The places of all photos, the map's first; without pixels."""
+def _placed(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy, remarks: list[str]) -> PlaceImages:
+    """The places of all photos, the map's first; without pixels. Doubts about them go into ``remarks``."""
     both = (reference, queries)
     frames = np.concatenate([np.arange(len(photos)) for photos in both])
     positions, headings = None, None
@@ -124,7 +129,7 @@ def _placed(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy) -> Pl
             )
     else:
         if places == "gps":
-            poses = gps_poses([path for photos in both for path in photos.paths], "places=gps")
+            poses = gps_poses([path for photos in both for path in photos.paths], "places=gps", remarks)
         else:
             poses = [pose for photos in both for pose in _poses(photos, places)]
         positions = np.array([(pose.x, pose.y) for pose in poses])

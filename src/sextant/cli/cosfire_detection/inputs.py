@@ -4,11 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from PIL import Image
-
 from sextant.applications.detection.options import check_point
 from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.data.photo_files import find_photos
+from sextant.data.picture_files import open_picture
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
 from sextant.user_files import absent
@@ -51,7 +50,7 @@ def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
 def _upright_size(path: Path) -> tuple[int, int] | None:
     """Width and height from the header; None if it is unreadable, which is reported when the image is decoded."""
     try:
-        with Image.open(path) as image:
+        with open_picture(path) as image:
             return upright_size(image)
     except Exception:  # decoders can raise almost anything on broken files
         return None

@@ -18,6 +18,7 @@ from sextant.cli.output_folder import tell_written
 from sextant.cli.predict_handler import Trained
 from sextant.cli.skipped_files import skipped_of, tell_skipped
 from sextant.data.image_folder import decode_square
+from sextant.data.pixel_values import WhiteLevels
 from sextant.data.source import ImageSpec
 from sextant.errors import UserError
 from sextant.trained.image_spec import image_spec
@@ -52,8 +53,9 @@ def predict_classes(trained: Trained, paths: Sequence[Path], output: Path, given
     number, answer = answering(trained)
     rows: list[dict[str, Any]] = [{"file": str(path)} for path in paths]
     sheet: list[tuple[ndarray, str]] = []
+    levels = WhiteLevels(paths, f"input={given}")
     for start in range(0, len(paths), BATCH):
-        images = _decoded(rows[start : start + BATCH], spec)
+        images = _decoded(rows[start : start + BATCH], spec, levels)
         for row, image, values in _answered(images, answer, str(trained.found.checkpoint)):
             best = int(np.argmax(values))
             row |= {"class": spec.classes[best], number: round(values[best], 6)}
@@ -93,12 +95,14 @@ def answering(trained: Trained) -> tuple[str, Answering]:
     return "probability", ImageClassifier.of(trained.content, checkpoint, trust=trained.trust).probabilities
 
 
-def _decoded(rows: Sequence[dict[str, Any]], spec: ImageSpec) -> list[tuple[dict[str, Any], ndarray]]:
+def _decoded(
+    rows: Sequence[dict[str, Any]], spec: ImageSpec, levels: WhiteLevels
+) -> list[tuple[dict[str, Any], ndarray]]:
     """The rows whose image can be read, with the image; the other rows get an error."""
     images = []
     for row in rows:
         try:
-            images.append((row, decode_square(Path(row["file"]), spec.height, spec.channels)))
+            images.append((row, decode_square(Path(row["file"]), spec.height, spec.channels, levels)))
         except UserError as error:
             row["error"] = error.problem
     return images

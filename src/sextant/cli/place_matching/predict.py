@@ -144,7 +144,7 @@ def _remarks(
         told.append(
             f"{counted['same_file']:,} queries are copies of their best match, which says nothing of the network"
         )
-    return told + ([places.remark] if places.remark else [])
+    return [*told, *places.remarks]
 
 
 def _comparison(places: PlaceMap, inputs: PlaceInputs, known: KnownPlaces, run: Mapping[str, Any]) -> str:

@@ -26,13 +26,13 @@ import numpy as np
 import torch
 from jaxtyping import UInt8
 from numpy import ndarray
-from PIL import Image
 
 from sextant.data.calibration.camera_distributions import CameraDistribution
 from sextant.data.calibration.crops import crop_panoramas
 from sextant.data.name_matching import match_names
 from sextant.data.photo_files import FOUND_IN_FOLDERS, find_photos, is_hidden, walk_folder
 from sextant.data.photos import read_photo
+from sextant.data.picture_files import open_picture
 from sextant.data.places.problem_list import problem_list
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError
@@ -237,7 +237,7 @@ def _table(path: Path) -> _Table:
 def _is_panorama(path: Path, unread: bool = False) -> bool:
     """Whether a picture is 2:1, by its header alone; ``unread`` if it cannot be read."""
     try:
-        with Image.open(path) as image:
+        with open_picture(path) as image:
             return abs(image.width / image.height - 2) <= 0.01
     except OSError:
         return unread

@@ -17,6 +17,7 @@ from sextant.data.calibration.panorama_images import SMALLEST_HEIGHT, UnfitImage
 from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split
 from sextant.data.image_files import SUFFIXES
 from sextant.data.photo_files import image_paths
+from sextant.data.pixel_values import WhiteLevels
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.progress import notify_every
 from sextant.data.source import MissingDataError, file_sha256, first_folder
@@ -160,10 +161,11 @@ class PanoramaFolder:
         images = np.empty((len(paths), self.height, 2 * self.height, 3), np.uint8)
         notify = notify_every(5.0, f"decoding {split} panoramas of {self.folder}")
         bad: list[str] = []
+        levels = WhiteLevels((path for each in SPLITS for path in self.files(each)), f"folder={self.folder}")
 
         def decode(i: int) -> None:
             try:
-                images[i] = decode_panorama(paths[i], self.height)
+                images[i] = decode_panorama(paths[i], self.height, levels)
             except UnfitImageError as error:
                 bad.append(f"  {paths[i].relative_to(self.folder)} {error}")
 

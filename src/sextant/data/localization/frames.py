@@ -10,11 +10,13 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray
 from PIL import Image
 
-from sextant.data.image_files import UnreadableImageError, decode_image, natural_key, picture_bytes
+from sextant.data.image_files import decode_image, natural_key, picture_bytes
 from sextant.data.localization.pose_times import check_rising, times_of_names
 from sextant.data.name_matching import match_names
 from sextant.data.photo_files import find_photos
 from sextant.data.photos import read_photo
+from sextant.data.picture_files import UnreadableImageError
+from sextant.data.pixel_values import WhiteLevels
 from sextant.data.unusable_files import reason_alone
 from sextant.errors import UserError
 
@@ -58,13 +60,14 @@ class Photos:
 
     def read(self, size: Size | None) -> Iterator[Frame]:
         """Yield all images, stretched to a size or in colour as they are; those that cannot be decoded are reported."""
+        levels = WhiteLevels(self.folder / name for name in self.names)
         for name in self.names:
             path = self.folder / name
             if not path.is_file():
                 yield Frame(name, None, "there is no such file")
                 continue
             try:
-                yield Frame(name, read_photo(path).image if size is None else decode_image(path, *size))
+                yield Frame(name, read_photo(path, levels).image if size is None else decode_image(path, *size, levels))
             except (UnreadableImageError, UserError) as error:
                 yield Frame(name, None, reason_alone(str(path), str(error)))
 

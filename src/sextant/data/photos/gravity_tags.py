@@ -16,7 +16,7 @@ from typing import Literal, get_args
 
 from PIL import Image
 
-from sextant.data.photos.exif import EXIF_BLOCK
+from sextant.data.metadata import EXIF_BLOCK, as_text, directory, tag_of
 from sextant.data.upright import STORED_FROM_UPRIGHT
 
 GravityTag = Literal[
@@ -33,14 +33,11 @@ AT_REST = 0.1
 def gravity_tag(exif: Image.Exif, xmp: bytes) -> GravityTag | None:
     """The metadata that tells the vertical; None if nothing does or the metadata is broken."""
     apple, mapillary, gimbal, panorama, elevation = GRAVITY_TAGS
-    try:
-        block = exif.get_ifd(EXIF_BLOCK)
-        note, description = block.get(MAKER_NOTE), exif.get(DESCRIPTION)
-    except Exception:  # metadata that cannot be read is no reason to refuse the photo
-        block, note, description = {}, None, None
+    block = directory(exif, EXIF_BLOCK)
+    note = block.get(MAKER_NOTE)
     if isinstance(note, bytes) and _apple_entry(note, APPLE_ACCELERATION):
         return apple
-    if "MAPAccelerometerVector" in str(description):
+    if "MAPAccelerometerVector" in as_text(tag_of(exif, DESCRIPTION)):
         return mapillary
     if b"GimbalPitchDegree" in xmp:
         return gimbal
@@ -62,9 +59,9 @@ def apple_gravity(exif: Image.Exif, width: int, height: int, orientation: int) -
         picture is stored upright, rotated by a program that may not have rotated the note with it.
     """
     try:
-        block = exif.get_ifd(EXIF_BLOCK)
+        block = directory(exif, EXIF_BLOCK)
         note = block.get(MAKER_NOTE)
-        if not isinstance(note, bytes) or "front" in str(block.get(LENS_MODEL, "")).lower() or height > width:
+        if not isinstance(note, bytes) or "front" in as_text(block.get(LENS_MODEL)).lower() or height > width:
             return None
         entry = _apple_entry(note, APPLE_ACCELERATION)
         if entry is None:

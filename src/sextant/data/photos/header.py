@@ -4,15 +4,14 @@ import mmap
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from PIL import Image
 
-from sextant.data.image_files import UnreadableImageError, not_decoded
-from sextant.data.photos.exif import EXIF_BLOCK, exif_focal_px, exif_numbers
-from sextant.data.photos.gps import GpsPosition, gps_position
+from sextant.data.metadata import EXIF_BLOCK, as_text, directory, exif_of, tag_of, xmp_of
+from sextant.data.photos.exif import exif_focal_px, exif_numbers
+from sextant.data.photos.gps import PhotoGps, gps_position
 from sextant.data.photos.gravity_tags import GravityTag, gravity_tag
-from sextant.data.photos.reading import known_formats
+from sextant.data.picture_files import UnreadableImageError, open_picture, why_unreadable
 from sextant.data.upright import upright_size
 
 MAKE, MODEL, TAKEN, SUBSECONDS = 0x010F, 0x0110, 0x9003, 0x9291
@@ -30,7 +29,7 @@ class PhotoHeader:
         camera: make and model from EXIF; "" if it has none.
         focal_px: focal length from EXIF, pixels.
         taken_s: when it was taken, from EXIF, seconds since 1970 on the camera's clock.
-        gps: where it was taken, from EXIF.
+        gps: where it was taken, and what is doubtful or wrong with that, from EXIF or XMP.
         gravity: which metadata tells the vertical.
         tagged_panorama: whether its metadata call it a 360-degree panorama.
     """
@@ -42,7 +41,7 @@ class PhotoHeader:
     camera: str
     focal_px: float | None
     taken_s: float | None
-    gps: GpsPosition | None
+    gps: PhotoGps
     gravity: GravityTag | None
     tagged_panorama: bool
 
@@ -55,50 +54,40 @@ def read_header(path: Path) -> PhotoHeader:
     Raises:
         UnreadableImageError: the file does not exist, is empty, is not a picture in a known format, or is truncated.
     """
-    if not path.is_file():
-        raise UnreadableImageError("is a link to nothing" if path.is_symlink() else "is no file")
     try:
+        if not path.is_file():  # reading a pipe might never end
+            raise FileNotFoundError
         size = path.stat().st_size
-        with Image.open(path, formats=known_formats()) as image:
-            exif, xmp = image.getexif(), image.info.get("xmp", b"")
-            xmp = xmp if isinstance(xmp, bytes) else str(xmp).encode()
+        with open_picture(path) as image:
+            exif, xmp = exif_of(image), xmp_of(image)
             width, height = upright_size(image)
             header = PhotoHeader(
                 path, size, width, height, _camera(exif), exif_focal_px(exif_numbers(image), width, height),
-                _taken(exif), gps_position(exif), gravity_tag(exif, xmp), b"equirectangular" in xmp.lower(),
+                _taken(exif), gps_position(exif, xmp), gravity_tag(exif, xmp), b"equirectangular" in xmp.lower(),
             )  # fmt: skip
             kind = image.format
         whole = _is_whole(path, kind or "", size)
     except Exception as error:  # Pillow raises whatever it comes across in a damaged file
-        raise UnreadableImageError(_reason(path, error)) from None
+        raise UnreadableImageError(why_unreadable(path, error)) from None
     if not whole:
         raise UnreadableImageError(f"is truncated ({size:,} bytes): its end is missing")
     return header
 
 
-def _reason(path: Path, error: Exception) -> str:
-    if isinstance(error, OSError) and error.errno is not None:
-        return f"cannot be read: {error.strerror}"
-    size = path.stat().st_size
-    if size == 0:
-        return "is empty (0 bytes)"
-    return not_decoded(path) or f"is no picture that can be read ({size:,} bytes)"
-
-
 def _camera(exif: Image.Exif) -> str:
-    make, model = (" ".join(str(exif.get(tag, "")).replace("\0", " ").split()) for tag in (MAKE, MODEL))
+    make, model = (" ".join(as_text(tag_of(exif, tag)).split()) for tag in (MAKE, MODEL))
     named = set(make.lower().split()) & set(model.lower().split())
     return model if named else f"{make} {model}".strip()
 
 
 def _taken(exif: Image.Exif) -> float | None:
+    block = directory(exif, EXIF_BLOCK)
     try:
-        block: dict[int, Any] = dict(exif.get_ifd(EXIF_BLOCK))
-        whole = datetime.strptime(str(block[TAKEN]).strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
-        part = str(block.get(SUBSECONDS, "")).strip("\0 ")
-        return whole.timestamp() + (float(f"0.{part}") if part.isdecimal() else 0.0)
-    except Exception:  # metadata that cannot be read is no reason to refuse the photo
+        whole = datetime.strptime(as_text(block.get(TAKEN)), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+    except ValueError:
         return None
+    part = as_text(block.get(SUBSECONDS))
+    return whole.timestamp() + (float(f"0.{part}") if part.isdecimal() and part.isascii() else 0.0)
 
 
 def _is_whole(path: Path, kind: str, size: int) -> bool:

@@ -11,17 +11,16 @@ import numpy as np
 from numpy import ndarray
 from PIL import Image
 
-from sextant.data.image_files import not_decoded
+from sextant.data.metadata import exif_of
 from sextant.data.photos.exif import exif_focal_px, exif_numbers, was_cropped
 from sextant.data.photos.gravity_tags import apple_gravity
 from sextant.data.photos.photo import Photo
-from sextant.data.photos.pixels import rgb_bytes
+from sextant.data.picture_files import open_picture, why_unreadable
+from sextant.data.pixel_values import WhiteLevels, eight_bits, rgb_bytes
 from sextant.data.upright import TURN, exif_orientation
 from sextant.errors import UserError
 from sextant.user_files import absent
 
-#: formats that are decoded; none whose decoder runs another program, as that of EPS does
-FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "JPEG2000", "AVIF")
 SMALLEST_SIDE = 32
 LARGEST_DECODED = 64_000_000  # pixels that are kept
 LARGEST_SIDE = 32_000  # of what is kept: cv2.remap counts in 16 bits
@@ -31,11 +30,15 @@ LARGEST_WHOLE = 256_000_000  # pixels of formats that are decoded whole: 1 GiB a
 _pillow = threading.Lock()  # its pixel limit is a global variable
 
 
-def read_photo(path: Path) -> Photo:
+def read_photo(path: Path, levels: WhiteLevels | None = None) -> Photo:
     """Decode a photo as upright 8-bit RGB; of a file with several pictures, the first.
 
-    Grey becomes three equal channels. 10, 12, 14 and 16 bits become 8, scaled from the fewest that hold the largest
-    value. CMYK and palettes become RGB; transparent pixels become mid grey (128). Colour profiles are not applied.
+    Grey becomes three equal channels. More than 8 bits become 8 as :mod:`~sextant.data.pixel_values` says. CMYK and
+    palettes become RGB; transparent pixels become mid grey (128). Colour profiles are not applied.
+
+    Args:
+        path: of the file.
+        levels: white levels of the photos that it belongs to; None for those of its folder.
 
     Raises:
         UserError: the file is missing, empty, truncated, not a picture in a known format, smaller than 32 pixels per
@@ -49,13 +52,12 @@ def read_photo(path: Path) -> Photo:
     if size == 0:
         raise UserError(f"{path} is empty (0 bytes)", "Copy the photo again.")
     try:
-        with without_pillow_limit(), Image.open(path, formats=known_formats()) as image:
-            return _decode(image, path)
+        with without_pillow_limit(), open_picture(path) as image:
+            return _decode(image, path, levels)
     except (UserError, MemoryError):
         raise
     except Exception as error:  # the decoders raise almost anything on broken files
-        why = f"cannot be read as a photo ({size:,} bytes): {error or type(error).__name__}"
-        raise UserError(f"{path} {not_decoded(path) or why}", "Give another file.") from None
+        raise UserError(f"{path} {why_unreadable(path, error)}", "Give another file.") from None
 
 
 def photo_of_array(image: ndarray, name: str) -> Photo:
@@ -76,12 +78,6 @@ def photo_of_array(image: ndarray, name: str) -> Photo:
     return Photo(image, width, height, 1, None)
 
 
-def known_formats() -> list[str]:
-    """Those of :data:`FORMATS` that the installed Pillow reads."""
-    Image.init()
-    return [name for name in FORMATS if name in Image.OPEN]
-
-
 @contextmanager
 def without_pillow_limit() -> Iterator[None]:
     """Lift Pillow's pixel limit, which warns or raises long before ours, and its warnings about odd metadata."""
@@ -94,7 +90,7 @@ def without_pillow_limit() -> Iterator[None]:
             Image.MAX_IMAGE_PIXELS = limit
 
 
-def _decode(image: Image.Image, path: Path) -> Photo:
+def _decode(image: Image.Image, path: Path, levels: WhiteLevels | None) -> Photo:
     width, height = image.size
     _check_size(width, height, image.format or "", path)
     factor = 1
@@ -103,14 +99,15 @@ def _decode(image: Image.Image, path: Path) -> Photo:
     exif = exif_numbers(image)
     orientation = exif_orientation(image)
     focal, cropped = exif_focal_px(exif, width, height), was_cropped(exif, width, height)
-    gravity = None if cropped else apple_gravity(image.getexif(), width, height, orientation)
+    gravity = None if cropped else apple_gravity(exif_of(image), width, height, orientation)
     if factor > 1:
         image.draft("RGB", (width // factor, height // factor))  # a JPEG at 1/2, 1/4 or 1/8; others ignore it
-    image.load()
+    eight = eight_bits(image, path, levels)
+    eight.load()
     if image.format == "JPEG2000" and END_OF_CODESTREAM not in path.read_bytes():
         raise ValueError("it is truncated: its codestream has no end")  # OpenJPEG fills what is missing with grey
-    turn = exif_orientation(image)  # Pillow has turned a TIFF by now, and its size was the upright one from the start
-    rgb = rgb_bytes(image, max(1, math.ceil(factor * image.width / width - 0.01)))
+    turn = exif_orientation(eight)  # Pillow has turned a TIFF by now, and its size was the upright one from the start
+    rgb = rgb_bytes(eight, max(1, math.ceil(factor * eight.width / width - 0.01)))
     if turn in TURN:
         rgb = rgb.transpose(TURN[turn])
     if turn >= 5:

@@ -17,7 +17,9 @@ from numpy import ndarray
 from numpy.lib import format as npy
 
 from sextant.atomic_files import read_json, write_json
-from sextant.data.image_files import UnreadableImageError, decode_image
+from sextant.data.image_files import decode_image
+from sextant.data.picture_files import UnreadableImageError
+from sextant.data.pixel_values import WhiteLevels
 from sextant.data.places.image_rows import ImageRows
 from sextant.data.places.problem_list import problem_list
 from sextant.data.rendered.disk import reporting_disk_errors
@@ -127,10 +129,11 @@ def _decoded_chunks(
 ) -> Iterator[tuple[int, UInt8[ndarray, "k h w c"]]]:
     """Images by chunk, with the index of the first; those that cannot be decoded are black and noted in ``bad``."""
     notify = notify_every(5.0, f"decoding {what}")
+    levels = WhiteLevels(paths, what)
 
     def decode(i: int) -> ndarray:
         try:
-            return decode_image(paths[i], size.height, size.width, size.channels)
+            return decode_image(paths[i], size.height, size.width, size.channels, levels)
         except UnreadableImageError as error:
             bad[i] = str(error)
             return np.zeros((size.height, size.width, size.channels), np.uint8)

@@ -7,8 +7,10 @@ A heading is the viewing direction in the block, taken as relative to true north
 images lack it, headings are those of the course from image to image, which assumes that the camera looks ahead.
 """
 
+import logging
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,33 +26,57 @@ from sextant.errors import ArgumentError
 if TYPE_CHECKING:
     from sextant.data.photos.gps import GpsPosition
 
+log = logging.getLogger(__name__)
+
 #: metres between images from which a heading is derived: about the accuracy of GPS
 STEP_M = 3.0
 
 
-def gps_poses(paths: Sequence[Path], key: str) -> list[Pose]:
+def gps_poses(paths: Sequence[Path], key: str, notes: list[str] | None = None) -> list[Pose]:
     """Poses of images in the frame of the first; those without a direction have no heading.
 
     Args:
         paths: of the images.
         key: of the argument that names them, for messages.
+        notes: receives what was assumed for doubtful positions; None logs it.
 
     Raises:
-        ArgumentError: images have no position; the message names them.
+        ArgumentError: images have no position; the message names them, each with the reason.
     """
-    return local_poses(_positions(paths, key))
+    doubts: list[str] = []
+    poses = local_poses(_positions(paths, key, doubts))
+    if notes is None:
+        for doubt in doubts:
+            log.warning(doubt)
+    else:
+        notes += doubts
+    return poses
 
 
-def _positions(paths: Sequence[Path], key: str) -> "list[GpsPosition]":
+def _positions(paths: Sequence[Path], key: str, notes: list[str]) -> "list[GpsPosition]":
     from sextant.data.photos.gps import photo_gps  # whose package imports torch
 
-    found = [photo_gps(path) for path in paths]
-    if without := [path.name for path, each in zip(paths, found, strict=True) if each is None]:
+    found = [(path.name, *photo_gps(path)) for path in paths]
+    if without := [f"{name}{problem and ': '}{problem}" for name, position, problem in found if position is None]:
         raise ArgumentError(
             f"{key}: {len(without):,} of {len(paths):,} images have no GPS position in EXIF\n{problem_list(without)}",
             "Move these images out of the folder, or give positions in a table: file,x,y,heading.",
         )
-    return [each for each in found if each is not None]
+    notes += [f"{key}: {doubt}" for doubt in doubtful({name: problem for name, _, problem in found})]
+    return [position for _, position, _ in found if position is not None]
+
+
+def doubtful(problems: Mapping[str, str], what: str = "doubtful") -> list[str]:
+    """Doubts about positions by image name, a line for each kind of doubt; ``what`` such positions are."""
+    kinds: dict[str, list[str]] = {}
+    for name, problem in problems.items():
+        if problem:
+            kinds.setdefault(re.sub(r"-?\d[\d.,e+ -]*\d|\d", "#", problem), []).append(name)
+    return [
+        f"the positions of {len(names):,} of {len(problems):,} images are {what}, such as {names[0]}: "
+        f"{problems[names[0]]}"
+        for names in kinds.values()
+    ]
 
 
 def local_poses(positions: "Sequence[GpsPosition]") -> list[Pose]:
@@ -82,13 +108,13 @@ def drive_by_gps(paths: Sequence[Path], first: Path, key: str, notes: list[str])
         paths: of the images, in the order of the drive.
         first: the image whose position is the origin.
         key: as for :func:`gps_poses`.
-        notes: receives a note if headings are those of the course.
+        notes: receives a note if headings are those of the course, and what was assumed for doubtful positions.
 
     Raises:
         ArgumentError: images have no position, or no direction and the drive does not move.
     """
-    positions = _positions(paths, key)
-    rows = local_poses([*_positions([first], key), *positions])[1:]
+    positions = _positions(paths, key, notes)
+    rows = local_poses([*_positions([first], key, []), *positions])[1:]
     places = np.array([(row.x, row.y) for row in rows])
     headings = [row.heading_deg for row in rows if row.heading_deg is not None]
     if len(headings) == len(rows):

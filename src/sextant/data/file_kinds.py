@@ -1,0 +1,86 @@
+"""What a file is that is given as a picture but is none: by its content, else by its name."""
+
+import mimetypes
+import re
+from pathlib import Path
+
+from PIL import Image
+
+#: raw sensor data
+RAW = (
+    ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".srf", ".sr2", ".srw", ".raf", ".orf", ".rw2", ".rwl",
+    ".raw", ".pef", ".ptx", ".x3f", ".mrw", ".dcr", ".kdc", ".erf", ".mef", ".mos", ".3fr", ".fff", ".iiq", ".gpr",
+)  # fmt: skip
+HEIC = (".heic", ".heif", ".hif")
+DEVELOP = "develop it to JPEG, or to PNG or TIFF of 16 bits, with darktable, RawTherapee or dcraw"
+RAW_FILE = "is a raw file{}, which is not decoded here: " + DEVELOP
+VIDEO = "is a video, no photo: save frames of it as photos, or give it to sextant walk or sextant inspect"
+TIFF = "is a TIFF of a kind that is not read here: save it with 8 or 16 bits per channel"
+NOT_HEIC = "is {}, which is not decoded here: save it as JPEG"
+#: beginnings of files, as patterns, and what such a file is
+BEGINNINGS = {
+    rb"....ftypavi": "",  # decoded if this Pillow does; other brands follow
+    rb"....ftyp(hei|hev|mif1|msf1)": NOT_HEIC.format("HEIC by its content"),
+    rb"....ftypcrx": RAW_FILE.format(" by its content (CR3)"),
+    rb"....(ftyp|moov|mdat|wide)|RIFF....AVI |\x1aE\xdf\xa3|FLV\x01|\0\0\x01[\xb3\xba]": VIDEO,
+    rb"FUJIFILMCCD-RAW|II\*\0....CR|II(RO|RS|U\0)|MMOR|II\x1a\0...\0HEAPCCDR|\0MRM|FOVb": RAW_FILE.format(
+        " by its content"
+    ),
+    rb"%PDF-": "is a PDF document, no picture: export its pages as PNG",
+    rb"8BPS": "is a Photoshop document, which is not decoded here: export it as PNG or TIFF",
+    rb"\xff\x0a|\0\0\0\x0cJXL ": "is JPEG XL, which is not decoded here: save it as JPEG or PNG",
+    rb"v/1\x01|#\?RADIANCE|#\?RGBE": "is a picture of high dynamic range, whose white level is unknown: save it as PNG",
+    rb"PK\x03\x04|PK\x05\x06|\x1f\x8b|7z\xbc\xaf|Rar!|BZh|\xfd7zXZ": "is a compressed archive, no picture: unpack it",
+    rb"\x93NUMPY|SIMPLE  =|\x89HDF": "is a file of arrays, no picture: save them as PNG",
+    rb"version https://git-lfs": "is a pointer of Git LFS, not the picture itself: git lfs pull",
+    rb"%!PS": "is PostScript, which is not run here: save it as PNG",
+    rb"\s*(<\?xml.*)?(<!--.*)?\s*<svg": "is an SVG drawing, no photo: export it as PNG",
+    rb"\s*(<!doctype html|<html|<head)": "is a page of HTML, no picture, as a failed download leaves it: load it again",
+    rb"\s*<\?xml": "is XML, no picture",
+    rb"\0{512}": "holds zeros, as a broken copy leaves them: copy it again",
+}
+SUBFILE, OLD_SUBFILE, DNG_VERSION = 0x00FE, 0x00FF, 0xC612
+
+
+def not_decoded(path: Path) -> str | None:
+    """Why a file is not read as a picture, judged by its content, else by its name; None if neither tells."""
+    suffix = path.suffix.lower()
+    head = first_bytes(path, 512)
+    known = (kind for pattern, kind in BEGINNINGS.items() if re.match(pattern, head, re.DOTALL | re.IGNORECASE))
+    if (kind := next(known, None)) is not None:
+        return kind or None
+    if suffix in (*RAW, *HEIC):
+        return RAW_FILE.format(f" ({suffix})") if suffix in RAW else NOT_HEIC.format(suffix)
+    if (mimetypes.guess_type(path.name)[0] or "").startswith("video/"):
+        return VIDEO
+    return TIFF if head.startswith((b"II*\0", b"MM\0*")) else None
+
+
+def is_text(path: Path) -> bool:
+    """Whether a file begins like one of text."""
+    head = first_bytes(path, 512)
+    return bool(head) and not re.search(rb"[^\t-\r\x1b -~\x80-\xff]", head)
+
+
+def first_bytes(path: Path, count: int) -> bytes:
+    """The beginning of a file; empty if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(count)
+    except OSError:
+        return b""
+
+
+def is_raw(image: Image.Image, suffix: str) -> str | None:
+    """Why an open picture is only the preview in a raw file; None if it is a picture of its own.
+
+    The first directory of a TIFF says by NewSubfileType whether its picture is a smaller version of another one (TIFF
+    6.0, section 8); a raw file begins with such a preview.
+    """
+    if image.format == "TIFF":
+        tags = getattr(image, "tag_v2", {})
+        if suffix in RAW or DNG_VERSION in tags:
+            return RAW_FILE.format(f" ({suffix})" if suffix in RAW else " (DNG by its tags)")
+        if tags.get(SUBFILE) in (1, 3, 5, 7) or tags.get(OLD_SUBFILE) == 2:
+            return RAW_FILE.format(" by its tags (the first picture is a smaller version of another, NewSubfileType 1)")
+    return None

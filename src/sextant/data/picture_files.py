@@ -1,0 +1,94 @@
+"""Opening of picture files of any kind by their content, and why those that cannot be opened cannot."""
+
+import io
+import mmap
+import zlib
+from pathlib import Path
+
+from PIL import Image, UnidentifiedImageError
+
+from sextant.data.file_kinds import first_bytes, is_raw, is_text, not_decoded
+
+#: formats that are decoded; none whose decoder runs another program, as that of EPS does
+FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "JPEG2000", "AVIF")
+PNG = b"\x89PNG\r\n\x1a\n"
+#: kinds of PNG chunks that hold text or a colour profile, and the bytes, uncompressed, up to which they are read
+SPOKEN, LARGEST_SPOKEN = (b"tEXt", b"zTXt", b"iTXt", b"iCCP"), 2**20
+
+
+class UnreadableImageError(OSError):
+    """The file cannot be decoded; the message says why, without the file's name."""
+
+
+def open_picture(path: Path) -> Image.Image:
+    """Open a picture without decoding it, whatever its name; the caller closes it.
+
+    Raises:
+        UnreadableImageError: it is the preview in a raw file.
+        OSError: or what else Pillow raises for what is no picture; :func:`why_unreadable` gives the reason.
+    """
+    Image.init()  # until then Pillow knows only the commonest formats
+    content = None if first_bytes(path, 8) != PNG else _without_odd_chunks(path)
+    image = Image.open(path if content is None else io.BytesIO(content), formats=known_formats())
+    if reason := is_raw(image, path.suffix.lower()):
+        image.close()
+        raise UnreadableImageError(reason)
+    return image
+
+
+def known_formats() -> list[str]:
+    """Those of :data:`FORMATS` that the installed Pillow reads."""
+    Image.init()
+    return [name for name in FORMATS if name in Image.OPEN]
+
+
+def why_unreadable(path: Path, error: Exception) -> str:
+    """Why a picture cannot be read, on one line without the file's name, after ``error`` was raised for it."""
+    if isinstance(error, UnreadableImageError):
+        return str(error)
+    if not path.is_file():
+        return "is a link to nothing" if path.is_symlink() else "is no file"
+    if isinstance(error, OSError) and error.errno is not None:
+        return f"cannot be read: {error.strerror}"
+    size = path.stat().st_size
+    if size == 0:
+        return "is empty (0 bytes)"
+    why = next(iter(str(error).splitlines()), type(error).__name__)
+    if isinstance(error, UnidentifiedImageError):
+        if kind := not_decoded(path):
+            return kind
+        why = "it is text" if is_text(path) else "it is no picture in a known format"
+    return f"cannot be decoded ({size:,} bytes): {why}"
+
+
+def _without_odd_chunks(path: Path) -> bytes | None:
+    """A PNG file without the chunks that hold no pixels and are large or damaged; None if there are none.
+
+    Pillow refuses a whole picture for the sake of such a chunk.
+    """
+    kept, at, left_out = [slice(len(PNG))], len(PNG), False
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        while at + 12 <= len(content):
+            length, kind = int.from_bytes(content[at : at + 4], "big"), content[at + 4 : at + 8]
+            end = at + 12 + length
+            if kind[:1].islower() and _is_odd(kind, content[at + 8 : end - 4], content[end - 4 : end]):
+                left_out = True
+            else:
+                kept.append(slice(at, end))
+            at = end
+        return b"".join(content[part] for part in kept) if left_out else None
+
+
+def _is_odd(kind: bytes, data: bytes, check: bytes) -> bool:
+    if zlib.crc32(kind + data) != int.from_bytes(check, "big") or (kind in SPOKEN and len(data) > LARGEST_SPOKEN):
+        return True
+    if kind not in SPOKEN[1:]:
+        return False
+    _, _, packed = data.partition(b"\0")  # a keyword; then the method, or for iTXt whether it is packed at all
+    packed = packed[2:].split(b"\0", 2)[-1] if kind == b"iTXt" and packed[:1] == b"\1" else packed[1:]
+    unpacking = zlib.decompressobj()
+    try:
+        unpacking.decompress(packed, LARGEST_SPOKEN)
+    except zlib.error:  # Pillow passes over it, or it is not packed
+        return False
+    return bool(unpacking.unconsumed_tail)
