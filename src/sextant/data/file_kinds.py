@@ -16,6 +16,7 @@ DEVELOP = "develop it to JPEG, or to PNG or TIFF of 16 bits, with darktable, Raw
 RAW_FILE = "is a raw file{}, which is not decoded here: " + DEVELOP
 VIDEO = "is a video, no photo: save frames of it as photos, or give it to sextant walk or sextant inspect"
 TIFF = "is a TIFF of a kind that is not read here: save it with 8 or 16 bits per channel"
+PLANES = "is a 16-bit TIFF with a plane for each colour, which is not read here: save it interleaved, or as PNG"
 NOT_HEIC = "is {}, which is not decoded here: save it as JPEG"
 #: beginnings of files, as patterns, and what such a file is
 BEGINNINGS = {
@@ -39,7 +40,7 @@ BEGINNINGS = {
     rb"\s*<\?xml": "is XML, no picture",
     rb"\0{512}": "holds zeros, as a broken copy leaves them: copy it again",
 }
-SUBFILE, OLD_SUBFILE, DNG_VERSION = 0x00FE, 0x00FF, 0xC612
+SUBFILE, OLD_SUBFILE, BITS_PER_SAMPLE, PLANAR, DNG_VERSION = 0x00FE, 0x00FF, 0x0102, 0x011C, 0xC612
 
 
 def not_decoded(path: Path) -> str | None:
@@ -71,16 +72,18 @@ def first_bytes(path: Path, count: int) -> bytes:
         return b""
 
 
-def is_raw(image: Image.Image, suffix: str) -> str | None:
-    """Why an open picture is only the preview in a raw file; None if it is a picture of its own.
+def unfit_tiff(image: Image.Image, suffix: str) -> str | None:
+    """Why an open picture is not read although Pillow would; None if nothing speaks against it.
 
     The first directory of a TIFF says by NewSubfileType whether its picture is a smaller version of another one (TIFF
-    6.0, section 8); a raw file begins with such a preview.
+    6.0, section 8); a raw file begins with such a preview. Of 16-bit planes, libraries here read other pixels.
     """
-    if image.format == "TIFF":
-        tags = getattr(image, "tag_v2", {})
-        if suffix in RAW or DNG_VERSION in tags:
-            return RAW_FILE.format(f" ({suffix})" if suffix in RAW else " (DNG by its tags)")
-        if tags.get(SUBFILE) in (1, 3, 5, 7) or tags.get(OLD_SUBFILE) == 2:
-            return RAW_FILE.format(" by its tags (the first picture is a smaller version of another, NewSubfileType 1)")
-    return None
+    if image.format != "TIFF":
+        return None
+    tags = getattr(image, "tag_v2", {})
+    if suffix in RAW or DNG_VERSION in tags:
+        return RAW_FILE.format(f" ({suffix})" if suffix in RAW else " (DNG by its tags)")
+    if tags.get(SUBFILE) in (1, 3, 5, 7) or tags.get(OLD_SUBFILE) == 2:
+        return RAW_FILE.format(" by its tags (the first picture is a smaller version of another, NewSubfileType 1)")
+    bits = tags.get(BITS_PER_SAMPLE, ())
+    return PLANES if tags.get(PLANAR) == 2 and len(bits) > 1 and max(bits) > 8 else None

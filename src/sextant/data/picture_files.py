@@ -7,13 +7,17 @@ from pathlib import Path
 
 from PIL import Image, UnidentifiedImageError
 
-from sextant.data.file_kinds import first_bytes, is_raw, is_text, not_decoded
+from sextant.data.file_kinds import first_bytes, is_text, not_decoded, unfit_tiff
 
 #: formats that are decoded; none whose decoder runs another program, as that of EPS does
 FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "JPEG2000", "AVIF")
 PNG = b"\x89PNG\r\n\x1a\n"
 #: kinds of PNG chunks that hold text or a colour profile, and the bytes, uncompressed, up to which they are read
 SPOKEN, LARGEST_SPOKEN = (b"tEXt", b"zTXt", b"iTXt", b"iCCP"), 2**20
+
+
+#: bytes without which Pillow fails on a chunk
+SHORTEST = {b"gAMA": 4, b"cHRM": 32, b"sRGB": 1, b"pHYs": 9}
 
 
 class UnreadableImageError(OSError):
@@ -24,13 +28,13 @@ def open_picture(path: Path) -> Image.Image:
     """Open a picture without decoding it, whatever its name; the caller closes it.
 
     Raises:
-        UnreadableImageError: it is the preview in a raw file.
+        UnreadableImageError: it is the preview in a raw file, or a TIFF that Pillow opens but reads wrongly.
         OSError: or what else Pillow raises for what is no picture; :func:`why_unreadable` gives the reason.
     """
     Image.init()  # until then Pillow knows only the commonest formats
     content = None if first_bytes(path, 8) != PNG else _without_odd_chunks(path)
     image = Image.open(path if content is None else io.BytesIO(content), formats=known_formats())
-    if reason := is_raw(image, path.suffix.lower()):
+    if reason := unfit_tiff(image, path.suffix.lower()):
         image.close()
         raise UnreadableImageError(reason)
     return image
@@ -80,11 +84,13 @@ def _without_odd_chunks(path: Path) -> bytes | None:
 
 
 def _is_odd(kind: bytes, data: bytes, check: bytes) -> bool:
-    if zlib.crc32(kind + data) != int.from_bytes(check, "big") or (kind in SPOKEN and len(data) > LARGEST_SPOKEN):
+    if zlib.crc32(kind + data) != int.from_bytes(check, "big") or len(data) < SHORTEST.get(kind, 0):
         return True
-    if kind not in SPOKEN[1:]:
+    if kind not in SPOKEN:
         return False
     _, _, packed = data.partition(b"\0")  # a keyword; then the method, or for iTXt whether it is packed at all
+    if len(data) > LARGEST_SPOKEN or (kind == b"iCCP" and packed[:1] != b"\0"):
+        return True
     packed = packed[2:].split(b"\0", 2)[-1] if kind == b"iTXt" and packed[:1] == b"\1" else packed[1:]
     unpacking = zlib.decompressobj()
     try:

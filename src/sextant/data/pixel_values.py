@@ -27,6 +27,8 @@ from sextant.data.picture_files import open_picture
 
 log = logging.getLogger(__name__)
 
+#: changes when the same files of more than 8 bits would become other bytes
+LEVELS = "white levels 1"
 BITS = (8, 10, 12, 14, 16, 24, 32)
 #: pictures examined for their common level, and those opened in search of them
 SAMPLE, SEARCHED = 64, 2000
@@ -105,9 +107,8 @@ def eight_bits(image: Image.Image, path: Path | None = None, levels: WhiteLevels
     Raises:
         ValueError: the white level of its values is unknown.
     """
-    scaled = image.format == "PPM" and any(
-        tile[0] == "ppm" for tile in getattr(image, "tile", ())
-    )  # by its own largest value
+    tiles = getattr(image, "tile", ())
+    scaled = any(tile[0] == "ppm" and tile[3][1] != 65535 for tile in tiles)  # by Pillow, to 16 bits
     values = deep_values(image, path)
     if values is None:
         return image
@@ -145,6 +146,15 @@ def rgb_bytes(image: Image.Image, factor: int) -> Image.Image:
     background = Image.new("RGB", image.size, (ALPHA_BACKGROUND,) * 3)
     background.paste(image, mask=image.getchannel("A"))
     return background
+
+
+def is_deep(path: Path) -> bool:
+    """Whether a picture file has more than 8 bits per channel, by its header."""
+    try:
+        with open_picture(path) as image:
+            return image.mode.startswith("I") or image.mode == "F" or _has_deep_colour(image, path)
+    except Exception:  # decoding it reports what is wrong with it
+        return False
 
 
 def deep_values(image: Image.Image, path: Path | None = None) -> Num[ndarray, "h w *c"] | None:

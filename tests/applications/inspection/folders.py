@@ -344,8 +344,9 @@ FOLDERS = {
     ),
     "broken files": (
         _broken_files,
-        ["cut.jpg: is truncated", "cut.png: is truncated", "empty.jpg: is empty (0 bytes)", "words.jpg: is no picture",
-         "phone.heic: is .heic, which is not decoded", "raw.CR2: is .CR2", "images: 2 "],
+        ["cut.jpg: is truncated", "cut.png: is truncated", "empty.jpg: is empty (0 bytes)",
+         "words.jpg: cannot be decoded (10 bytes): it is text", "phone.heic: is HEIC by its content",
+         "raw.CR2: is a raw file (.cr2)", "images: 2 "],
     ),
     "links in a circle": (_links, ["day/round is a link to a folder", "gone.jpg: is a link to nothing", "self.jpg: "]),
     "pipes": (_pipes, ["pipe.jpg: is no file", "pipe.csv: is no file", "3 photos"]),

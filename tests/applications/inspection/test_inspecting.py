@@ -86,7 +86,9 @@ def test_positions_and_times_of_headers(tmp_path):
     gps = {1: "S", 2: (33.0, 30.0, 0.0), 3: "E", 4: (151.0, 0.0, 36.0), 5: b"\x01", 6: 12.0, 16: "M", 17: 370.5}
     photo(tmp_path / "a.jpg", gps=gps, taken=90)
     (header,) = inspect(tmp_path).seen.headers.values()
-    assert header.gps == GpsPosition(pytest.approx(-33.5), pytest.approx(151.01), -12.0, pytest.approx(10.5), True)
+    assert header.gps.position == GpsPosition(
+        pytest.approx(-33.5), pytest.approx(151.01), -12.0, pytest.approx(10.5), True
+    )
     assert header.taken_s == 1714557690  # 2024-05-01 10:01:30
     facts = inspect(tmp_path / "a.jpg").facts()
     assert (facts["gps"], facts["gps_directions"], facts["gps_extent_m"]) == (1, 1, [0, 0])

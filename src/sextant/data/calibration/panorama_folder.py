@@ -17,7 +17,7 @@ from sextant.data.calibration.panorama_images import SMALLEST_HEIGHT, UnfitImage
 from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split
 from sextant.data.image_files import SUFFIXES
 from sextant.data.photo_files import image_paths
-from sextant.data.pixel_values import WhiteLevels
+from sextant.data.pixel_values import LEVELS, WhiteLevels, is_deep
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.progress import notify_every
 from sextant.data.source import MissingDataError, file_sha256, first_folder
@@ -155,7 +155,8 @@ class PanoramaFolder:
 
     def _digest(self, split: Split) -> str:
         files = [[path.relative_to(self.folder).as_posix(), file_sha256(path)] for path in self.files(split)]
-        return hashlib.sha256(json.dumps([DECODER, self.height, files]).encode()).hexdigest()
+        deep = [LEVELS] if any(map(is_deep, self.files(split))) else []  # 8-bit files keep the digest they always had
+        return hashlib.sha256(json.dumps([DECODER, self.height, files, *deep]).encode()).hexdigest()
 
     def _decoded(self, paths: Sequence[Path], split: Split) -> UInt8[ndarray, "n h w 3"]:
         images = np.empty((len(paths), self.height, 2 * self.height, 3), np.uint8)

@@ -19,7 +19,7 @@ from numpy.lib import format as npy
 from sextant.atomic_files import read_json, write_json
 from sextant.data.image_files import decode_image
 from sextant.data.picture_files import UnreadableImageError
-from sextant.data.pixel_values import WhiteLevels
+from sextant.data.pixel_values import LEVELS, WhiteLevels, is_deep
 from sextant.data.places.image_rows import ImageRows
 from sextant.data.places.problem_list import problem_list
 from sextant.data.rendered.disk import reporting_disk_errors
@@ -95,7 +95,9 @@ def read_images(
 def _kept(paths: Sequence[Path], size: ImageSize, cache: Path, what: str) -> tuple[ndarray, dict[int, str]]:
     """Decoded images from the cache, written there first if necessary."""
     files = [file_sha256(path) for path in paths]
-    digest = hashlib.sha256(json.dumps([DECODER, size.height, size.width, size.channels, files]).encode()).hexdigest()
+    deep = [LEVELS] if any(map(is_deep, paths)) else []  # 8-bit files keep the digest that they always had
+    identity = [DECODER, size.height, size.width, size.channels, files, *deep]
+    digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
     folder = cache / f"decoded_places-{digest[:16]}"
     kept, listed = folder / "images.npy", folder / "bad.json"
     shape = (len(paths), size.height, size.width, size.channels)
