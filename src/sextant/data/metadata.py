@@ -16,6 +16,8 @@ NUMBER = re.compile(r"([+-]?(?:\d+(?:[.,]\d*)?|\.\d+)(?:[eE][+-]?\d+)?)(?:\s*/\s
 
 def exif_of(image: Image.Image) -> Image.Exif:
     """The metadata of an open picture; empty if they are broken."""
+    if image.format == "PNG" and "exif" not in image.info:
+        image.load()  # they may follow the pixels; errors of these are not to be caught below
     try:
         return image.getexif()
     except Exception:  # Pillow raises whatever it comes across; broken metadata are no reason to refuse a picture

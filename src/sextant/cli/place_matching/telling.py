@@ -63,6 +63,8 @@ def _verdict(row: Mapping[str, Any], match: Mapping[str, Any]) -> str:
 
 def _truth(counted: Mapping[str, Any]) -> str:
     inside, looked_up = counted["in_map"], counted["queries"] - counted["failed"]
+    if not inside:
+        return f"none of the {looked_up:,} queries has its place in the map, so no match can be right"
     told = f"best match right: {counted['right']:,} of the {inside:,} queries whose place is in the map"
     if "mean_confidence_in_map" in counted:
         told += f" (mean confidence {counted['mean_confidence_in_map']:.2f})"
