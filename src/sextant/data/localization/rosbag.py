@@ -26,6 +26,7 @@ from sextant.data.localization.frames import Frame, Size
 from sextant.data.localization.odometry_file import OdometryFile
 from sextant.data.localization.plane import to_plane
 from sextant.data.localization.pose_formats import LENGTH_TOLERANCE, pose_matrices
+from sextant.data.pixel_values import WhiteLevels
 from sextant.errors import ArgumentError, UserError
 
 #: suffix of a ROS 1 bag, and the file that makes a folder a ROS 2 bag
@@ -82,13 +83,15 @@ class Bag:
     def read(self, size: Size | None) -> Iterator[Frame]:
         """Yield the images, stretched to a size or as they are; those that cannot be decoded are reported."""
         with _opened(self.path) as bag:
+            levels = WhiteLevels([])
             for number, (kind, _, raw) in enumerate(bag.messages(self.topic)):
                 if number % self.every:
                     continue
                 name = f"image {number}"
                 try:
                     picture = picture_of(bag.message(raw, kind), kind)
-                    yield Frame(name, picture_bytes(picture, *(size or (picture.height, picture.width, 3))))
+                    shape = size or (picture.height, picture.width, 3)
+                    yield Frame(name, picture_bytes(picture, *shape, levels=levels))
                 except Exception as error:  # decoders raise whatever they come across in damaged bytes
                     yield Frame(
                         name, None, f"cannot be decoded: {str(error).splitlines()[0] if str(error) else error!r}"
