@@ -7,9 +7,10 @@ from PIL import Image
 
 from sextant.applications.inspection.files import found_files
 from sextant.applications.places.photo_folder import photos_below
+from sextant.data.file_kinds import is_hidden
 from sextant.data.image_folder import ImageFolder
 from sextant.data.localization.frames import find_frames
-from sextant.data.photo_files import find_photos, images_below, is_hidden
+from sextant.data.photo_files import find_photos, images_below
 from sextant.errors import UserError
 
 HIDDEN = [
@@ -94,7 +95,7 @@ def test_photos_that_no_dataset_decodes_are_not_lost_silently(tmp_path, caplog):
     write(tmp_path / "a.jpg")
     (tmp_path / "b.HEIC").write_bytes(b"x")
     assert below(images_below(tmp_path), tmp_path) == ["a.jpg"]
-    assert "1 files left out, such as b.HEIC, which is .HEIC" in caplog.text
+    assert "1 files left out, such as b.HEIC, which is .heic" in caplog.text
 
 
 def test_classes_are_no_hidden_folders(tmp_path):

@@ -1,4 +1,4 @@
-"""What a file is that is given as a picture but is none: by its content, else by its name."""
+"""What a file is that is given as a picture but is none, and which names are hidden or a system's own."""
 
 import mimetypes
 import re
@@ -41,6 +41,21 @@ BEGINNINGS = {
     rb"\0{512}": "holds zeros, as a broken copy leaves them: copy it again",
 }
 SUBFILE, OLD_SUBFILE, BITS_PER_SAMPLE, PLANAR, DNG_VERSION = 0x00FE, 0x00FF, 0x0102, 0x011C, 0xC612
+#: what systems and network drives leave among photos, besides names that begin with a dot; in lower case
+SYSTEM = re.compile(
+    r"__macosx.*|@eadir|@tmp|@recycle|@recently-snapshot|#recycle|#snapshot|\$recycle\.bin|recycler|lost\+found"
+    r"|system volume information|network trash folder|temporary items|synofile_thumb.*|(eh)?thumbs\.db|desktop\.ini"
+)
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a file or folder of this name is hidden, or a system's own: a thumbnail, resource fork or wastebasket.
+
+    Example:
+        >>> [is_hidden(name) for name in ("._1.jpg", "@eaDir", "Thumbs.db", "IMG_1.jpg")]
+        [True, True, True, False]
+    """
+    return name.startswith(".") or SYSTEM.fullmatch(name.lower()) is not None
 
 
 def not_decoded(path: Path) -> str | None:

@@ -9,8 +9,9 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image, ImageOps
 
+from sextant.data.file_kinds import is_hidden
 from sextant.data.image_files import SUFFIXES, require_sides
-from sextant.data.photo_files import image_paths, is_hidden
+from sextant.data.photo_files import image_paths
 from sextant.data.picture_files import open_picture, why_unreadable
 from sextant.data.pixel_values import WhiteLevels, eight_bits, without_alpha
 from sextant.data.source import (

@@ -6,14 +6,13 @@ Datasets, predictions, maps and inspection all list folders by :func:`walk_folde
 import glob
 import logging
 import os
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 
-from sextant.data.file_kinds import DEVELOP, RAW, not_decoded
+from sextant.data.file_kinds import DEVELOP, RAW, SYSTEM, is_hidden, not_decoded
 from sextant.data.image_files import SUFFIXES, natural_key
 from sextant.errors import UserError
 from sextant.user_files import absent
@@ -25,21 +24,6 @@ FOUND_IN_FOLDERS = (*SUFFIXES, ".heic", ".heif")
 #: names of pictures that predictions write: :mod:`~sextant.applications.calibration.photo_files`,
 #: :mod:`~sextant.cli.place_matching.gallery_pages`
 WRITTEN = ("*_overlay.png", "*_undistorted.png", "*_undistorted.jpg", "*calibrations.png", "matches_page*.png")
-#: what systems and network drives leave among photos, besides names that begin with a dot; in lower case
-SYSTEM = re.compile(
-    r"__macosx.*|@eadir|@tmp|@recycle|@recently-snapshot|#recycle|#snapshot|\$recycle\.bin|recycler|lost\+found"
-    r"|system volume information|network trash folder|temporary items|synofile_thumb.*|(eh)?thumbs\.db|desktop\.ini"
-)
-
-
-def is_hidden(name: str) -> bool:
-    """Whether a file or folder of this name is hidden, or a system's own: a thumbnail, resource fork or wastebasket.
-
-    Example:
-        >>> [is_hidden(name) for name in ("._1.jpg", "@eaDir", "Thumbs.db", "IMG_1.jpg")]
-        [True, True, True, False]
-    """
-    return name.startswith(".") or SYSTEM.fullmatch(name.lower()) is not None
 
 
 @dataclass(eq=False)

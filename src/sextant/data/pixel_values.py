@@ -23,6 +23,7 @@ from jaxtyping import Num, UInt8
 from numpy import ndarray
 from PIL import Image
 
+from sextant.data.file_kinds import is_hidden
 from sextant.data.picture_files import open_picture
 
 log = logging.getLogger(__name__)
@@ -207,7 +208,7 @@ def _levels_of(path: Path | None) -> WhiteLevels:
 
 @lru_cache(maxsize=64)
 def _levels_of_folder(folder: Path, changed_ns: int) -> WhiteLevels:
-    return WhiteLevels(Path(entry.path) for entry in os.scandir(folder) if not entry.name.startswith("."))
+    return WhiteLevels(Path(entry.path) for entry in os.scandir(folder) if not is_hidden(entry.name))
 
 
 def _top(values: ndarray) -> float:

@@ -43,7 +43,7 @@ def found_files(path: Path) -> FoundFiles:
     kinds = (FOUND_IN_FOLDERS, VIDEOS, TABLES, RAW)
     images, videos, tables, raw = (tuple(file for file in files if file.suffix.lower() in kind) for kind in kinds)
     for file in raw:
-        unreadable[file.as_posix()] = str(not_decoded(file))
+        unreadable[file.as_posix()] = str(not_decoded(walked.folder / file))
     bags = {
         file.parent if file.name == METADATA else file
         for file in files

@@ -29,8 +29,9 @@ from numpy import ndarray
 
 from sextant.data.calibration.camera_distributions import CameraDistribution
 from sextant.data.calibration.crops import crop_panoramas
+from sextant.data.file_kinds import is_hidden
 from sextant.data.name_matching import match_names
-from sextant.data.photo_files import FOUND_IN_FOLDERS, find_photos, is_hidden, walk_folder
+from sextant.data.photo_files import FOUND_IN_FOLDERS, find_photos, walk_folder
 from sextant.data.photos import read_photo
 from sextant.data.picture_files import open_picture
 from sextant.data.places.problem_list import problem_list

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from sextant.data.photo_files import is_hidden
+from sextant.data.file_kinds import is_hidden
 from sextant.data.places.aligned import AlignedRides, align_by_name, traverse_files
 from sextant.data.places.decoded_images import ImageSize, read_images
 from sextant.data.places.images import PlaceImages
