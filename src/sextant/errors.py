@@ -1,9 +1,27 @@
 """Exceptions that are shown to the user as one message."""
 
 import re
+import shlex
 from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
+
+
+def command(*words: str, outputs: str | None = None) -> str:
+    """A command of Sextant to paste into a shell: words are quoted where they must be, except a ``<placeholder>``.
+
+    Args:
+        words: the words behind ``sextant``.
+        outputs: output folder for its ``outputs=``, if not the default.
+
+    Example:
+        >>> command("train", "-m", "seed=0,1", "dataset.folder=my photos")
+        "sextant train -m seed=0,1 'dataset.folder=my photos'"
+        >>> command("predict", "run=outputs/runs/a", "input=<folder>")
+        'sextant predict run=outputs/runs/a input=<folder>'
+    """
+    told = ("sextant", *words, *(() if outputs is None else (f"outputs={outputs}",)))
+    return " ".join(word if re.fullmatch(r"[\w.=/-]*<[\w ,.:/-]+>", word) else shlex.quote(word) for word in told)
 
 
 class UserError(Exception):

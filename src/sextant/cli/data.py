@@ -17,7 +17,7 @@ from sextant.cli.gallery import gallery
 from sextant.cli.work_progress import work_progress
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.rendered_datasets import rendered_datasets
-from sextant.errors import UserError
+from sextant.errors import UserError, command
 
 if TYPE_CHECKING:
     from sextant.data.rendered import StoreReport
@@ -146,7 +146,8 @@ def _verify(arguments: list[str]) -> None:
     if report.sound:
         return
     if not repair:
-        console.print(f"sextant data verify {escape(str(directory))} repair=true forgets what is damaged")
+        told = command("data", "verify", str(directory), "repair=true")
+        console.print(f"{told} forgets what is damaged", markup=False, soft_wrap=True)
         raise SystemExit(1)
     repair_store(report)
     dataset = report.manifest.name if report.manifest else "<name>"

@@ -1,6 +1,9 @@
 """Terminal output before and after a run."""
 
-from collections.abc import Mapping
+import shlex
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +11,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from sextant.cli.console import console, print_key_values, rows_table
+from sextant.cli.next_commands import next_commands
+from sextant.composing.config_files import with_folders
 from sextant.config import Config
 from sextant.config.building import part_name
 from sextant.lifecycle.execute import Outcome
@@ -47,8 +52,8 @@ def _training(config: Config) -> dict[str, str]:
     }
 
 
-def show_result(outcome: Outcome) -> None:
-    """Show the final metrics of a run, and the commands that may come next."""
+def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
+    """Show the final metrics of a run; of one that was trained here, from what the user typed, why it did not learn."""
     directory = RunDirectory(outcome.directory)
     results = directory.results()
     if results is None:
@@ -57,6 +62,7 @@ def show_result(outcome: Outcome) -> None:
         console.print(f"[green]Already finished with this code and data:[/] {_shorter(directory.path)}")
     if not results["metrics"]:
         console.print(f"[red]This run diverged:[/] {escape(str(results.get('message', '')))}")
+        _show_divergence(directory, typed)
         return
     table = Table(title="Result", title_justify="left", title_style="bold")
     table.add_column("metric")
@@ -68,21 +74,38 @@ def show_result(outcome: Outcome) -> None:
     if results.get("table"):
         console.print(rows_table("On the test split", results["table"]))
     if results["outcome"] == "diverged":
-        console.print("[yellow]This run did not learn: on the validation split it is near chance.[/]")
+        console.print("[yellow]This run did not learn.[/]")
+        _show_divergence(directory, typed)
     if results.get("published"):
         console.print(f"accuracy   {escape(comparison(results['published'], results['metrics']))}")
     run, timing = _shorter(directory.path), results["timing"]
     trained = f"trained in {timing['fit_s']:.1f} s, " if timing["fit_s"] else ""
     console.print(f"{results['parameters']:,} parameters, {trained}tested in {timing['test_s']:.1f} s")
     console.print(f"figures    {run}/figures")
-    if timing["fit_s"]:
+
+
+def _show_divergence(directory: RunDirectory, typed: Sequence[str] | None) -> None:
+    from sextant.reports.divergence import what_to_do
+
+    if typed is not None:
         recipe = recipe_of(directory.path.parent.name)  # runs/<task>/<run>
+        told = what_to_do(recipe.measure, [directory], ["train", *with_folders(typed)])
+        console.print(told, markup=False, soft_wrap=True)
+
+
+def show_next(config: Config, outcome: Outcome, typed: Sequence[str]) -> None:
+    """Show the commands that may come next, made of the overrides that the user typed."""
+    directory = RunDirectory(outcome.directory)
+    results = directory.results()
+    if results is None or not results["timing"]["fit_s"] > 0:  # it was not trained here, or a nan stopped it
+        return
+    bin_folder = Path(sys.executable).parent
+    if shutil.which("sextant") is None and (bin_folder / "activate").is_file():
         console.print(
-            f"evaluate   sextant evaluate run={run} {recipe.evaluation_example}\n"
-            f"predict    sextant predict run={run} {recipe.prediction_example} output=<folder>\n"
-            f"sweep      sextant train -m {recipe.sweep_example}\n"
-            f"dashboard  sextant dashboard"
+            f"first      source {shlex.quote(_shorter(bin_folder / 'activate'))}", markup=False, soft_wrap=True
         )
+    for what, line in next_commands(config, directory, _shorter(directory.path), typed).items():
+        console.print(f"{what:<10} {line}", markup=False, soft_wrap=True)
 
 
 def _shorter(path: Path) -> str:

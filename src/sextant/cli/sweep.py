@@ -1,5 +1,6 @@
 """``train.py -m`` runs a sweep and reports how it went; ``sextant sweep`` manages one that runs elsewhere."""
 
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -56,6 +57,11 @@ def run_sweep(arguments: Sequence[str], wait: bool | None = None, run_cells: swe
     for cell in found.cells:
         if cell.message:
             console.print(f"[red]failed[/] {cell.setting} {cell.arm} seed {cell.seed}: {escape(cell.message)}")
+    if found.count("diverged"):
+        from sextant.lifecycle.results import sweep_results
+        from sextant.reports.divergence import divergence
+
+        console.print(divergence(sweep_results(found)).replace("**", ""), markup=False, soft_wrap=True)
     console.print(f"report  {report_command(found.directory)}", markup=False, soft_wrap=True)
     if found.count("failed"):
         raise SystemExit(1)
@@ -65,7 +71,7 @@ def show_dry_run(arguments: Sequence[str]) -> None:
     """Print what would be run, and the script that sbatch would be given."""
     cells, script = sweep.dry_run(arguments, TERMINAL)
     for cell in cells:
-        print(f"{cell.name}  {' '.join(cell.overrides)}")
+        print(f"{cell.name}  {shlex.join(cell.overrides)}")
     print(f"{len(cells)} runs are missing")
     if script:
         print(f"\n{script}")

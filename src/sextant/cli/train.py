@@ -66,8 +66,13 @@ def _check(arguments: Sequence[str]) -> None:
 
 def run_config(config: DictConfig) -> None:
     """Run a composed config; called by Hydra."""
-    from sextant.cli.show import show_result
+    from hydra.core.hydra_config import HydraConfig
+
+    from sextant.cli.show import show_next, show_result
     from sextant.lifecycle.execute import execute
 
     with reporting_mistakes():
-        show_result(execute(to_plain(config), reporter=TERMINAL))
+        raw, typed = to_plain(config), HydraConfig.get().overrides.task
+        outcome = execute(raw, reporter=TERMINAL)
+        show_result(outcome, typed)
+        show_next(checked(raw), outcome, typed)

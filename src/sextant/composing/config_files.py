@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from sextant.errors import UserError
+from sextant.errors import UserError, command
 from sextant.runs.outputs_folder import conf_dir
 from sextant.user_files import absent
 
@@ -55,6 +55,11 @@ def search_path() -> list[str]:
 def with_folders(overrides: Sequence[str]) -> list[str]:
     """The arguments that pass these overrides to another process; :func:`without_folder` is the inverse."""
     return [*overrides, *(f"{CONFIG_DIR[0]}={path}" for path in _OWN.get())]
+
+
+def sweep_command(overrides: Sequence[str]) -> str:
+    """The command that runs these overrides as a sweep."""
+    return command("train", "-m", *with_folders(overrides))
 
 
 def without_folder(arguments: Sequence[str]) -> tuple[list[str], str | None]:

@@ -1,6 +1,7 @@
 """Explains mistakes in overrides in the user's terms, by checking one override after the other."""
 
 import re
+import shlex
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,7 +10,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from sextant.composing.config_files import groups, search_path, unreadable_config_file
+from sextant.composing.config_files import groups, search_path, sweep_command, unreadable_config_file
 from sextant.composing.overrides import Override, parse
 from sextant.config import nearest, validate
 from sextant.errors import UserError
@@ -17,8 +18,8 @@ from sextant.errors import UserError
 COMPOSING = (HydraException, OmegaConfBaseException, ValueError)  # ValueError is raised for a group that is null
 #: keys of other commands, and what the user may have meant
 ELSEWHERE = {
-    "run": "sextant evaluate run={0} tests a trained model, sextant predict run={0} applies it; "
-    "init_from={0} starts training from its weights",
+    "run": "sextant evaluate {0} tests a trained model, sextant predict {0} input=<folder> output=<folder> applies it; "
+    "init_from={1} starts training from its weights",
 }
 
 
@@ -32,7 +33,8 @@ def explain(error: Exception, overrides: Sequence[str], name: str) -> UserError:
     for override in parsed:
         if override.sweeps:
             return UserError(
-                f"{override.text} lists several values", f"A sweep needs -m: sextant train -m {' '.join(overrides)}"
+                f"{override.text} lists several values",
+                f"A sweep needs -m: {sweep_command(overrides)}",
             )
         key = override.key
         if key.split("/")[0] == "hydra" or key.startswith("hydra."):
@@ -82,7 +84,7 @@ def _wrong_value(values: Sequence[Override], overrides: Sequence[str], name: str
 def _unknown_key(override: Override, chosen: dict[str, Any], choices: Sequence[str], name: str) -> UserError:
     key, value = override.key, override.option
     if key in ELSEWHERE:
-        return UserError(f"{key}={value}: unknown key", ELSEWHERE[key].format(value))
+        return UserError(f"{key}={value}: unknown key", ELSEWHERE[key].format(shlex.quote(f"{key}={value}"), value))
     known = _flat(chosen)
     near = nearest(key, [*known, *groups()]) or nearest(key.rsplit(".", 1)[-1], [*known, *groups()])
     if near is not None:

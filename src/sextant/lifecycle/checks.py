@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sextant.composing.compose import compose, to_plain
+from sextant.composing.config_files import sweep_command
 from sextant.config import Config, validate
 from sextant.config.building import naming_groups, require_callable
 from sextant.errors import UserError
@@ -35,13 +36,13 @@ def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str
     """
     if any(override.startswith("sweep=") and override != "sweep=null" for override in overrides):
         name = next(override for override in overrides if override.startswith("sweep="))
-        raise UserError(f"{name} is a sweep of many runs", f"Run it with -m: sextant train -m {' '.join(overrides)}")
+        raise UserError(f"{name} is a sweep of many runs", f"Run it with -m: {sweep_command(overrides)}")
     raw = to_plain(compose(overrides))
     config = checked(raw)
     if config.launcher.kind != "local":
         raise UserError(
             f"launcher={config.launcher.kind} runs sweeps",
-            f"Add -m, a sweep of one run is a sweep: sextant train -m {' '.join(overrides)}",
+            f"Add -m, a sweep of one run is a sweep: {sweep_command(overrides)}",
         )
     require_environment(config, reporter)
     return raw

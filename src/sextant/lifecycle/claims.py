@@ -9,7 +9,7 @@ from typing import Any, Literal
 from sextant.atomic_files import write_atomically
 from sextant.composing.config_files import read_config_file
 from sextant.config.schema.claims import Claim, ClaimPart
-from sextant.errors import UserError
+from sextant.errors import UserError, command
 from sextant.lifecycle.claim_files import Claims
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.reports.claim_evidence import evidence
@@ -267,7 +267,7 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
             )
             for each in found
         ]
-    sweeps = dict.fromkeys(f"python train.py -m sweep={part.sweep}" for part in claim.parts if part.sweep)
+    sweeps = dict.fromkeys(command("train", "-m", f"sweep={part.sweep}") for part in claim.parts if part.sweep)
     commands = [*([claim.command] if claim.command else sweeps), f"sextant claims claim={name}"]
     return DecidedClaim(
         name=name,

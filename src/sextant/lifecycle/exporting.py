@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sextant.atomic_files import write_atomically
+from sextant.errors import command
 from sextant.recipes.export_formats import FILES, Format, write_network
 from sextant.recipes.exports import exportable
 from sextant.reports.model_card import model_card
@@ -64,8 +65,9 @@ def export_run(
     task, name = content[KEY]["task"], (found.directory.path if found.directory else found.checkpoint).name
     folder = output or outputs / "exported" / task / name
     parity = write_network(network, form, folder / FILES[form])
+    exported_by = command("export", f"run={run}", f"format={form}")
     note = (
-        f"`{FILES[form]}` is the network of `{task}/{name}`, written by `sextant export run={run} format={form}`. "
+        f"`{FILES[form]}` is the network of `{task}/{name}`, written by `{exported_by}`. "
         f"On noise it answers as the original does, to {parity:.1g} of the largest output."
     )
     card = card_of(found.checkpoint)

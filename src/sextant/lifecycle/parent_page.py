@@ -11,7 +11,7 @@ from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.run_reporter import RunReporter
 from sextant.recipes import recipe_of
 from sextant.reports.results import Measured, SweepResults, read_results
-from sextant.reports.sweep_page import Progress, sweep_page
+from sextant.reports.sweep_page import Progress, outcomes_told, sweep_page
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import LockedError, run_lock
 from sextant.runs.sweep_directory import SweepPlan, read_plan, read_plans
@@ -97,7 +97,8 @@ def write_page(plan: SweepPlan, outputs: Path, *, left_s: float = float("nan"), 
     pictures = [] if results is None or not ended else _pictures(results, directory)
     failures = {cell.run: cell.message for cell in plan.cells if cell.message}
     page, tags = sweep_page(plan, Progress(done, len(runs), failures, left_s), results, outputs, pictures), _tags(plan)
-    kept = {"text": page.text, "tags": tags, "params": _params(plan), "metrics": page.metrics, "step": done}
+    own = {} if results is None else {"sextant.outcome": outcomes_told(results)}
+    kept = {"text": page.text, "tags": tags | own, "params": _params(plan), "metrics": page.metrics, "step": done}
     write_json(directory / PAGE, kept)
     return tags
 

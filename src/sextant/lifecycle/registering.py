@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from PIL import Image
 
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, command
 from sextant.recipes.photo_predictors import ERROR, photo_predictor
 from sextant.reports.model_card import model_card
 from sextant.runs.checkpoint import KEY
@@ -67,7 +67,8 @@ def register_run(
         raise UserError(f"run={run}: the model has no answer to an image of noise: {answer[ERROR]}")
     columns = [(name, str(kind)) for name, kind in predictor.columns.items()]
     uses = [(IMAGE, "bytes of an image file of any kind and size"), *columns, (ERROR, "why an image has no answer")]
-    note = f"`{name}` is the model of `{about['task']}/{run}`, written by `sextant register run={run} name={name}`."
+    registered_by = command("register", f"run={run}", f"name={name}")
+    note = f"`{name}` is the model of `{about['task']}/{run}`, written by `{registered_by}`."
     with TemporaryDirectory() as folder, telling_store_errors(uri):
         card = Path(folder) / "model_card.md"
         known = card_of(found.checkpoint)

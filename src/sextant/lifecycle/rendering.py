@@ -18,7 +18,7 @@ from sextant.data.rendered import (
     open_store,
 )
 from sextant.data.rendered.layout import StoreLayout
-from sextant.errors import UserError
+from sextant.errors import UserError, command
 from sextant.recipes.assemble import build_dataset
 from sextant.reporter import Advance
 
@@ -73,5 +73,5 @@ def state_of(directory: Path) -> tuple[str, str]:
     try:
         store = load_store(directory)
     except UserError:
-        return "", f"damaged: sextant data verify {directory.name}"
+        return "", f"damaged: {command('data', 'verify', str(directory))}"
     return f"{store.rendered:,}/{len(store):,}", "complete" if store.complete else "incomplete"

@@ -186,13 +186,14 @@ def run_missing(
         plan.write(outputs)
     else:
         from sextant.tracking.mirror import ended_at
+        from sextant.tracking.sweep_parent import ended_status
 
         ends = [] if missing else [ended_at(RunDirectory(outputs / cell.run)) for cell in plan.cells]
         plan = _ended(plan, outputs, max(ends, default=None))
         if page is not None:
             page.end(plan)
         if parent is not None:
-            parent.status("FAILED" if any(cell.message for cell in plan.cells) else "FINISHED", plan.ended)
+            parent.status(ended_status(plan, outputs), plan.ended)
     return plan, left
 
 

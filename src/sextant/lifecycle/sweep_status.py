@@ -11,7 +11,7 @@ from sextant.lifecycle.launchers.slurm_queue import cancel_all, read_queue, subm
 from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_holder, sweep_holder
-from sextant.runs.sweep_directory import read_plan
+from sextant.runs.sweep_directory import attach_command, read_plan
 
 
 @dataclass(frozen=True)
@@ -105,5 +105,5 @@ def cancel_sweep(directory: Path) -> str:
             raise UserError(elsewhere, "End it there, with Ctrl-C.")
         said.append(f"{elsewhere}: if it does not end by itself, end it there, with Ctrl-C")
     if not said:
-        raise UserError(f"{directory.name} does not run", "sextant sweep status tells how far it is.")
-    return f"{'; '.join(said)}; the same command, or sextant sweep attach, goes on"
+        raise UserError(f"{directory.name} does not run", f"{attach_command(directory, 'status')} says how far it is.")
+    return f"{'; '.join(said)}; the same command, or {attach_command(directory)}, goes on"

@@ -26,9 +26,9 @@ DRAWS, DRAW_SEED = 100_000, 999_983
 class CalibrationRecipe(Recipe):
     """See :class:`~sextant.tasks.calibration.module.Calibration`."""
 
-    evaluation_example = "dataset=panorama_folder dataset.folder=<panoramas>"
+    evaluation_example = ("dataset=panorama_folder", "dataset.folder=<panoramas>")
     monitor = ("val/bearing_deg", "min")
-    sweep_example = "experiment=calibration_small seed=0,1,2 loss=bearing,l2_range"
+    sweep_example = ("loss", ("bearing_disentangled", "bearing"))
     test_settings = ("geometric_baselines",)
 
     def source(self, config: Config) -> "PanoramaSource":

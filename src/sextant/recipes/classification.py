@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 class ClassificationRecipe(Recipe):
     """See :class:`~sextant.tasks.classification.module.Classification`."""
 
-    evaluation_example = "corruption=gaussian"
+    evaluation_example = ("corruption=gaussian",)
     monitor = ("val/accuracy", "max")
-    sweep_example = "seed=0,1,2 inhibition=none,push_pull"
+    sweep_example = ("inhibition", ("none", "push_pull"))
     test_settings = ("test_every",)
 
     def source(self, config: Config) -> ImageSource:

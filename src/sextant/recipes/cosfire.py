@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 class CosfireRecipe(Recipe):
     """See :class:`~sextant.tasks.cosfire.module.CosfireRecognition`."""
 
-    evaluation_example = "dataset=mnist"
+    evaluation_example = ("task.test_every=2",)
     monitor = ("val/accuracy", "max")
-    sweep_example = "seed=0,1,2 bank=gabor,vectors"
+    sweep_example = ("task.filters_per_class", ("20", "5"))
     uncorrupted = "images as they are"
     alone = "configures filters from a few images, which one process does"
     test_settings = ("test_every",)

@@ -155,7 +155,7 @@ def _filters(content: Content, checkpoint: Path, trust: bool) -> Exportable:
     if estimator.features is None:
         raise UserError(
             f"the filters of {checkpoint} look at images and not at a network",
-            "They are saved as they are: sextant predict task=cosfire; only networks are exported.",
+            "Filters are saved as they are (docs/cosfire.md); only networks are exported.",
         )
     shape = f"(b, {estimator.features.channels}, {', '.join(map(str, estimator.features.size))})"
     meanings = {

@@ -37,12 +37,12 @@ FITTED = ("fitted", ALONG_DRIVES)
 class LocalizationRecipe(Recipe):
     """See :class:`~sextant.tasks.localization.module.Localization`."""
 
-    evaluation_example = "fault=kidnap"
+    evaluation_example = ("fault=blackout",)
     monitor = ("val/place_nll", "min")
     alone = "learns a few hyper-parameters of a Gaussian process, which one process does"
     on_cpu = "learns a few hyper-parameters and weighs a few thousand particles, which one core does in milliseconds"
-    sweep_example = "seed=0,1,2 recovery=none,bayes_restart"
-    prediction_example = "input=<folder of photos> odometry=<table>"
+    sweep_example = ("recovery", ("none", "bayes_restart"))
+    prediction_example = ("input=<folder of photos>", "odometry=<table>")
     uncorrupted = "drives as they are, under fault and faults"
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
 

@@ -38,10 +38,10 @@ BASELINE_SIZE = (32, 64)
 class PlaceRecognitionRecipe(Recipe):
     """See :class:`~sextant.tasks.places.module.PlaceRecognition`."""
 
-    evaluation_example = "dataset=nordland"
+    evaluation_example = ("dataset=place_folders", "dataset.folder=<folder>")
     monitor = ("val/recall_at_1", "max")
-    sweep_example = "seed=0,1,2 loss=info_nce,triplet_ratio"
-    prediction_example = "map=<folder> queries=<folder>"
+    sweep_example = ("loss", ("info_nce", "triplet_ratio"))
+    prediction_example = ("map=<folder>", "queries=<folder>")
     test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
 
     def identity(self, config: Config) -> dict[str, Any]:

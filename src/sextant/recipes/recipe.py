@@ -63,7 +63,7 @@ class Recipe(ABC):
     Attributes:
         evaluation_example: arguments of ``evaluate.py`` that a user may want next.
         monitor: validation metric that selects checkpoints, and whether its "max" or "min" is best.
-        sweep_example: arguments of ``train.py -m`` that a user may want next.
+        sweep_example: a group or key and two values, compared in a sweep that a user may want next.
         prediction_example: arguments of ``predict.py`` that name its input.
         uncorrupted: how images are tested, if the task does not use test conditions of the group ``corruption``.
         alone: why it is trained in a single process and uncompiled, if it is.
@@ -72,10 +72,10 @@ class Recipe(ABC):
         reporter: listens to long work.
     """
 
-    evaluation_example: ClassVar[str]
+    evaluation_example: ClassVar[tuple[str, ...]]
     monitor: ClassVar[tuple[str, Literal["max", "min"]]]
-    sweep_example: ClassVar[str]
-    prediction_example: ClassVar[str] = "input=<folder>"
+    sweep_example: ClassVar[tuple[str, tuple[str, str]]]
+    prediction_example: ClassVar[tuple[str, ...]] = ("input=<folder>",)
     uncorrupted: ClassVar[str] = ""
     alone: ClassVar[str] = ""
     on_cpu: ClassVar[str] = ""

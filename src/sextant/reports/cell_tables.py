@@ -8,7 +8,7 @@ from sextant.reports.tables import Entry, TextTable, arms_table, interval, numbe
 
 
 def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:
-    """Mean ± standard deviation over seeds, and the interval of the mean, of each cell under each condition."""
+    """Mean ± standard deviation over seeds, and the interval of the mean, of each cell with a converged run."""
     n = results.measure.digits
     entries = [
         Entry(
@@ -16,6 +16,17 @@ def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:
             arm,
             {s.condition: f"{number(s.mean, n)} ± {number(s.spread, n)} {interval(s.low, s.high, n)}" for s in of_cell},
         )
+        for (setting, arm), of_cell in _by_cell(summaries).items()
+        if of_cell[0].seeds
+    ]
+    return arms_table(["setting"], "condition", entries)
+
+
+def diverged_table(summaries: list[Summary], results: SweepResults) -> TextTable:
+    """The mean over all tested runs of each cell, for a sweep whose runs all diverged."""
+    n = results.measure.digits
+    entries = [
+        Entry([setting], arm, {s.condition: number(s.all_mean, n) for s in of_cell})
         for (setting, arm), of_cell in _by_cell(summaries).items()
     ]
     return arms_table(["setting"], "condition", entries)

@@ -29,6 +29,8 @@ class Measure:
         statistic: statistic over the images of a run. Means can be compared image by image, medians only run by run.
         better: whether higher or lower is better.
         diverged: when a run counts as diverged, in words for the reader.
+        trained_by: keys that set how long runs train, which may make one learn that diverged.
+        remedy: what to try without such keys.
         digits: number of decimals.
         items: name of the test items, each of which has a value.
         metrics: metrics that a report tabulates beside the measure, unless the sweep names others; see
@@ -41,6 +43,8 @@ class Measure:
     statistic: Literal["mean", "median"]
     better: Literal["higher", "lower"]
     diverged: str
+    trained_by: tuple[str, ...] = ("trainer.max_epochs", "trainer.batch_size")
+    remedy: str = ""
     unit: str = "%"
     digits: int = 2
     items: str = "images"
@@ -113,6 +117,7 @@ RECALL = Measure(
     "mean",
     "higher",
     "its recall@1 on the validation split is below three times chance",
+    trained_by=("trainer.max_epochs",),
 )
 SUCCESS = Measure(
     "Success, per cent of the runs along the test drives",
@@ -121,6 +126,8 @@ SUCCESS = Measure(
     "mean",
     "higher",
     "its posterior over the map's images is no likelier to be right on the validation drives than a uniform one",
+    trained_by=(),
+    remedy="Most often the descriptor cannot tell the places apart, or map and drives are not of the same places.",
     digits=1,
     items="runs along drives",
     metrics=(

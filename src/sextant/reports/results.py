@@ -99,6 +99,11 @@ class SweepResults:
         """The compared arms, in the order of the plan."""
         return list(dict.fromkeys(result.cell.arm for result in self.cells))
 
+    @property
+    def learnt(self) -> bool:
+        """Whether any run converged, so that there is something to compare."""
+        return self.count("finished") > 0
+
     def of(self, setting: str, arm: str) -> list[CellResult]:
         """The cells of one setting and arm, by pair."""
         found = [r for r in self.cells if r.cell.setting == setting and r.cell.arm == arm]
@@ -135,7 +140,7 @@ def read_results(directory: Path, outputs: Path, measured: Callable[[str], Measu
     cells = [
         _load(cell, run, shared, reads.get(cell.arm), measured) for cell, run in zip(plan.cells, runs, strict=True)
     ]
-    if not any(result.values for result in cells):
+    if not any(result.values or result.outcome == "diverged" for result in cells):
         raise UserError(f"sweep {plan.name}: none of its {len(cells)} runs is finished yet", "Run the sweep first.")
     return SweepResults(plan, directory, cells, shared)
 

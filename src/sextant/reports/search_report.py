@@ -1,7 +1,6 @@
 """The report of a search: its trials, the importance of its keys, and how far its winner can be trusted."""
 
 import math
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ from sextant.figures.style import save_figure
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import SearchResults, search_results
 from sextant.reports.tables import TextTable, decimals, interval, number
+from sextant.runs.sweep_directory import report_command
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -113,9 +113,9 @@ def _markdown(
     space = TextTable(["key", "searched"], [[key, text] for key, text in search["space"].items()])
     question = plan.definition.get("question")
     parts = [
-        f"# {plan.name}\n",
+        f"# {plan.title}\n",
         f"{question}\n" if question else "",
-        f"`sextant train -m {shlex.join(plan.command)}`, then `sextant report sweep={results.directory.name}`\n",
+        f"`{plan.train_command}`, then `{report_command(results.directory)}`\n",
         f"A search by {search['method']} for the {found.extreme} of `{search['metric']}`, on "
         f"the validation split alone, at the seeds {', '.join(map(str, found.seeds))}.\n",
         space.markdown(),

@@ -1,12 +1,12 @@
 """The page of a sweep for a dashboard: its question, its progress, and its findings."""
 
 import re
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from sextant.reports.contrasts import ContrastRow, contrasts
+from sextant.reports.divergence import divergence
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import leading_trial
 from sextant.reports.tables import TextTable, interval, number
@@ -56,7 +56,7 @@ def sweep_page(
         pictures: addresses of the figures of its contrasts.
     """
     rows = [] if results is None else [row for row in contrasts(results) if row.paired is not None]
-    parts = [f"**{plan.definition.get('question') or plan.name}**\n", _how_far(plan, progress)]
+    parts = [f"**{plan.definition.get('question') or plan.title}**\n", _how_far(plan, progress)]
     found: dict[str, float] = {}
     if plan.is_search and results is not None:
         text, found = _best_so_far(results)
@@ -64,10 +64,13 @@ def sweep_page(
     if results is not None and rows:
         told = f"{results.measure.difference.capitalize()}; {results.measure.better} is better."
         parts += [f"{told}\n", *(f"![contrast]({address})\n" for address in pictures), _table(rows[:MOST_ROWS])]
+    if results is not None and (told := divergence(results)):
+        parts.append(f"{told}\n")
+        found["runs/diverged"] = float(results.count("diverged"))
     if progress.failures:
         failed = list(progress.failures.items())[:MOST_FAILURES]
         parts.append("Failed:\n\n" + "".join(f"- `{run}`: {why[:LINE]}\n" for run, why in failed))
-    commands = f"python train.py -m {shlex.join(plan.command)}\n{report_command(plan.directory(outputs))}"
+    commands = f"{plan.train_command}\n{report_command(plan.directory(outputs))}"
     parts.append(f"```\n{commands}\n```\n")
     metrics = {"runs/done": float(progress.done), "runs/planned": float(progress.planned)}
     metrics |= {"runs/failed": float(len(progress.failures)), **found}
@@ -78,6 +81,12 @@ def sweep_page(
     for row in effects[:MOST_EFFECTS]:
         metrics |= _metrics(row, row.contrast if several else "")
     return SweepPage("\n".join(parts), metrics)
+
+
+def outcomes_told(results: SweepResults) -> str:
+    """How the runs ended, in a few words: ``5 finished, 1 diverged``."""
+    counts = {name: results.count(name) for name in ("finished", "diverged", "failed", "missing")}
+    return ", ".join(f"{count} {name}" for name, count in counts.items() if count)
 
 
 def _how_far(plan: SweepPlan, progress: Progress) -> str:

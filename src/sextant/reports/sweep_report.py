@@ -1,6 +1,5 @@
 """The report of a sweep: tables, contrasts and figures, and how far they support conclusions."""
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -11,10 +10,11 @@ from sextant.evaluation import SEEDS_FOR_A_CLAIM
 from sextant.figures.classification.severity_curves import severity_curves
 from sextant.figures.contrast_forest import ForestRow, contrast_forest
 from sextant.figures.style import save_figure
-from sextant.reports.cell_tables import cells_legend, cells_table, runs_table, seed_rows
+from sextant.reports.cell_tables import cells_legend, cells_table, diverged_table, runs_table, seed_rows
 from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.cost_report import cost_section
+from sextant.reports.divergence import divergence
 from sextant.reports.factor_report import factor_section
 from sextant.reports.metrics_report import metrics_section
 from sextant.reports.particles_report import particles_section
@@ -44,12 +44,14 @@ def write_report(results: SweepResults) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     summaries, rows = summarise(results), contrasts(results)
     cells, compared = cells_table(summaries, results), {n: contrast_table(rows, n, results) for n in _names(rows)}
-    sections = [
-        factor_section(results, summaries),
-        pooled_section(results),
-        *(corruption_section(results), particles_section(results)),
-        *(metrics_section(results), cost_section(results)),
-    ]
+    sections = [cost_section(results)]
+    if results.learnt:
+        sections = [
+            factor_section(results, summaries),
+            pooled_section(results),
+            *(corruption_section(results), particles_section(results)),
+            *(metrics_section(results), *sections),
+        ]
     texts = {
         "report.md": _markdown(results, summaries, cells, compared, rows, sections),
         "cells.csv": _csv([asdict(summary) for summary in summaries]),
@@ -71,7 +73,7 @@ def write_report(results: SweepResults) -> list[Path]:
 
 
 def contrast_table(rows: list[ContrastRow], name: str, results: SweepResults) -> TextTable:
-    """One row per setting and condition of one contrast."""
+    """One row per setting and condition of one contrast with a pair of runs that converged."""
     n = results.measure.digits
     columns = [
         "setting",
@@ -91,21 +93,23 @@ def contrast_table(rows: list[ContrastRow], name: str, results: SweepResults) ->
     body = []
     for row in (row for row in rows if row.contrast == name):
         paired, floor = row.paired, row.floor
+        if paired is None:
+            continue
         body.append(
             [
                 row.setting,
                 row.condition,
                 number(row.published, n, sign=True),
-                "–" if paired is None else number(paired.mean, n, sign=True),
-                "–" if paired is None else interval(paired.low, paired.high, n, sign=True),
-                "–" if paired is None else interval(paired.image_low, paired.image_high, n, sign=True),
+                number(paired.mean, n, sign=True),
+                interval(paired.low, paired.high, n, sign=True),
+                interval(paired.image_low, paired.image_high, n, sign=True),
                 "–"
                 if floor is None
                 else f"{number(floor.mean, n, sign=True)} {interval(floor.low, floor.high, n, sign=True)}",
                 "–" if floor is None else number(floor.spread, n),
-                f"{0 if paired is None else paired.seeds}{'†' if row.exploratory else ''}",
+                f"{paired.seeds}{'†' if row.exploratory else ''}",
                 str(row.dropped),
-                "–" if paired is None else f"{paired.wins}/{paired.seeds}",
+                f"{paired.wins}/{paired.seeds}",
                 number(row.p_holm, 3),
                 number(row.everything, n, sign=True),
             ]
@@ -119,7 +123,9 @@ def figures(results: SweepResults, summaries: list[Summary], rows: list[Contrast
     levels = _levels(results.conditions)
     if levels:
         for setting in results.settings:
-            of_setting = [s for s in summaries if s.setting == setting]
+            of_setting = [s for s in summaries if s.setting == setting and s.seeds]
+            if not of_setting:
+                continue
             accuracy: dict[str, dict[str, float]] = {arm: {} for arm in results.arms}
             bands: dict[str, dict[str, tuple[float, float]]] = {arm: {} for arm in results.arms}
             for s in of_setting:
@@ -130,12 +136,14 @@ def figures(results: SweepResults, summaries: list[Summary], rows: list[Contrast
 
 
 def contrast_figures(results: SweepResults, rows: list[ContrastRow]) -> "list[tuple[str, Figure]]":
-    """A forest plot of each contrast."""
+    """A forest plot of each contrast with a pair of runs that converged."""
     made = []
-    for contrast in _names(rows):
+    there = [row for row in rows if row.paired is not None]
+    for contrast in _names(there):
+        of_contrast = [row for row in there if row.contrast == contrast]
         panels = [
-            (setting, [_forest_row(row) for row in rows if row.contrast == contrast and row.setting == setting])
-            for setting in results.settings
+            (setting, [_forest_row(row) for row in of_contrast if row.setting == setting])
+            for setting in dict.fromkeys(row.setting for row in of_contrast)
         ]
         made.append((f"contrast_{slug(contrast)}", contrast_forest(panels, results.measure.difference)))
     return made
@@ -153,24 +161,39 @@ def _markdown(
     counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
     seeds = len({result.cell.pair for result in results.cells})
     exploratory = "" if seeds >= SEEDS_FOR_A_CLAIM else f" **Exploratory**: a claim needs {SEEDS_FOR_A_CLAIM} seeds."
+    told = divergence(results)
     parts = [
-        f"# {plan.name}\n",
+        f"# {plan.title}\n",
         f"{plan.definition.get('question', '')}\n" if plan.definition.get("question") else "",
-        f"`sextant train -m {shlex.join(plan.command)}`, then `{report_command(results.directory)}`\n",
+        f"`{plan.train_command}`, then `{report_command(results.directory)}`\n",
         f"{counted(len(results.cells), 'run')} planned: {counts}. {counted(seeds, 'seed')} a cell.{exploratory}\n",
+        f"{told}\n" if told else "",
+    ]
+    if not results.learnt:
+        reached = diverged_table(summaries, results).told().markdown() if summaries else ""
+        head = f"## {results.measure.title}, of the runs that diverged\n" if summaries else ""
+        return "\n".join(part for part in [*parts, head, reached, *(section.text for section in sections)] if part)
+    parts += [
         f"A run has *diverged* if {results.measure.diverged}; the rule looks "
         "at the validation split alone and was fixed beforehand. Means and contrasts are over converged runs, with the "
         "number of others beside them; the last column of each contrast counts diverged runs too.\n",
         f"## {results.measure.title}\n",
         cells_legend(results),
-        cells.markdown(),
-        runs_table(summaries).markdown(),
+        cells.told().markdown(),
+        runs_table(summaries).told().markdown(),
         beside_published(summaries, results),
     ]
     for name, table in compared.items():
         sides = plan.definition.get("contrasts", {}).get(name)
         title = f"{name}: {sides['treatment']} minus {sides['control']}" if sides else name
-        parts += [f"## {title}\n", _legend(rows, results), table.markdown()]
+        if table.rows:
+            parts += [
+                f"## {title}\n",
+                _legend([row for row in rows if row.contrast == name], results),
+                table.told().markdown(),
+            ]
+        else:
+            parts.append(f"## {title}\n\nNo pair of runs converged, so there is no difference to show.\n")
     if any(row.published == row.published for row in rows):
         parts += ["## What the published single runs can support\n", published_verdict(rows)]
     parts += [section.text for section in sections]
@@ -178,11 +201,15 @@ def _markdown(
 
 
 def _legend(rows: list[ContrastRow], results: SweepResults) -> str:
-    measure = results.measure
+    measure, floor = results.measure, ""
+    if any(row.floor for row in rows):
+        floor = (
+            "The noise floor is the mean difference that seeds alone make, with its interval, and the spread of one "
+            "such pair. "
+        )
     return (
         f"{measure.difference.capitalize()}, paired by seed, on the same test {measure.items}; {measure.better} is "
-        "better. The noise floor is the mean difference that seeds alone make, with its interval, and the spread of "
-        f"one such pair. Intervals over seeds are {_method(results)}; p is of Wilcoxon's signed-rank test over pairs, "
+        f"better. {floor}Intervals over seeds are {_method(results)}; p is of Wilcoxon's signed-rank test over pairs, "
         "two-sided, corrected by Holm over the conditions of one setting. *Dropped* pairs have a run that diverged, "
         "failed or is missing."
         + _least_p(rows, len(results.conditions))
@@ -210,17 +237,10 @@ def _least_p(rows: list[ContrastRow], conditions: int) -> str:
 
 
 def _forest_row(row: ContrastRow) -> ForestRow:
-    nan = float("nan")
-    paired = row.paired
-    reach = row.single_pair_reach
+    paired, reach = row.paired, row.single_pair_reach
+    assert paired is not None
     return ForestRow(
-        row.condition.replace("_", " "),
-        paired.mean if paired else nan,
-        paired.low if paired else nan,
-        paired.high if paired else nan,
-        -reach,
-        reach,
-        row.published,
+        row.condition.replace("_", " "), paired.mean, paired.low, paired.high, -reach, reach, row.published
     )
 
 

@@ -33,6 +33,11 @@ class TextTable:
         lines = [self.columns, ["---"] * len(self.columns), *self.rows]
         return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
 
+    def told(self) -> "TextTable":
+        """The table without columns in which no row says anything: a dash, or the ``-`` of a sweep without settings."""
+        kept = [i for i in range(len(self.columns)) if any(row[i] not in (NOTHING, "-", "") for row in self.rows)]
+        return TextTable([self.columns[i] for i in kept], [[row[i] for i in kept] for row in self.rows])
+
     def csv(self) -> str:
         """Comma-separated values."""
         text = io.StringIO()

@@ -9,7 +9,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
+from sextant.errors import command
 from sextant.runs.directory import RunDirectory, all_runs
+from sextant.runs.outputs_folder import other_than_default
 from sextant.runs.provenance import provenance
 
 State = Literal["good", "note", "bad"]
@@ -89,17 +91,18 @@ def _outputs(outputs: Path) -> Iterator[MachineFact]:
     if database.is_file():
         what = _integrity(database)
         yield MachineFact("runs", "mlflow.db", "sound" if what == "ok" else what, _bad(what == "ok"))
-    yield _tracked([run for run in runs if run.results() is not None])
+    fill = command("dashboard", outputs=other_than_default(outputs))
+    yield _tracked([run for run in runs if run.results() is not None], fill)
 
 
-def _tracked(finished: list[RunDirectory]) -> MachineFact:
+def _tracked(finished: list[RunDirectory], fill: str) -> MachineFact:
     """Whether every finished run is in a store; runs with ``tracking=none`` that were never sent are in none."""
     states = [run.state() for run in finished]
     unsent = sum((state.get("tracking") or {}).get("sent") is False for state in states)
     nowhere = sum(not state.get("tracking") and not state.get("mlflow_runs") for state in states)
-    lacks = [f"{unsent} {_runs(unsent)} not there: sextant dashboard sends them"] if unsent else []
+    lacks = [f"{unsent} {_runs(unsent)} not there: {fill} sends them"] if unsent else []
     if nowhere:
-        lacks.append(f"{nowhere} {_runs(nowhere)} in no store; if they are to be in one, sextant dashboard fills it")
+        lacks.append(f"{nowhere} {_runs(nowhere)} in no store; if they are to be in one, {fill} fills it")
     return MachineFact("runs", "tracking store", "; ".join(lacks) or "has every finished run", _note(not lacks))
 
 

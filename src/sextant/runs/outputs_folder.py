@@ -20,3 +20,8 @@ def default_outputs() -> Path:
     if chosen := os.environ.get("SEXTANT_OUTPUTS"):
         return Path(chosen).expanduser().absolute()
     return (conf_dir().parent if conf_dir().parent.name != "sextant" else Path.cwd()) / "outputs"
+
+
+def other_than_default(outputs: Path) -> str | None:
+    """The folder as an ``outputs=`` of a command; None for the default, which no command has to name."""
+    return None if outputs.absolute() == default_outputs() else str(outputs.absolute())

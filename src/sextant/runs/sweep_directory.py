@@ -2,15 +2,17 @@
 
 import hashlib
 import json
-import shlex
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from sextant.atomic_files import read_json, write_json
-from sextant.errors import UserError
+from sextant.errors import UserError, command
 from sextant.reporter import SILENT, Reporter
-from sextant.runs.outputs_folder import conf_dir, default_outputs
+from sextant.runs.outputs_folder import conf_dir, other_than_default
+
+#: names of sweeps and searches that the command line defines
+UNNAMED = ("sweep", "search")
 
 
 @dataclass(frozen=True)
@@ -77,9 +79,27 @@ class SweepPlan:
         return hashlib.sha256(json.dumps(cells).encode()).hexdigest()
 
     @property
+    def title(self) -> str:
+        """The name of a stored sweep; of one that the command line defined, what it compares."""
+        if self.name not in UNNAMED:
+            return self.name
+        if self.is_search:
+            return f"search of {', '.join(self.definition['search']['space'])}"
+        arms = self.definition.get("arms") or {}
+        keys = {word.partition("=")[0] for arm in arms.values() for word in arm["overrides"]}
+        compared = f"{'/'.join(sorted(keys))}: {', '.join(arms)}" if arms else "seeds of one config"
+        factors = self.cells[0].factors if self.cells else {}
+        return " by ".join([compared, *([", ".join(factors)] if factors else [])])
+
+    @property
     def is_search(self) -> bool:
         """Whether its cells are trials of a search."""
         return bool(self.definition.get("search"))
+
+    @property
+    def train_command(self) -> str:
+        """The command that it was called with."""
+        return command("train", "-m", *self.command)
 
     def directory(self, outputs: Path) -> Path:
         """``outputs/sweeps/<name>-<digest8>``."""
@@ -128,9 +148,12 @@ def read_plans(outputs: Path, reporter: Reporter = SILENT) -> dict[Path, SweepPl
 
 def report_command(directory: Path) -> str:
     """The command that reports on the sweep in a directory, with its output folder unless that is the default."""
-    outputs = directory.absolute().parents[1]
-    there = [] if outputs == default_outputs() else [f"outputs={outputs}"]
-    return shlex.join(["sextant", "report", f"sweep={directory.name}", *there])
+    return command("report", f"sweep={directory.name}", outputs=other_than_default(directory.absolute().parents[1]))
+
+
+def attach_command(directory: Path, verb: str = "attach") -> str:
+    """The command that goes on with the sweep in a directory, or does something else with it."""
+    return command("sweep", verb, directory.name, outputs=other_than_default(directory.absolute().parents[1]))
 
 
 def find_sweep(reference: str, outputs: Path, reporter: Reporter = SILENT) -> Path:
@@ -159,7 +182,7 @@ def find_sweep(reference: str, outputs: Path, reporter: Reporter = SILENT) -> Pa
     if (conf_dir() / "sweep" / f"{reference}.yaml").is_file():
         raise UserError(
             f"sweep={reference} has not run here: nothing of it lies in {outputs}",
-            f"Run it: sextant train -m sweep={reference}. If it ran into another folder: outputs=<folder>.",
+            f"Run it: {command('train', '-m', f'sweep={reference}')}. If it ran into another folder: outputs=<folder>.",
         )
     names = ", ".join(dict.fromkeys(plan.name for _, plan in plans))
     known = f"Sweeps here: {names}" if names else "There are no sweeps here yet: make sweep-demo makes one"

@@ -14,7 +14,8 @@ from filelock import FileLock
 
 from sextant.atomic_files import write_atomically
 from sextant.cache_folder import cache_folder
-from sextant.errors import UserError
+from sextant.errors import UserError, command
+from sextant.runs.outputs_folder import other_than_default
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -123,7 +124,8 @@ def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
         except (sqlite3.Error, MlflowException) as error:
             raise UserError(
                 f"{database} cannot be opened as a tracking store: {str(error).splitlines()[0]}",
-                "Move it away: it is a mirror, and `sextant dashboard` fills a new one from the run directories.",
+                "Move it away: it is a mirror, and a new one is filled from the run directories by "
+                f"{command('dashboard', outputs=other_than_default(outputs))}",
             ) from None
     return Store(client, uri, artifacts)
 
@@ -131,8 +133,8 @@ def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
 def how_to_fill(store: Store) -> str:
     """The command that brings a store up to date with the run directories."""
     if store.artifacts is not None:
-        return "sextant dashboard"
-    return f"sextant dashboard tracking=server tracking.uri={store.uri}"
+        return command("dashboard", outputs=other_than_default(store.artifacts.parent))
+    return command("dashboard", "tracking=server", f"tracking.uri={store.uri}")
 
 
 @contextmanager

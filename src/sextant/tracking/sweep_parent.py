@@ -44,10 +44,10 @@ def _find_or_make(store: Store, experiment_id: str, plan: SweepPlan, outputs: Pa
     found = store.client.search_runs([experiment_id], query, max_results=1)  # created, but killed before the record
     if found:
         return MirroredRun(store, found[0].info.run_id)
-    tags = {"mlflow.runName": plan.name, "sextant.sweep": key, "sextant.command": " ".join(plan.command)}
+    tags = {"mlflow.runName": plan.title, "sextant.sweep": key, "sextant.command": " ".join(plan.command)}
     if plan.definition.get("question"):
         tags["mlflow.note.content"] = str(plan.definition["question"])
-    made = store.client.create_run(experiment_id, start_time=began, tags=tags, run_name=plan.name)
+    made = store.client.create_run(experiment_id, start_time=began, tags=tags, run_name=plan.title)
     return MirroredRun(store, made.info.run_id)
 
 
@@ -201,7 +201,7 @@ def _repair(store: Store, outputs: Path, plan: SweepPlan, changed: Sequence[RunD
         label_cells(parent, plan, outputs, (read_json(directory / PAGE) or {}).get("tags", {}))
     if behind:
         send_page(parent, directory)
-        parent.status(_status(plan, runs), plan.ended or max(map(ended_at, runs)))
+        parent.status(ended_status(plan, outputs), plan.ended or max(map(ended_at, runs)))
     if parent.broken and store.artifacts is None:
         require_server(store.uri)
     return behind
@@ -236,7 +236,10 @@ def _began(plan: SweepPlan, outputs: Path) -> float:
     return plan.began or min((state["started"] for state in states if "started" in state), default=plan.started)
 
 
-def _status(plan: SweepPlan, runs: list[RunDirectory]) -> Status:
-    if all(run.results() is not None for run in runs):
-        return "FINISHED"
+def ended_status(plan: SweepPlan, outputs: Path) -> Status:
+    """The status of a sweep that no process runs; one whose runs all diverged has FAILED, as it compares nothing."""
+    results = [RunDirectory(outputs / cell.run).results() for cell in plan.cells]
+    if all(found is not None for found in results):
+        diverged = all(found is not None and found["outcome"] == "diverged" for found in results)
+        return "FAILED" if diverged else "FINISHED"
     return "FAILED" if any(cell.message for cell in plan.cells) else "KILLED"

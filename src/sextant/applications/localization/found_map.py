@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from sextant.atomic_files import read_json
-from sextant.errors import UserError
+from sextant.errors import UserError, command
 from sextant.runs.resolve import resolve_run
 from sextant.zoo import PREFIX
 
@@ -41,6 +41,6 @@ def find_map(reference: Path | str, outputs: Path) -> Path | None:
         return folder
     raise UserError(
         f"run={reference}: the run kept no map in {folder}",
-        f"sextant evaluate run={reference} task.save_map=true writes one; then run=<the folder of that test>. "
-        "A laser's run has no map of images.",
+        f"{command('evaluate', f'run={reference}', 'task.save_map=true')} writes one; then run=<the folder of that "
+        "test>. A laser's run has no map of images.",
     )

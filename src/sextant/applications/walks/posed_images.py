@@ -10,7 +10,7 @@ from sextant.applications.inspection.drives import axes
 from sextant.applications.inspection.files import found_files
 from sextant.applications.inspection.poses import FoundPoses, found_poses, separate_models
 from sextant.data.localization.pose_folder import PoseFolder
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, command
 from sextant.user_files import absent
 
 
@@ -69,7 +69,7 @@ def posed_images(folder: Path | str, *, skip_bad: bool = False) -> PosedImages:
         told = "".join(f"\n  {file}: {problem}" for file, problem in problems.items() if problem)
         raise ArgumentError(
             f"map={folder}: no file there has poses of its images, nor has their EXIF{told}",
-            f"sextant inspect {folder} says what was found; poses.csv with file,x,y,heading is the simplest.",
+            f"{command('inspect', str(folder))} says what was found; poses.csv with file,x,y,heading is the simplest.",
         ) from error
     remarks = (*(best.remarks if best is not None else ()), *filter(None, [models]))
     return PosedImages(paths, poses, folder if best is None else folder / best.file, (*remarks, *notes))

@@ -12,7 +12,7 @@ from numpy.lib import format as npy
 
 from sextant.atomic_files import write_atomically
 from sextant.data.rendered.plan import ArraySpec
-from sextant.errors import UserError
+from sextant.errors import UserError, command
 
 BLOCK = 1 << 20
 
@@ -26,7 +26,7 @@ class DamagedStoreError(UserError):
         store = path.parent.parent if path.parent.name == "columns" else path.parent
         return cls(
             f"{path}: {what}",
-            f"sextant data verify {store} repair=true\n"
+            f"{command('data', 'verify', str(store), 'repair=true')}\n"
             "keeps what is sound; the command that rendered the store then renders the rest.",
         )
 

@@ -21,7 +21,7 @@ from sextant.data.rendered.lock import Notify, log, store_lock
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import RenderPlan
 from sextant.data.rendered.rendering import ChunkWriter, written_chunks
-from sextant.errors import UserError
+from sextant.errors import UserError, command
 from sextant.reporter import Advance
 
 
@@ -240,7 +240,7 @@ class RenderedStore:
         if self._plan is None:
             raise UserError(
                 f"{self.directory}: {self.rendered:,} of {len(self):,} items are rendered, but others are requested",
-                f"sextant data render dataset={self.manifest.name} renders the rest.",
+                f"{command('data', 'render', f'dataset={self.manifest.name}')} renders the rest.",
             )
         made = 0
 

@@ -24,6 +24,7 @@ from sextant.lease import Lease, look, take
 from sextant.lifecycle.launchers.cells import CANCELLED, Cells, CellTask, Outcomes, failed, finished, run_words
 from sextant.lifecycle.launchers.slurm_queue import AT_WORK, Queue, Submission, cancel, read_queue, submissions
 from sextant.lifecycle.run_reporter import RunReporter
+from sextant.runs.sweep_directory import attach_command
 
 POLL_S = 1.0
 ASK_S = 10.0  # least time between two queries of the queue
@@ -77,15 +78,19 @@ def run_on_slurm(
     queue, known = read_queue(), _Known(folder)
     array.submit([cell for cell in cells if known.queued(cell, queue) is None or array.told(cell) is not None])
     if not launcher.wait:
-        reporter.say(f"submitted; sextant sweep status, attach or cancel {folder.name}")
+        reporter.say(f"submitted; {_commands(folder)}")
         return [None] * len(cells)
     try:
         return array.wait(cells)
     except KeyboardInterrupt:
         cancelled = all(submission.cancelled for submission in submissions(folder))
-        tasks, verbs = ("were cancelled", "attach") if cancelled else ("go on", "status, attach or cancel")
-        reporter.say(f"the jobs {tasks}; sextant sweep {verbs} {folder.name}")
+        told = f"were cancelled; {attach_command(folder)}" if cancelled else f"go on; {_commands(folder)}"
+        reporter.say(f"the jobs {told}")
         raise
+
+
+def _commands(folder: Path) -> str:
+    return f"{attach_command(folder)} waits for them, {attach_command(folder, 'cancel')} ends them"
 
 
 def script(cells: Cells, launcher: SlurmLauncher, folder: Path) -> str:

@@ -27,7 +27,7 @@ from sextant.lifecycle.sweep import Launch, SweepOutcome, cell_outcome, missing_
 from sextant.lifecycle.sweep_plan import Planned
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
-from sextant.runs.sweep_directory import SweepPlan
+from sextant.runs.sweep_directory import SweepPlan, attach_command
 
 if TYPE_CHECKING:
     from sextant.lifecycle.search.study import Asked, Study
@@ -175,8 +175,9 @@ class _Search:
         """Run cells; raise an error if the user cancels the search, as that is neither a result nor a failed trial."""
         outcomes = self.run_cells(cells)
         if any(how is not None and how["message"] == CANCELLED for how in outcomes):
-            name = self.plan.directory(self.outputs).name
-            raise UserError(f"{name} was cancelled", f"The same command, or sextant sweep attach {name}, goes on.")
+            folder = self.plan.directory(self.outputs)
+            told = f"The same command, or {attach_command(folder)}, goes on."
+            raise UserError(f"{folder.name} was cancelled", told)
         return outcomes
 
     def _tell_settled(self) -> None:

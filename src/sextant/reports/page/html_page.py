@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import html
+import itertools
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -20,6 +21,8 @@ Charts = Mapping[str, Sequence[Spec]]
 
 #: the only HTML allowed in a text: anchors for links within the page
 ANCHOR = r'<a name="[\w-]+">|</a>'
+#: where a long name such as ``R@1_5m_night_to_noon`` may go on in the next line
+PART = r"(?<=\w_)(?=\w)|(?<=\w[/=])(?=[A-Za-z])"
 KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
 HINT = (
     "Headings sort a table. In a chart the pointer shows the numbers, a click on the legend shows one kind alone, "
@@ -96,7 +99,17 @@ def _body(text: str, charts: Charts, pictures: Path | None, data: list[str]) -> 
     parser.add_render_rule("html_inline", markup)
     parser.add_render_rule("html_block", markup)
     parser.add_render_rule("image", image)
-    parser.add_render_rule("table_open", lambda *_: '<div class="table"><table>\n')
+
+    def words(self: object, found: "Sequence[Token]", number: int, options: object, env: object) -> str:
+        return re.sub(PART, "<wbr>", html.escape(found[number].content))
+
+    def table(self: object, found: "Sequence[Token]", number: int, options: object, env: object) -> str:
+        heading = itertools.takewhile(lambda token: token.type != "thead_close", found[number:])
+        columns = sum(token.type == "th_open" for token in heading)
+        return f'<div class="table"><table style="--columns: {columns}">\n'
+
+    parser.add_render_rule("text", words)
+    parser.add_render_rule("table_open", table)
     parser.add_render_rule("table_close", lambda *_: "</table></div>\n")
     return str(parser.renderer.render(tokens, parser.options, {}))
 

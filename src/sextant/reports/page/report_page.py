@@ -35,10 +35,10 @@ def _page(results: SweepResults, report: Path) -> str:
     text = (report / "report.md").read_text("utf-8")
     head, between, rest = text.partition("\n## ")
     if results.plan.is_search:
-        return html_page(results.plan.name, text, {"history": [_search(results)]}, report)
+        return html_page(results.plan.title, text, {"history": [_search(results)]}, report)
     charts = {"arms": list(_arms(results, summarise(results))), "contrasts": list(_contrasts(results))}
     shown = "".join(f"\n![{name}]({name}.svg)\n" for name, specs in charts.items() if specs)
-    return html_page(results.plan.name, head + shown + between + rest, charts, report)
+    return html_page(results.plan.title, head + shown + between + rest, charts, report)
 
 
 def _arms(results: SweepResults, summaries: Sequence[Summary]) -> Iterator[Spec]:
@@ -49,8 +49,10 @@ def _arms(results: SweepResults, summaries: Sequence[Summary]) -> Iterator[Spec]
             _arm(row, measure.digits)
             for condition in results.conditions
             for row in summaries
-            if (row.setting, row.condition) == (setting, condition)
+            if (row.setting, row.condition) == (setting, condition) and row.seeds
         ]
+        if not rows:
+            continue
         axis = f"{measure.quantity}{f' ({measure.unit})' if measure.unit else ''}; {measure.better} is better"
         yield interval_chart(rows, axis, _title("Arms", setting), order=results.arms, marks=())
 
@@ -68,7 +70,7 @@ def _arm(row: Summary, digits: int) -> IntervalRow:
 
 def _contrasts(results: SweepResults) -> Iterator[Spec]:
     """The differences under each condition, one chart per contrast and setting."""
-    rows, digits = contrasts(results), results.measure.digits
+    rows, digits = [row for row in contrasts(results) if row.paired is not None], results.measure.digits
     axis = f"{results.measure.difference}; {results.measure.better} is better"
     for name, setting in dict.fromkeys((row.contrast, row.setting) for row in rows):
         of_chart = [_contrast(row, digits) for row in rows if (row.contrast, row.setting) == (name, setting)]
@@ -76,13 +78,14 @@ def _contrasts(results: SweepResults) -> Iterator[Spec]:
 
 
 def _contrast(row: ContrastRow, digits: int) -> IntervalRow:
-    nan, paired, reach = float("nan"), row.paired, row.single_pair_reach
-    mean, low, high = (nan, nan, nan) if paired is None else (paired.mean, paired.low, paired.high)
+    paired, reach = row.paired, row.single_pair_reach
+    assert paired is not None
+    mean, low, high = paired.mean, paired.low, paired.high
     tip = {
         "condition": row.condition,
         "difference": number(mean, digits, sign=True),
         "95 % over seeds": interval(low, high, digits, sign=True),
-        "pairs": str(0 if paired is None else paired.seeds),
+        "pairs": str(paired.seeds),
         "p (Wilcoxon, Holm)": number(row.p_holm, 3),
         "one pair of runs, seeds alone": interval(-reach, reach, digits, sign=True),
     }

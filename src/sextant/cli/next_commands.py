@@ -1,0 +1,62 @@
+"""The commands that may follow a run, made of what the user typed."""
+
+from collections.abc import Sequence
+
+from sextant.composing.compose import composing_many
+from sextant.composing.config_files import sweep_command
+from sextant.composing.overrides import parse
+from sextant.config import Config
+from sextant.errors import UserError, command
+from sextant.lifecycle.sweep_plan import cell_config, read_design
+from sextant.recipes import Recipe, recipe_of
+from sextant.runs.directory import RunDirectory
+from sextant.runs.outputs_folder import other_than_default
+
+#: groups of a run's config that say where results go, for commands that write results too
+WHERE = ("paths", "tracking")
+SEEDS = "seed=0,1,2"
+
+
+def next_commands(config: Config, directory: RunDirectory, name: str, overrides: Sequence[str]) -> dict[str, str]:
+    """Commands that test, apply and vary a run, and show it in MLflow.
+
+    Args:
+        config: config of the run.
+        directory: its directory.
+        name: how commands refer to the run.
+        overrides: what the user typed to train it.
+
+    Returns:
+        The commands by what they do.
+    """
+    recipe = recipe_of(config.task.name)
+    trust = ["trust=true"] if config.custom_parts() else []
+    where = [each.text for each in parse(overrides) if each.place in WHERE and not each.deletes]
+    tracking = config.tracking
+    server = ["tracking=server", f"tracking.uri={tracking.uri}"] if tracking.kind == "server" else []
+    outputs = other_than_default(directory.path.parents[2])
+    return {
+        "evaluate": command("evaluate", f"run={name}", *recipe.evaluation_example, *where, *trust),
+        "predict": command("predict", f"run={name}", *recipe.prediction_example, "output=<folder>", *trust),
+        "sweep": _sweep(recipe, overrides),
+        "dashboard": command("dashboard", *server, outputs=outputs),
+    }
+
+
+def _sweep(recipe: Recipe, typed: Sequence[str]) -> str:
+    """The run with three seeds and another choice beside its own or, if these do not go together, with seeds alone."""
+    group, options = recipe.sweep_example
+    parsed = parse(typed)
+    own = next((each.option for each in parsed if each.key == group and each.option not in ("", *options)), None)
+    compared = options if own is None else (options[0], own)
+    kept = [each.text for each in parsed if each.key != "seed"]
+    others = [each.text for each in parsed if each.key not in ("seed", group)]
+    words = [*others, SEEDS, f"{group}={','.join(compared)}"]
+    try:
+        with composing_many():
+            design = read_design(words)
+            for arm in design.arms:
+                cell_config(design, {}, arm)
+    except UserError:
+        words = [*kept, SEEDS]
+    return sweep_command(words)

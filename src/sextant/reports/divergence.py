@@ -1,0 +1,85 @@
+"""Runs that did not learn, in words: by which rule, how they were trained, and what to try."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sextant.errors import command
+from sextant.reports.measure import Measure
+from sextant.reports.results import SweepResults
+from sextant.reports.tables import counted
+from sextant.runs.directory import RunDirectory
+from sextant.runs.sweep_directory import SweepPlan
+
+#: how much longer, in how much smaller batches, and at how much lower a rate is proposed
+LONGER, SMALLER, LOWER = 4, 4, 10
+SMALLEST_BATCH = 8
+
+
+def divergence(results: SweepResults) -> str:
+    """What a report says of the runs of a sweep that diverged, as Markdown; empty if none did."""
+    diverged = [cell for cell in results.cells if cell.outcome == "diverged"]
+    if not diverged:
+        return ""
+    measure = diverged[0].measure if diverged[0].values else results.measure
+    runs = _directories(results.plan, results.directory, {cell.cell.run for cell in diverged})
+    words, compared = results.plan.command, {key for cell in results.cells for key in cell.cell.factors}
+    compared |= {text.split("=")[0] for arm in _arms(results.plan) for text in arm.get("overrides", [])}
+    ended = sum(cell.outcome in ("finished", "diverged") for cell in results.cells)
+    learnt = ended - len(diverged)
+    which = "None of the runs learnt" if not learnt else f"{len(diverged)} of {ended} runs did not learn"
+    missing = "" if learnt else " There is nothing to compare: means and contrasts are over runs that learnt."
+    return f"**{which}.**{missing} {what_to_do(measure, runs, ['train', '-m', *words], compared)}"
+
+
+def what_to_do(measure: Measure, runs: Sequence[RunDirectory], words: Sequence[str], fixed: Iterable[str] = ()) -> str:
+    """The rule by which runs diverged, how they were trained, and a command that may help.
+
+    Args:
+        measure: measure of the runs, which knows the rule.
+        runs: the runs that diverged.
+        words: the command that made them, without ``sextant``.
+        fixed: keys that the command must not set, since its runs differ in them.
+    """
+    by_nan = all(not (run.results() or {}).get("metrics") for run in runs)
+    rule = "its training loss becomes infinite or not a number" if by_nan else measure.diverged
+    text = f"A run has diverged if {rule}."
+    config, results = _config(runs[0]), runs[0].results() or {}
+    trainer, rate = config.get("trainer", {}), config.get("optimizer", {}).get("lr")
+    if measure.trained_by and "steps" in results:
+        steps = f"{counted(results['epochs'], 'epoch')}, {counted(results['steps'], 'step')}"
+        text += f" {'They' if len(runs) > 1 else 'It'} trained for {steps}, at a learning rate of {rate:g}."
+    changes: dict[str, Any] = {}
+    if by_nan:
+        text += " Most often the learning rate is too high, or the data hold extreme values."
+        changes["optimizer.lr"] = f"{rate / LOWER:g}"
+    elif measure.trained_by:
+        text += " Most often that is too short, in batches that are too large, or at a wrong rate."
+        changes["trainer.max_epochs"] = LONGER * trainer["max_epochs"]
+        if "trainer.batch_size" in measure.trained_by and trainer["batch_size"] > SMALLEST_BATCH:
+            changes["trainer.batch_size"] = max(SMALLEST_BATCH, trainer["batch_size"] // SMALLER)
+    else:
+        text += f" {measure.remedy}"
+    changes = {key: value for key, value in changes.items() if key not in set(fixed)}
+    if not changes:
+        return text
+    kept = [word for word in words if word.partition("=")[0] not in changes]
+    return f"{text} Try `{command(*kept, *(f'{key}={value}' for key, value in changes.items()))}`"
+
+
+def _directories(plan: SweepPlan, directory: Path, runs: Iterable[str]) -> list[RunDirectory]:
+    return [RunDirectory(directory.parents[1] / run) for run in sorted(runs)]
+
+
+def _arms(plan: SweepPlan) -> list[dict[str, Any]]:
+    return list((plan.definition.get("arms") or {}).values())
+
+
+def _config(run: RunDirectory) -> dict[str, Any]:
+    try:
+        found = yaml.safe_load(run.config.read_text("utf-8"))
+    except (OSError, yaml.YAMLError):
+        return {}
+    return found if isinstance(found, dict) else {}
