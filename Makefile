@@ -14,10 +14,10 @@ help: ## list the targets
 
 setup: $(READY) ## install everything into .venv
 
-run: $(READY) ## train and test the main job: calibration on panoramas of a town that is rendered first; then a real photo
+run: $(READY) ## train and test the main job: calibration on panoramas of a town that is rendered first; then a real photo of a known camera
 	$(BIN)/python train.py task=calibration
-	$(BIN)/python predict.py output=outputs/photo \
-	  input=$$($(BIN)/python -c 'from sklearn.datasets import images; print(images.__path__[0])')/china.jpg
+	$(BIN)/python predict.py input=examples/photos/berlin.jpg output=outputs/photo
+	$(BIN)/python examples/known_camera.py outputs/photo
 
 test: $(READY) ## the test suite but its slow tests, on every core
 	$(BIN)/python -m pytest -n auto -m "not slow"

@@ -15,6 +15,8 @@ from sextant.runs.outputs_folder import other_than_default
 #: groups of a run's config that say where results go, for commands that write results too
 WHERE = ("paths", "tracking")
 SEEDS = "seed=0,1,2"
+#: for runs of several processes, which a sweep cannot start within its own
+APART = ("launcher=joblib", "launcher.workers=1")
 
 
 def next_commands(config: Config, directory: RunDirectory, name: str, overrides: Sequence[str]) -> dict[str, str]:
@@ -35,28 +37,30 @@ def next_commands(config: Config, directory: RunDirectory, name: str, overrides:
     tracking = config.tracking
     server = ["tracking=server", f"tracking.uri={tracking.uri}"] if tracking.kind == "server" else []
     outputs = other_than_default(directory.path.parents[2])
+    sweep = _sweep(recipe, overrides)
     return {
         "evaluate": command("evaluate", f"run={name}", *recipe.evaluation_example, *where, *trust),
         "predict": command("predict", f"run={name}", *recipe.prediction_example, "output=<folder>", *trust),
-        "sweep": _sweep(recipe, overrides),
+        **({} if sweep is None else {"sweep": sweep}),
         "dashboard": command("dashboard", *server, outputs=outputs),
     }
 
 
-def _sweep(recipe: Recipe, typed: Sequence[str]) -> str:
-    """The run with three seeds and another choice beside its own or, if these do not go together, with seeds alone."""
+def _sweep(recipe: Recipe, typed: Sequence[str]) -> str | None:
+    """The run with three seeds and another choice beside its own; if these do not go together, with seeds alone."""
     group, options = recipe.sweep_example
-    parsed = parse(typed)
+    parsed = [each for each in parse(typed) if each.key != "seed"]
     own = next((each.option for each in parsed if each.key == group and each.option not in ("", *options)), None)
     compared = options if own is None else (options[0], own)
-    kept = [each.text for each in parsed if each.key != "seed"]
-    others = [each.text for each in parsed if each.key not in ("seed", group)]
-    words = [*others, SEEDS, f"{group}={','.join(compared)}"]
-    try:
-        with composing_many():
-            design = read_design(words)
-            for arm in design.arms:
-                cell_config(design, {}, arm)
-    except UserError:
-        words = [*kept, SEEDS]
-    return sweep_command(words)
+    kept = [each.text for each in parsed]
+    varied = [each.text for each in parsed if each.key != group]
+    with composing_many():
+        for words in ([*varied, SEEDS, f"{group}={','.join(compared)}"], [*kept, SEEDS], [*kept, *APART, SEEDS]):
+            try:
+                design = read_design(words)
+                for arm in design.arms:
+                    cell_config(design, {}, arm)
+            except UserError:
+                continue
+            return sweep_command(words)
+    return None

@@ -85,11 +85,18 @@ def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
 
 
 def _show_divergence(directory: RunDirectory, typed: Sequence[str] | None) -> None:
+    import numpy as np
+
     from sextant.reports.divergence import what_to_do
+    from sextant.reports.measure import ACCURACY
 
     if typed is not None:
         recipe = recipe_of(directory.path.parent.name)  # runs/<task>/<run>
-        told = what_to_do(recipe.measure, [directory], ["train", *with_folders(typed)])
+        measure = ACCURACY  # of a run that a nan stopped, there is nothing to be measured
+        if directory.arrays.exists():
+            with np.load(directory.arrays, allow_pickle=False) as arrays:
+                measure = recipe.measured(arrays).measure
+        told = what_to_do(measure, [directory], ["train", *with_folders(typed)])
         console.print(told, markup=False, soft_wrap=True)
 
 

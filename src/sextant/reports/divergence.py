@@ -43,23 +43,24 @@ def what_to_do(measure: Measure, runs: Sequence[RunDirectory], words: Sequence[s
         words: the command that made them, without ``sextant``.
         fixed: keys that the command must not set, since its runs differ in them.
     """
-    by_nan = all(not (run.results() or {}).get("metrics") for run in runs)
+    by_nan = not any(run.arrays.exists() for run in runs)  # such a run was not tested
     rule = "its training loss becomes infinite or not a number" if by_nan else measure.diverged
     text = f"A run has diverged if {rule}."
     config, results = _config(runs[0]), runs[0].results() or {}
-    trainer, rate = config.get("trainer", {}), config.get("optimizer", {}).get("lr")
-    if measure.trained_by and "steps" in results:
+    epochs, batch = (config.get("trainer", {}).get(key) for key in ("max_epochs", "batch_size"))
+    rate = config.get("optimizer", {}).get("lr")
+    if measure.trained_by and "steps" in results and rate is not None:
         steps = f"{counted(results['epochs'], 'epoch')}, {counted(results['steps'], 'step')}"
         text += f" {'They' if len(runs) > 1 else 'It'} trained for {steps}, at a learning rate of {rate:g}."
     changes: dict[str, Any] = {}
     if by_nan:
         text += " Most often the learning rate is too high, or the data hold extreme values."
-        changes["optimizer.lr"] = f"{rate / LOWER:g}"
+        changes = {} if rate is None else {"optimizer.lr": f"{rate / LOWER:g}"}
     elif measure.trained_by:
         text += " Most often that is too short, in batches that are too large, or at a wrong rate."
-        changes["trainer.max_epochs"] = LONGER * trainer["max_epochs"]
-        if "trainer.batch_size" in measure.trained_by and trainer["batch_size"] > SMALLEST_BATCH:
-            changes["trainer.batch_size"] = max(SMALLEST_BATCH, trainer["batch_size"] // SMALLER)
+        changes = {} if epochs is None else {"trainer.max_epochs": LONGER * epochs}
+        if "trainer.batch_size" in measure.trained_by and (batch or 0) > SMALLEST_BATCH:
+            changes["trainer.batch_size"] = max(SMALLEST_BATCH, batch // SMALLER)
     else:
         text += f" {measure.remedy}"
     changes = {key: value for key, value in changes.items() if key not in set(fixed)}

@@ -1,0 +1,112 @@
+"""The commands that programs print can be pasted: whatever the user typed, they compose.
+
+Boundaries of what a user may type: nothing; another task; the group or key that the sweep hint varies, with one of its
+two values, with a third, and with keys that only that option has; a seed; values with spaces, lists and quotes; a data
+set of one's own; config files of one's own with parts outside Sextant; another output folder; another store.
+"""
+
+import re
+import shlex
+
+import docs_commands
+import pytest
+from docs_commands import Command, check
+
+from sextant.cli.next_commands import next_commands
+from sextant.composing.compose import compose, composing_many, to_plain
+from sextant.composing.config_files import own_configs, without_folder
+from sextant.errors import UserError, command
+from sextant.lifecycle.checks import checked, preflight
+from sextant.runs.directory import RunDirectory
+
+TASKS = ["classification", "calibration", "place_recognition", "localization", "cosfire"]
+TYPED = {
+    "nothing": [],
+    **{task: [f"task={task}"] for task in TASKS},
+    **{f"{task}, fast": [f"task={task}", "trainer=fast"] for task in TASKS},
+    "the control of the hint": ["inhibition=none"],
+    "its treatment": ["inhibition=push_pull", "trainer=fast"],
+    "a third option": ["inhibition=twin"],
+    "a third option with a key of its own": ["inhibition=push_pull", "inhibition.scale=3"],
+    "a key of the other option": ["task=place_recognition", "loss=info_nce", "loss.temperature=0.2"],
+    "another loss": ["task=calibration", "experiment=calibration_small", "loss=l2_range"],
+    "a key that the hint varies": ["task=cosfire", "task.filters_per_class=7"],
+    "a seed": ["seed=3", "trainer=fast"],
+    "a list": ["task=localization", "dataset.size_m=[14, 12]", "dataset.metres=[40, 8, 16]", "task.starts=3"],
+    "keys": ["task=place_recognition", "dataset.frames={train: 160, val: 60, test: 80}"],
+    "one's own images": ["dataset=image_folder", "dataset.folder=my photos", "backbone=lenet_a"],
+    "one's own places": ["task=place_recognition", "dataset=place_folders", "dataset.folder='my places'"],
+    "another folder": ["paths.outputs=/tmp/my outputs"],
+    "no store": ["tracking=none"],
+    "a server": ["tracking=server", "tracking.uri=http://127.0.0.1:5000"],
+    "a device": ["trainer.devices=2", "trainer=ddp"],
+    "a part of one's own": ["backbone=mine", "--config-dir={}"],
+}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def fast():
+    with composing_many():
+        yield
+
+
+@pytest.fixture
+def own(tmp_path):
+    folder = tmp_path / "my configs"
+    (folder / "backbone").mkdir(parents=True)
+    (folder / "backbone" / "mine.yaml").write_text("_target_: collections.Counter\n")
+    return folder
+
+
+@pytest.mark.parametrize("typed", TYPED.values(), ids=TYPED)
+def test_what_follows_a_run_can_be_pasted(typed, own, tmp_path, monkeypatch):
+    typed, folder = without_folder([word.format(own) if word.startswith("--") else word for word in typed])
+    with own_configs(folder):
+        try:
+            config = checked(to_plain(compose(typed)))
+        except UserError as error:
+            pytest.fail(f"the example is wrong itself: {error}")
+        outputs = tmp_path / "outputs"
+        found = next_commands(config, RunDirectory(outputs / "runs" / "task" / "a-s0"), "outputs/runs/task/a-s0", typed)
+        monkeypatch.setitem(docs_commands.MODELS, "here", tuple(typed))
+        for text in found.values():
+            check(Command("here", text))
+    words = shlex.split(found["sweep"].replace("<", "").replace(">", ""))
+    kept = [word for word in typed if not word.startswith(("seed=", "inhibition=", "loss=", "task.filters_per_class="))]
+    assert set(kept) <= set(words)
+    assert "seed=0,1,2" in words
+    assert (folder is not None) == any(word.startswith("--config-dir=") for word in words)
+    for verb in ("evaluate", "predict"):
+        assert ("trust=true" in found[verb]) == (folder is not None)
+    assert f"outputs={outputs}" in found["dashboard"]
+
+
+def test_an_option_of_ones_own_is_compared_with_the_default(tmp_path):
+    config = checked(to_plain(compose(["inhibition=twin"])))
+    directory = RunDirectory(tmp_path / "runs" / "classification" / "a-s0")
+    sweep = next_commands(config, directory, "a-s0", ["inhibition=twin"])["sweep"]
+    assert sweep == "sextant train -m seed=0,1,2 inhibition=none,twin"
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["sweep=demo", "trainer.progress=false"],
+        ["seed=0,1", "dataset=image_folder", "dataset.folder='my photos'"],
+        ["launcher=joblib", "task=localization", "dataset.size_m=[14, 12]"],
+        ["optimizer.lr=0.1,0.2", "backbone=lenet_b"],
+    ],
+)
+def test_a_remedy_can_be_pasted(overrides):
+    with pytest.raises(UserError) as found:
+        preflight(overrides)
+    text = re.search(r"sextant train -m .*", found.value.fix)[0]
+    assert shlex.split(text)[3:] == overrides
+    check(Command("here", text))
+
+
+def test_a_command_is_quoted_for_a_shell_except_its_placeholders():
+    words = ["train", "a=b c", "d=<folder of photos>", "e='f'", "g=$(ls)"]
+    line = command(*words, outputs="/x y")
+    assert "d=<folder of photos>" in line
+    assert shlex.split(line.replace("d=<folder of photos>", "'d=<folder of photos>'"))[1:] == [*words, "outputs=/x y"]
