@@ -197,8 +197,8 @@ def test_whoever_waits_for_tasks_and_is_interrupted_says_what_became_of_them(tmp
         with pytest.raises(KeyboardInterrupt):
             launch([cell], config(tmp_path, *SLURM), folder, listening)
     assert listening.heard == [
-        "the jobs go on; sextant sweep status, attach or cancel one",
-        "the jobs were cancelled; sextant sweep attach one",
+        f"the jobs go on; {attach_command(folder)} waits for them, {attach_command(folder, 'cancel')} ends them",
+        f"the jobs were cancelled; {attach_command(folder)}",
     ]
 
 

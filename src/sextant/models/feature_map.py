@@ -52,8 +52,8 @@ class FeatureMap(nn.Module):
             if layer is None:
                 raise UserError(
                     f"{type(network).__name__} has no layer named any of {', '.join(USUAL)}",
-                    f"Name the layer to use, one of {children} or within one. A vision transformer has no map with height "
-                    "and width: choose a network of convolutions.",
+                    f"Name the layer to use, one of {children} or within one. A vision transformer has no map with "
+                    "height and width: choose a network of convolutions.",
                 )
         if layer not in modules or layer == "":
             raise UserError(f"layer={layer!r} is not a layer of {type(network).__name__}", f"Choose among {children}")
