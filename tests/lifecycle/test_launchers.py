@@ -27,7 +27,7 @@ from sextant.lifecycle.sweep import dry_run, run_sweep
 from sextant.lifecycle.sweep_status import cancel_sweep, sweep_status
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
-from sextant.runs.sweep_directory import find_sweep, read_plan
+from sextant.runs.sweep_directory import attach_command, find_sweep, read_plan
 
 SLURM = ("launcher=slurm", "launcher.lease_s=0.3", "tracking=none")
 
