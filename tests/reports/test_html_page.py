@@ -159,7 +159,7 @@ def test_a_report_has_its_arms_and_contrasts_and_runs_no_code_of_theirs(tab, rep
 
 
 def test_names_are_shown_as_they_are(report):
-    page = report.read_text()
+    page = report.read_text().replace("<wbr>", "")
     assert "<img src=x" not in page
     assert "&lt;img src=x onerror" in page
 
