@@ -8,6 +8,8 @@ Importing ``sextant`` itself imports nothing heavy.
 from importlib import import_module
 from typing import Any
 
+from sextant.errors import naming_extras
+
 __version__ = "0.1.0"
 APPLICATIONS = ("ExampleDetector", "ImageClassifier", "Localizer", "PhotoCalibrator", "PlaceMap")
 #: what is imported on first use, and from where
@@ -21,7 +23,8 @@ LAZY = {
 def __getattr__(name: str) -> Any:
     """``sextant.Localizer``, ``sextant.run`` and others, imported on first use."""
     if name in LAZY:
-        return getattr(import_module(LAZY[name]), name)
+        with naming_extras(f"sextant.{name}"):
+            return getattr(import_module(LAZY[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

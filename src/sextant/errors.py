@@ -2,9 +2,25 @@
 
 import re
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
+
+#: name of the distribution, by which pip knows Sextant; the package and the command are ``sextant``
+DISTRIBUTION = "sextant-vision"
+#: extra of the package -> the modules it installs that a command may lack
+EXTRAS = {
+    "train": (
+        "rich", "hydra", "omegaconf", "pytorch_lightning", "torchvision", "mlflow", "yaml",
+        "matplotlib", "statsmodels", "filelock", "psutil", "joblib", "flask",
+    ),
+    "worlds": ("embreex", "shapely", "networkx"),
+    "search": ("optuna", "cmaes"),
+    "export": ("onnx", "onnxruntime", "onnxscript"),
+    "html": ("vl_convert", "markdown_it"),
+    "timm": ("timm",), "colmap": ("pycolmap",),
+}  # fmt: skip
 
 
 def command(*words: str, outputs: str | None = None) -> str:
@@ -91,3 +107,29 @@ class LossNotFiniteError(UserError):
             f"the training loss became {value} at step {step}, and the run was stopped",
             "Lower optimizer.lr, or look at the data; the checkpoint of the last whole epoch is kept.",
         )
+
+
+def how_to_install(extra: str) -> str:
+    """The command that installs an extra of Sextant.
+
+    >>> how_to_install("ros")
+    "pip install 'sextant-vision[ros]'"
+    """
+    return f"pip install '{DISTRIBUTION}[{extra}]'"
+
+
+@contextmanager
+def naming_extras(what: str) -> Iterator[None]:
+    """Turn the error about a module that an extra would have installed into a ``UserError`` that names the extra.
+
+    Args:
+        what: what needs the module, such as ``sextant train``.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as missing:
+        package = (missing.name or "").partition(".")[0]
+        extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
+        if extra is None:
+            raise
+        raise UserError(f"{what} needs {package}, which is not installed", how_to_install(extra)) from None

@@ -366,3 +366,12 @@ def test_a_search_has_one_life_in_the_store_and_its_page_says_what_leads(tmp_pat
     assert found.data.metrics["best/val accuracy"] == pytest.approx(winner.mean)
     sweep_or_search(given, run_cells=pytest.fail)  # nothing is missing, and nothing begins anew
     assert len(ends) == 1
+
+
+def test_a_search_is_within_its_folder_whatever_that_is_called(tmp_path):
+    outputs = tmp_path / "feature%2Flidar, q?x" / "c#1 [$HOME]"
+    outcome = made_up_search(outputs, trials=2)
+    assert outcome.directory.parent == outputs / "sweeps"
+    assert (outcome.directory / "study.db").is_file()
+    assert [path.name for path in tmp_path.iterdir()] == ["feature%2Flidar, q?x"]
+    assert [path.name for path in outputs.parent.iterdir()] == ["c#1 [$HOME]"]

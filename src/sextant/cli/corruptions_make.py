@@ -6,8 +6,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sextant.cli.arguments import SPLIT, UserPath
-from sextant.cli.console import console, print_key_values, reporting_mistakes
+from sextant.cli.console import print_key_values, reporting_mistakes
 from sextant.cli.data_describe import Sharded
+from sextant.cli.streams import whole_streams
 from sextant.cli.terminal import TERMINAL
 from sextant.errors import UserError
 
@@ -42,7 +43,7 @@ class MakeOptions(Sharded):
 
 def run(arguments: Sequence[str]) -> None:
     """Run the command; a user error ends it with one message and exit status 2."""
-    with reporting_mistakes():
+    with whole_streams(), reporting_mistakes("corruptions"):
         main(arguments)
 
 
@@ -61,24 +62,20 @@ def main(arguments: Sequence[str]) -> None:
 
     from sextant.lifecycle.corruption_files import make_corruptions
 
-    try:
-        made = make_corruptions(
-            options.benchmark,
-            options.input,
-            options.output,
-            names=options.names,
-            severities=[int(each) for each in options.severities],
-            seed=options.seed,
-            mode=options.mode,
-            labels=options.labels,
-            device=options.device,
-            shards=options.shards or 1,
-            shard=options.shard,
-            reporter=TERMINAL,
-        )
-    except KeyboardInterrupt:
-        console.print("interrupted: the same command resumes; corruptions that are done are kept")
-        raise SystemExit(130) from None
+    made = make_corruptions(
+        options.benchmark,
+        options.input,
+        options.output,
+        names=options.names,
+        severities=[int(each) for each in options.severities],
+        seed=options.seed,
+        mode=options.mode,
+        labels=options.labels,
+        device=options.device,
+        shards=options.shards or 1,
+        shard=options.shard,
+        reporter=TERMINAL,
+    )
     shape = " x ".join(map(str, made.shape[1:]))
     rows = {"images": f"{made.shape[0]:,} of {shape}", "mode": options.mode, "seed": str(options.seed)}
     rows |= {"made": f"{made.made} corruptions", "kept": f"{made.kept}", "seconds": f"{made.seconds:,.1f}"}

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
-from sextant.cli.arguments import Options
+from sextant.addresses import file_uri
+from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console, print_mistake
 from sextant.cli.output_folder import make_output
 from sextant.cli.terminal import TERMINAL
@@ -32,7 +33,7 @@ class DashboardOptions(Options):
     """first port to try on the loopback interface; the next free one is taken"""
     serve: bool = Field(True, examples=["false"])
     """false: only fill the store from the run directories"""
-    outputs: str | None = None
+    outputs: UserPath | None = None
     """output folder, if not the default"""
     tracking: Literal["sqlite", "server"] = Field("sqlite", examples=["server"])
     """server: fill a server that runs elsewhere, and open none; sqlite: the embedded store"""
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str]) -> None:
     """Refill the store and serve it until Ctrl-C."""
     quiet_libraries()
     options = DashboardOptions.parse(arguments, USAGE)
-    outputs = default_outputs() if options.outputs is None else Path(options.outputs).absolute()
+    outputs = default_outputs() if options.outputs is None else options.outputs.absolute()
     make_output(outputs, "outputs")
     server = _server(options)
     from sextant.tracking.server import free_port
@@ -103,7 +104,7 @@ def _serve(store: "Store", outputs: Path, port: int) -> None:
 
     assert store.artifacts is not None
     console.print(f"[bold]http://{HOST}:{port}/{PAGE}[/]  (Ctrl-C ends it)")
-    with guarded(server_command(HOST, port, store.uri, store.artifacts.as_uri())) as server:
+    with guarded(server_command(HOST, port, store.uri, file_uri(store.artifacts))) as server:
         while server.poll() is None:
             try:
                 server.wait(LOOK_EVERY_S)

@@ -86,16 +86,10 @@ def _render(arguments: list[str]) -> None:
     from sextant.lifecycle.rendering import fill, open_target, plan_of
 
     plan, cache = plan_of(overrides)
-    began, state = time.monotonic(), "nothing"
-    try:
-        store = open_target(plan, cache, options.shards, options.shard)
-        state = f"{store.rendered:,} of {len(store):,}"
-        with work_progress("rendering", "images") as progress:
-            made = fill(store, plan, cache, options.shards, options.shard, options.threads, progress)
-    except KeyboardInterrupt:
-        state = f"{store.rendered:,} of {len(store):,}" if state != "nothing" else state
-        console.print(f"interrupted: {state} rendered; the same command resumes")
-        raise SystemExit(130) from None
+    began = time.monotonic()
+    store = open_target(plan, cache, options.shards, options.shard)
+    with work_progress("rendering", "images") as progress:
+        made = fill(store, plan, cache, options.shards, options.shard, options.threads, progress)
     seconds = time.monotonic() - began
     facts = {str(name).replace("_", " "): _shown(value) for name, value in store.facts.items()}
     rows = {"images": f"{len(store):,}"} | facts | {"path": str(store.directory), "seconds": f"{seconds:,.1f}"}

@@ -106,7 +106,7 @@ def require(given: Mapping[str, str], keys: tuple[str, ...], usage: str) -> None
 
 def outputs_of(given: Mapping[str, str]) -> Path:
     """The folder of runs."""
-    return Path(given["outputs"]).absolute() if "outputs" in given else default_outputs()
+    return Path(given["outputs"]).expanduser().absolute() if "outputs" in given else default_outputs()
 
 
 def find_run(given: Mapping[str, str]) -> FoundRun:

@@ -7,7 +7,7 @@ import pytorch_lightning as pl
 from pytorch_lightning.callbacks import Callback
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from sextant.cli.console import console
+from sextant.cli.console import console, note_reached
 
 REFRESH_S = 0.2
 LINE_S = 5.0
@@ -36,6 +36,14 @@ class TrainingProgress(Callback):
         total = int(trainer.estimated_stepping_batches)
         self._bar.add_task("", total=total, completed=trainer.global_step, epoch=trainer.current_epoch + 1, metric="")
         self._bar.start()
+
+    def on_train_epoch_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        """Note the epoch, which Ctrl-C tells."""
+        note_reached("epoch", f"{trainer.current_epoch + 1}/{trainer.max_epochs}")
+
+    def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        """Note that training ended, as it does not when it is interrupted."""
+        note_reached("epoch", None)
 
     def on_train_batch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule, *_: Any) -> None:
         """Move the bar, a few times a second."""

@@ -3,6 +3,7 @@
 import shlex
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import chdir
 from pathlib import Path
 
 from rich.markup import escape
@@ -93,8 +94,9 @@ def _status(directory: Path) -> None:
 
 
 def _attach(directory: Path) -> None:
-    overrides, folder = without_folder(read_plan(directory).command)
-    with own_configs(folder):
+    plan = read_plan(directory)
+    overrides, folder = without_folder(plan.command)
+    with chdir(plan.here if Path(plan.here).is_dir() else "."), own_configs(folder):
         run_sweep(overrides, wait=True)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from sextant.cli.console import console
+from sextant.cli.console import console, note_reached
 from sextant.cli.show import show_start
 from sextant.cli.work_progress import work_progress
 from sextant.config import Config
@@ -56,6 +56,7 @@ class Terminal(RunReporter):
 
     def settled(self, number: int, setting: Mapping[str, str], value: float | None, told: str) -> None:
         """Print a line about the trial."""
+        note_reached("trial", f"{number} settled")
         shown = "no result" if value is None else f"{value:.5g}"
         console.print(f"trial {number}: {escape(', '.join(f'{k}={v}' for k, v in setting.items()))}  {shown}, {told}")
 
@@ -69,11 +70,13 @@ class Terminal(RunReporter):
             def advance(done: int, total: int) -> None:
                 nonlocal before
                 bar.update(task, completed=done, total=total)
+                note_reached("runs", f"{done}/{total}")
                 if done > before and not console.is_terminal:
                     console.print(f"{done}/{total} runs")
                 before = done
 
             yield advance
+        note_reached("runs", None)
 
 
 TERMINAL = Terminal()

@@ -9,7 +9,8 @@ from omegaconf import DictConfig
 from sextant.cli.console import reporting_mistakes
 from sextant.cli.terminal import TERMINAL
 from sextant.composing.compose import compose, register_resolvers, to_plain
-from sextant.composing.config_files import own_configs, without_folder
+from sextant.composing.config_files import folders, own_configs, without_folder
+from sextant.composing.overrides import literal
 from sextant.errors import UserError
 from sextant.lifecycle.checks import checked, preflight
 from sextant.runs.outputs_folder import conf_dir
@@ -32,11 +33,11 @@ def main(arguments: Sequence[str]) -> None:
     if any(word in MULTIRUN for word in words):
         _sweep(words, folder)
         return
-    sys.argv = [sys.argv[0], *words]
-    if folder is not None:
-        sys.argv += ["--config-dir", folder]
     with own_configs(folder):
         _check(words)
+        sys.argv = [sys.argv[0], *map(literal, words)]
+        if folder is not None:
+            sys.argv += ["--config-dir", str(folders()[-1])]
         hydra.main(config_path=str(conf_dir()), config_name="train", version_base="1.3")(run_config)()
 
 
@@ -71,7 +72,7 @@ def run_config(config: DictConfig) -> None:
     from sextant.cli.show import show_next, show_result
     from sextant.lifecycle.execute import execute
 
-    with reporting_mistakes():
+    with reporting_mistakes("train"):
         raw, typed = to_plain(config), HydraConfig.get().overrides.task
         outcome = execute(raw, reporter=TERMINAL)
         show_result(outcome, typed)

@@ -1,5 +1,6 @@
 """Composing a config with Hydra."""
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
@@ -16,7 +17,7 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from sextant.composing.config_files import groups, search_path, unreadable_config_file
 from sextant.composing.override_mistakes import COMPOSING, explain
-from sextant.composing.overrides import parse
+from sextant.composing.overrides import literal, parse
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir, default_outputs
 
@@ -25,7 +26,8 @@ _KEPT: ContextVar[dict[tuple[str, ...], DictConfig] | None] = ContextVar("kept c
 
 
 def register_resolvers() -> None:
-    """Make ``${sextant.outputs:}`` known to OmegaConf."""
+    """Make ``${sextant.outputs:}`` and ``${sextant.here:}`` known to OmegaConf."""
+    OmegaConf.register_new_resolver("sextant.here", os.getcwd, replace=True)
     OmegaConf.register_new_resolver("sextant.outputs", lambda: str(default_outputs()), replace=True)
 
 
@@ -40,7 +42,7 @@ def compose(overrides: Sequence[str], name: str = "train") -> DictConfig:
     inside_hydra = GlobalHydra.instance().is_initialized()
     with nullcontext() if inside_hydra else initialize_config_dir(str(conf_dir()), version_base="1.3"):
         try:
-            return _composed([*overrides, *search_path()], name)
+            return _composed([*map(literal, overrides), *search_path()], name)
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise unreadable_config_file() or UserError(f"a config file cannot be read: {error}") from None
         except COMPOSING as error:

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from sextant.composing.overrides import quoted
 from sextant.errors import UserError, command
 from sextant.runs.outputs_folder import conf_dir
 from sextant.user_files import absent
@@ -48,7 +49,7 @@ def folders() -> tuple[Path, ...]:
 
 def search_path() -> list[str]:
     """The override that makes Hydra find a user's own options, if there are any."""
-    own = ",".join("'file://{}'".format(str(path).replace("'", r"\'")) for path in _OWN.get())
+    own = ",".join(quoted(f"file://{path}") for path in _OWN.get())  # Hydra strips the scheme and decodes nothing
     return [f"hydra.searchpath=[{own}]"] if own else []
 
 

@@ -1,13 +1,16 @@
 """Overrides of a config, such as ``optimizer.lr=0.1`` or ``seed=0,1,2``, parsed one by one."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from hydra.core.override_parser import types
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, OverrideParseException
 
+from sextant.config.path_keys import PATHS, PLACES
 from sextant.config.schema.space import GRAMMAR, WRITTEN, is_dimension
 from sextant.errors import UserError
 
@@ -75,7 +78,7 @@ def parse(overrides: Sequence[str]) -> list[Override]:
         UserError: an override cannot be parsed; the message names the first.
     """
     parser, found = OverridesParser.create(), []
-    for text in overrides:
+    for text in map(literal, overrides):
         try:
             (parsed,) = parser.parse_overrides([text])
         except OverrideParseException:
@@ -89,3 +92,38 @@ def parse(overrides: Sequence[str]) -> list[Override]:
             ) from None
         found.append(Override(text, parsed))
     return found
+
+
+def literal(text: str) -> str:
+    """An override whose value is a path, with the path in quotes if Hydra would read it as anything but itself.
+
+    Hydra has a grammar for values, in which ``~``, ``=``, ``#`` and letters beyond ASCII are mistakes and brackets and
+    commas lists. A comma separates paths, except in ``paths`` and in the name of a path that is there.
+
+    >>> literal("paths.outputs=~/runs, old"), literal("dataset.folder=photos")
+    ("paths.outputs='~/runs, old'", 'dataset.folder=photos')
+    """
+    key, _, value = text.partition("=")
+    if key.lstrip("+") not in PATHS or not value or "${" in value:
+        return text
+    single = key.lstrip("+") in PLACES or _exists(value)
+    try:
+        parsed = OverridesParser.create().parse_override(text)
+        fine = not single if parsed.is_sweep_override() else isinstance(parsed.value(), str | None)
+    except (HydraException, ValueError):
+        fine = False
+    if fine and value == value.strip():
+        return text
+    return f"{key}={','.join(map(quoted, [value] if single else value.split(',')))}"
+
+
+def quoted(value: str) -> str:
+    """A value in Hydra's quotes; backslashes count only before a quote."""
+    return "'" + re.sub(r"(\\*)('|\Z)", lambda found: 2 * found[1] + found[2].replace("'", r"\'"), value) + "'"
+
+
+def _exists(path: str) -> bool:
+    try:
+        return Path(path).expanduser().exists()
+    except (OSError, ValueError, RuntimeError):  # too long, or a null byte, or no such user
+        return False

@@ -49,10 +49,12 @@ def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str
 
 
 def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
-    """Raise a ``UserError`` unless the data exist, the output folder is writable, and the tracking server answers."""
-    from sextant.tracking.store import require_server
+    """Raise a ``UserError`` unless the data exist, the output folder is writable, and the tracking store can be used."""
+    from sextant.tracking.store import require_server, store_uri
 
     require_outputs(Path(config.paths.outputs))
+    if config.tracking.kind == "sqlite":
+        store_uri(Path(config.paths.outputs))
     recipe = recipe_of(config.task.name, reporter)
     with naming_groups(config.plain):
         recipe.check(recipe.source(config))

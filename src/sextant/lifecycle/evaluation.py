@@ -10,6 +10,7 @@ from sextant.composing.config_files import groups
 from sextant.composing.overrides import parse
 from sextant.config import Config, digest, nearest, validate
 from sextant.config.building import naming_groups
+from sextant.config.path_keys import from_where_it_ran
 from sextant.errors import UserError
 from sextant.lifecycle.checks import require_device, require_outputs
 from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
@@ -98,7 +99,7 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
         raise UserError(f"{' '.join(overrides)}: give one value to each key", "For example corruption=gaussian")
     chosen = {o.place for o in parsed if o.key in known_groups} | {"paths", "tracking"}
     composed = to_plain(compose([override.text for override in parsed if override.place in chosen]))
-    merged = dict(trained) | {group: composed[group] for group in chosen}
+    merged = from_where_it_ran(trained) | {group: composed[group] for group in chosen}
     merged["reuse"] = "exact"
     for override in parsed:
         if override.place not in chosen:
@@ -131,5 +132,5 @@ def _set(config: dict[str, Any], key: str, value: Any, text: str, *, later: bool
 
 
 def _outputs(overrides: Sequence[str]) -> Path:
-    given = [o.removeprefix("paths.outputs=") for o in overrides if o.startswith("paths.outputs=")]
-    return Path(given[-1]).expanduser().absolute() if given else default_outputs()
+    given = parse([each for each in overrides if each.startswith("paths.outputs=")])
+    return Path(given[-1].option).expanduser().absolute() if given else default_outputs()

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sextant.composing.config_files import own_configs
+from sextant.errors import naming_extras
 from sextant.lifecycle.checks import preflight
 from sextant.lifecycle.evaluation import evaluate_run
 from sextant.lifecycle.execute import Outcome, execute
@@ -14,6 +15,7 @@ from sextant.lifecycle.sweep_plan import check_sweep_overrides
 from sextant.tracking.environment import quiet_libraries
 
 
+@naming_extras("sextant.run")
 def run(
     overrides: Sequence[str] = (), *, config_dir: str | Path | None = None, reporter: RunReporter = SILENT_RUN
 ) -> Outcome:
@@ -38,6 +40,7 @@ def run(
     return execute(raw, reporter=reporter)
 
 
+@naming_extras("sextant.sweep")
 def sweep(
     name: str | None = None,
     overrides: Sequence[str] = (),
@@ -74,6 +77,7 @@ def sweep(
         return sweep_or_search(arguments, reporter)
 
 
+@naming_extras("sextant.evaluate")
 def evaluate(run: str | Path, overrides: Sequence[str] = (), *, reporter: RunReporter = SILENT_RUN) -> Outcome:
     """Test a trained run on other data or under other conditions, as ``evaluate.py`` does.
 

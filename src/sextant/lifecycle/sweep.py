@@ -149,7 +149,7 @@ def run_missing(
     Returns:
         The plan at the end, and the runs that were left to a cluster.
     """
-    added = ["trainer.progress=false", "paths.outputs='{}'".format(str(outputs).replace("'", r"\'"))]
+    added = ["trainer.progress=false", f"paths.outputs={outputs}"]
     parent, page = None, None
     plan = replace(plan, began=plan.began or time.time(), ended=0.0)
     plan.write(outputs)

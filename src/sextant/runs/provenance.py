@@ -9,7 +9,9 @@ from typing import Any
 
 import psutil
 
-PACKAGES = ("sextant", "torch", "pytorch-lightning", "numpy", "hydra-core", "mlflow")
+import sextant
+
+PACKAGES = ("torch", "pytorch-lightning", "numpy", "hydra-core", "mlflow")
 
 
 def provenance() -> dict[str, Any]:
@@ -32,7 +34,7 @@ def _git() -> dict[str, Any]:
 
 
 def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
+    found = {"python": platform.python_version(), "sextant": sextant.__version__}
     for name in PACKAGES:
         try:
             found[name] = version(name)

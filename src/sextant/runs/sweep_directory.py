@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -57,6 +58,7 @@ class SweepPlan:
         began: when its first run was started; 0 if none has been.
         ended: when its last run had ended; 0 while runs go on, and if it was killed.
         key: identity of a search, which keeps its directory while cells are added; empty otherwise.
+        here: the folder from which relative paths in its command start.
     """
 
     name: str
@@ -69,6 +71,7 @@ class SweepPlan:
     began: float = 0.0
     ended: float = 0.0
     key: str = ""
+    here: str = field(default_factory=os.getcwd)
 
     @property
     def digest(self) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from sextant.errors import DISTRIBUTION
 from sextant.tracking.store import Store
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ def register_model(store: Store, found: Registration, example: bytes, answer: Ma
             artifacts={CHECKPOINT: str(found.checkpoint), found.card.stem: str(found.card)},
             signature=_signature(answer),
             input_example=pd.DataFrame({IMAGE: [example]}),
-            pip_requirements=[f"sextant=={sextant.__version__}"],
+            pip_requirements=[f"{DISTRIBUTION}=={sextant.__version__}"],
         )
     version = int(info.registered_model_version)
     store.client.update_model_version(found.name, str(version), found.card.read_text("utf-8"))

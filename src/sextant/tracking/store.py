@@ -5,13 +5,14 @@ import sqlite3
 import urllib.error
 import urllib.request
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from filelock import FileLock
 
+from sextant.addresses import file_uri, path_of, read_only, sqlite_uri
 from sextant.atomic_files import write_atomically
 from sextant.cache_folder import cache_folder
 from sextant.errors import UserError, command
@@ -63,7 +64,7 @@ class Store:
 
         found = self.client.get_experiment_by_name(name)
         if found is None:
-            location = None if self.artifacts is None else (self.artifacts / name).as_uri()
+            location = None if self.artifacts is None else file_uri(self.artifacts / _folder_name(name))
             try:
                 return str(self.client.create_experiment(name, artifact_location=location, tags=experiment_tags(name)))
             except MlflowException:
@@ -87,9 +88,14 @@ def experiment_tags(name: str) -> dict[str, str]:
     return {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": note}
 
 
-def sqlite_uri(outputs: Path) -> str:
+def _folder_name(experiment: str) -> str:
+    """The name of the folder for an experiment's artifacts, whose name may be one of no single folder."""
+    return experiment.replace("/", "_").lstrip(".") or "_"
+
+
+def store_uri(outputs: Path) -> str:
     """The address of an output folder's embedded database."""
-    return f"sqlite:///{outputs.absolute() / 'mlflow.db'}"
+    return sqlite_uri(outputs / "mlflow.db")
 
 
 def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
@@ -112,7 +118,7 @@ def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
     outputs = outputs.absolute()
     database, artifacts = outputs / "mlflow.db", outputs / "artifacts"
     artifacts.mkdir(parents=True, exist_ok=True)
-    uri = sqlite_uri(outputs)
+    uri = store_uri(outputs)
     with FileLock(outputs / ".mlflow.lock"):
         try:
             if not database.exists():
@@ -197,7 +203,7 @@ def _make_tables(database: Path) -> None:
     if _is_whole(kept):
         database.write_bytes(kept.read_bytes())
         return
-    MlflowClient(f"sqlite:///{database}").get_experiment("0")
+    MlflowClient(sqlite_uri(database)).get_experiment("0")
     with suppress(OSError):  # without a writable cache the seconds are spent each time
         write_atomically(kept, lambda file: file.write(database.read_bytes()))
 
@@ -205,7 +211,7 @@ def _make_tables(database: Path) -> None:
 def _is_whole(database: Path) -> bool:
     """Whether a file is an intact database with MLflow's tables and its first experiment."""
     try:
-        with closing(sqlite3.connect(f"{database.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+        with read_only(database) as connection:
             (found,) = connection.execute("SELECT COUNT(*) FROM experiments").fetchone()
             return bool(found == 1 and connection.execute("PRAGMA quick_check").fetchone() == ("ok",))
     except sqlite3.Error:  # also raised if the file does not exist
@@ -228,7 +234,7 @@ def _write_ahead_and_follow(database: Path, artifacts: Path) -> None:
         connection.execute("PRAGMA journal_mode=WAL")
         rows = connection.execute("SELECT experiment_id, artifact_location FROM experiments").fetchall()
         for identifier, location in rows:
-            here = f"{artifacts.as_uri()}/{location.rstrip('/').rsplit('/', 1)[-1]}"
+            here = file_uri(artifacts / path_of(location).name)
             if location == here:
                 continue
             with connection:

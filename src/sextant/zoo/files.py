@@ -19,7 +19,7 @@ WEIGHTS, CARD = ".safetensors", ".json"
 #: of a card: what builds the network and what belongs to it, as in a checkpoint
 MODEL = "model"
 NEEDED = {"task", "config", "spec"}
-REINSTALL = "Install Sextant again: pip install --force-reinstall --no-deps sextant"
+REINSTALL = "Install Sextant again: pip install --force-reinstall --no-deps sextant-vision"
 
 
 def names(folder: Path = FOLDER) -> list[str]:

@@ -81,7 +81,7 @@ def write_colmap(cameras: Sequence[PhotoCamera], folder: Path | str) -> list[Pat
     Raises:
         ArgumentError: there are no cameras, or one is not of a file.
         UserError: there is a database already, the disk is full, or the folder cannot be written to.
-        ModuleNotFoundError: pycolmap is not installed: ``pip install 'sextant[colmap]'``.
+        ModuleNotFoundError: pycolmap is not installed: ``pip install 'sextant-vision[colmap]'``.
 
     Example:
         >>> one = sextant.PhotoCalibrator.load().one_camera(sorted(Path("photos").iterdir()))  # doctest: +SKIP

@@ -1,6 +1,6 @@
 """Calibrating photos and writing the files of their cameras."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -31,7 +31,7 @@ class WrittenCameras:
 
 def write_cameras(
     calibrator: PhotoCalibrator,
-    paths: Sequence[Path],
+    paths: Iterable[Path],
     output: Path,
     *,
     undistort: Undistort = "crop",
@@ -69,7 +69,7 @@ def write_cameras(
 
 
 def _calibrated(
-    calibrator: PhotoCalibrator, paths: Sequence[Path], camera: Literal["each", "one"], priors: dict[str, Any]
+    calibrator: PhotoCalibrator, paths: Iterable[Path], camera: Literal["each", "one"], priors: dict[str, Any]
 ) -> tuple[Sequence[PhotoCamera | FailedPhoto], dict[str, Any] | None]:
     """The result for each photo, and the summary of the one camera, if they are of one."""
     if camera == "each":

@@ -17,6 +17,7 @@ from sextant.cli.console import console
 from sextant.cli.output_folder import tell_written
 from sextant.cli.predict_handler import Trained
 from sextant.cli.skipped_files import skipped_of, tell_skipped
+from sextant.cli.work_progress import counted
 from sextant.data.image_folder import decode_square
 from sextant.data.pixel_values import WhiteLevels
 from sextant.data.source import ImageSpec
@@ -54,7 +55,7 @@ def predict_classes(trained: Trained, paths: Sequence[Path], output: Path, given
     rows: list[dict[str, Any]] = [{"file": str(path)} for path in paths]
     sheet: list[tuple[ndarray, str]] = []
     levels = WhiteLevels(paths, f"input={given}")
-    for start in range(0, len(paths), BATCH):
+    for start in counted("classifying", f"batches of {BATCH} images", range(0, len(paths), BATCH)):
         images = _decoded(rows[start : start + BATCH], spec, levels)
         for row, image, values in _answered(images, answer, str(trained.found.checkpoint)):
             best = int(np.argmax(values))

@@ -10,6 +10,7 @@ from sextant.cli.output_folder import make_output
 from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.cli.photo_calibration.telling import tell
 from sextant.cli.skipped_files import skipped_of
+from sextant.cli.work_progress import counted
 
 
 def predict_calibrations(
@@ -21,6 +22,7 @@ def predict_calibrations(
         UserError: no photo could be calibrated, the photos cannot be of one camera, or the disk is full.
     """
     make_output(output)
-    written = write_cameras(calibrator, paths, output, **options.model_dump(exclude={"method"}))
+    photos = counted("calibrating", "photos", paths)
+    written = write_cameras(calibrator, photos, output, **options.model_dump(exclude={"method"}))
     tell(written, skipped_of(written.rows, f"none of {len(paths):,} photos could be calibrated"))
     return written.rows

@@ -1,10 +1,13 @@
 """Settings of training, tracking and file locations."""
 
-from typing import Literal, Self
+import os
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from sextant.config.schema.parts import Count, Node, Positive
+
+Folder = Annotated[str, AfterValidator(os.path.expanduser)]
 
 
 class Trainer(Node):
@@ -78,8 +81,9 @@ class Tracking(Node):
 
 
 class Paths(Node):
-    """Locations of data, outputs and cache."""
+    """Locations of data, outputs and cache, and the folder from which relative paths start."""
 
-    data: str
-    outputs: str = Field(min_length=1, examples=["outputs"])
-    cache: str
+    data: Folder
+    outputs: Folder = Field(min_length=1, examples=["outputs"])
+    cache: Folder
+    here: str | None = None

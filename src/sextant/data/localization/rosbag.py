@@ -27,7 +27,7 @@ from sextant.data.localization.odometry_file import OdometryFile
 from sextant.data.localization.plane import to_plane
 from sextant.data.localization.pose_formats import LENGTH_TOLERANCE, pose_matrices
 from sextant.data.pixel_values import WhiteLevels
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, how_to_install
 
 #: suffix of a ROS 1 bag, and the file that makes a folder a ROS 2 bag
 FIRST, METADATA = ".bag", "metadata.yaml"
@@ -162,7 +162,7 @@ class _Opened:
 @contextmanager
 def _opened(path: Path) -> Iterator[_Opened]:
     if find_spec("rosbags") is None:
-        raise UserError(f"{path}: a ROS bag needs rosbags, which is not installed", "pip install 'sextant[ros]'")
+        raise UserError(f"{path}: a ROS bag needs rosbags, which is not installed", how_to_install("ros"))
     try:
         bag = _Opened(path)
         with bag.reader:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sextant.config import Config
 from sextant.config.schema.launchers import JoblibLauncher, RayLauncher, SlurmLauncher
-from sextant.errors import UserError
+from sextant.errors import UserError, how_to_install
 from sextant.lifecycle.launchers.cells import Cells, CellTask, Outcomes, run_here
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 
@@ -81,6 +81,4 @@ def require_store(config: Config) -> None:
 
 def _require_package(launcher: str, package: str) -> None:
     if find_spec(package) is None:
-        raise UserError(
-            f"launcher={launcher} needs {package}, which is not installed", f"pip install 'sextant[{launcher}]'"
-        )
+        raise UserError(f"launcher={launcher} needs {package}, which is not installed", how_to_install(launcher))

@@ -20,6 +20,7 @@ from optuna.exceptions import ExperimentalWarning, StorageInternalError
 from optuna.trial import TrialState
 from sqlalchemy.exc import SQLAlchemyError
 
+from sextant.addresses import sqlite_uri
 from sextant.config.schema.space import Dimension
 from sextant.errors import UserError
 from sextant.lifecycle.search.design import SearchDesign
@@ -64,7 +65,7 @@ class Study:
         directory.mkdir(parents=True, exist_ok=True)
         with self._telling_errors():
             self._study = optuna.create_study(
-                storage=design.search.storage or f"sqlite:///{self.file}",
+                storage=design.search.storage or sqlite_uri(self.file),
                 study_name=design.name,
                 direction=design.search.direction,
                 load_if_exists=True,

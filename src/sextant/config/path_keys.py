@@ -1,0 +1,41 @@
+"""The keys of a config that name files or folders, and where a relative path among them starts."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+#: where this machine keeps things; these are never part of an experiment
+PLACES = ("paths.data", "paths.outputs", "paths.cache")
+#: all keys that name a file, a folder or a run
+PATHS = (
+    *PLACES,
+    *("dataset.folder", "dataset.streets", "corruption.folder", "backbone.weights", "task.off_the_shelf.weights"),
+    *("descriptor.folder", "descriptor.photo", "descriptor.network", "descriptor.run", "features.run", "init_from"),
+)
+
+
+def from_where_it_ran(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A stored config whose relative paths are absolute, if they are there from where its run was started.
+
+    A run is identified by its paths as they were written, so they are stored so, with the folder they start from
+    (``paths.here``; runs before Sextant 0.1.0 lack it). Paths that are not there, such as those within ``paths.data``,
+    and those in ``paths`` itself are left alone.
+
+    >>> stored = {"dataset": {"folder": "bin"}, "paths": {"here": "/usr"}}
+    >>> from_where_it_ran(stored)["dataset"]
+    {'folder': '/usr/bin'}
+    """
+    found, here = dict(config), (config.get("paths") or {}).get("here")
+    for key in PATHS if here else ():
+        if key not in PLACES:
+            _make_absolute(found, key.split("."), Path(here))
+    return found
+
+
+def _make_absolute(node: dict[str, Any], key: list[str], here: Path) -> None:
+    value = node.get(key[0])
+    if len(key) > 1 and isinstance(value, Mapping):
+        node[key[0]] = inner = dict(value)
+        _make_absolute(inner, key[1:], here)
+    elif len(key) == 1 and isinstance(value, str) and not value.startswith("~") and (here / value).exists():
+        node[key[0]] = str(here / value)
