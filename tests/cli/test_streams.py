@@ -29,7 +29,7 @@ def put(state, number, written):
             if each is not None:
                 os.close(each)
     name = {1: "stdout", 2: "stderr"}[number]
-    stream = None if state == "closed" else open(number, "w", closefd=False, buffering=1 if number == 2 else -1)
+    stream = None if state == "closed" else open(number, "w", closefd=False, buffering=1 if number == 2 else -1)  # noqa: SIM115
     setattr(sys, name, stream)
     setattr(sys, f"__{name}__", stream)
 

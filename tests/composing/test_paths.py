@@ -22,7 +22,7 @@ def value(override):
     return parsed.value
 
 
-@pytest.mark.parametrize("name", (*ODD_NAMES, *OTHERS), ids=ascii)
+@pytest.mark.parametrize("name", [*ODD_NAMES, *OTHERS], ids=ascii)
 @pytest.mark.parametrize("key", ["paths.outputs", "+dataset.folder"])
 def test_a_path_is_taken_as_it_is_written(tmp_path, name, key, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -94,13 +94,13 @@ def test_procedural_plans_depend_on_the_seed_alone():
 
 
 @pytest.mark.parametrize(
-    ("size", "key"), [((5.0, 12.0), "size[0]"), ((30.0, 500.0), "size[1]"), ((30.0, float("nan")), "size[1]")]
+    ("size", "key"), [((5.0, 12.0), "width"), ((30.0, 500.0), "depth"), ((30.0, float("nan")), "depth")]
 )
 def test_an_impossible_size_names_key_value_range_and_fix(size, key):
     with pytest.raises(UserError, match="must be a number of metres from") as error:
         procedural_plan(size, seed=0)
     assert key in error.value.problem
-    assert "size=[40,16]" in error.value.fix
+    assert "size_m=[40,16]" in error.value.fix
 
 
 def test_poses_in_walls_and_outside_are_named(office):

@@ -1,6 +1,7 @@
 """The command line: ``sextant <verb>``, and ``train.py``, ``evaluate.py``, ``predict.py``, ``report.py`` beside it."""
 
 import sys
+import warnings
 from importlib import import_module
 
 import sextant
@@ -76,6 +77,11 @@ def _run(verb: str, arguments: list[str]) -> None:
         near = nearest(verb, VERBS)
         hint = f"Did you mean sextant {near}? " if near else ""
         raise UserError(f"sextant {verb}: no such command", f"{hint}Commands:\n{_listed_verbs()}")
+    from sextant.tracking.environment import quiet_libraries
+
+    quiet_libraries()
+    if not sys.warnoptions:  # what libraries warn of is for programmers
+        warnings.simplefilter("ignore")
     import_module(VERBS[verb][0]).main([word for argument in arguments for word in spelled_out(argument)])
 
 

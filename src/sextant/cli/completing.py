@@ -1,7 +1,7 @@
 """Completion in the shell: ``eval "$(sextant -sc install=bash)"``, then the verbs, keys and values by the tab key.
 
-The flag and the variable ``COMP_LINE`` are those of Hydra's own completion, which a shell may already have installed for
-``python``: whatever script it then asks answers with words, or with nothing, but never with an error.
+The flag and the variable ``COMP_LINE`` are those of Hydra's own completion, which a shell may already have installed
+for ``python``: whatever script it then asks answers with words, or with nothing, but never with an error.
 """
 
 import os

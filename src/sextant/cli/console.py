@@ -1,6 +1,8 @@
 """The output of commands, and the reporting of user errors."""
 
+import errno
 import logging
+import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -71,6 +73,12 @@ def reporting_mistakes(verb: str = "") -> Iterator[None]:
         sys.exit(130)
     except BrokenPipeError:
         sys.exit(141)
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        long = os.fsdecode(str(error.filename))
+        print_mistake(UserError(f"{long[:40]}..: a name has at most 255 bytes, a path 4,095", "Give a shorter name."))
+        sys.exit(2)
     finally:
         _reached.clear()
 

@@ -54,10 +54,11 @@ def main(arguments: Sequence[str]) -> None:
     port = free_port(HOST, options.port)
 
     if server is not None:
-        with telling_store_errors(server):
+        with telling_store_errors(server, outputs):
             _fill(open_store("server", server, outputs), outputs)
         return
-    store = open_store("sqlite", None, outputs)
+    with telling_store_errors(None, outputs):
+        store = open_store("sqlite", None, outputs)
     try:
         _fill(store, outputs)
     except UserError as error:

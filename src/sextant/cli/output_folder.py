@@ -5,20 +5,14 @@ from pathlib import Path
 
 from rich.markup import escape
 
+from sextant.applications.arguments import make_folder
 from sextant.cli.console import console
 from sextant.errors import UserError
 
 
 def make_output(output: Path, key: str = "output") -> None:
-    """Create the folder that a key names, if necessary.
-
-    Raises:
-        UserError: the folder cannot be created.
-    """
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{key}={output} is not a folder that can be written to: {error.strerror}") from None
+    """Create the folder that a key names, if necessary; a ``UserError`` if that is not possible."""
+    make_folder(key, output)
 
 
 def refuse_among(photos: Sequence[Path], output: Path) -> None:

@@ -1,5 +1,6 @@
 """``sextant register``: register a run as a model in MLflow's registry."""
 
+import shlex
 from collections.abc import Sequence
 from typing import Literal
 
@@ -40,4 +41,4 @@ def main(arguments: Sequence[str]) -> None:
         found = register_run(chosen.run, chosen.name, chosen.outputs, kind=chosen.tracking, uri=chosen.uri)
     console.print(f"{found.name}, version {found.version}, to be served on this machine by", markup=False)
     serve = f"mlflow models serve -m models:/{found.name}/{found.version} --env-manager local --port 5001"
-    console.print(f"MLFLOW_TRACKING_URI={found.registry} {serve}", markup=False, soft_wrap=True)
+    console.print(f"MLFLOW_TRACKING_URI={shlex.quote(found.registry)} {serve}", markup=False, soft_wrap=True)

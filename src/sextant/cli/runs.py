@@ -1,15 +1,20 @@
 """``sextant runs``: list runs, or delete them from both disk and store."""
 
 import shutil
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from rich.markup import escape
 from rich.table import Table
 
 from sextant.cli.console import console
+from sextant.cli.terminal import TERMINAL
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory, all_runs
 from sextant.runs.locks import run_lock
 from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.sweep_directory import read_plans
 from sextant.tracking.environment import quiet_libraries
 
 USAGE = "sextant runs [list | delete <task>/<run> ...]"
@@ -29,15 +34,37 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _list() -> None:
-    table = Table("run", "outcome", "MLflow run", "settings")
-    for directory in all_runs(default_outputs()):
+    outputs = default_outputs()
+    arms: dict[str, dict[str, None]] = {}
+    for plan in read_plans(outputs, TERMINAL).values():
+        for cell in plan.cells:
+            arms.setdefault(cell.run, {})[f"{plan.name}: {cell.arm}"] = None
+    table = Table("run", "outcome", "begun", "sweep: arm", "metric", "settings", "MLflow run")
+    for directory in all_runs(outputs):
         state, results = directory.state(), directory.results()
         outcome = str(results["outcome"]) if results else str(state.get("failure") or "unfinished")
         params = state.get("params", {})
         settings = ", ".join(str(params.get(f"{g}._target_", "")).rsplit(".", 1)[-1] for g in ("dataset", "backbone"))
-        ids = directory.tracking_ids()
-        table.add_row(_name(directory), outcome.splitlines()[0], ids[-1] if ids else "", settings)
+        ids, arm = directory.tracking_ids(), ", ".join(arms.get(directory.path.relative_to(outputs).as_posix(), ()))
+        began = time.strftime("%Y-%m-%d %H:%M", time.localtime(state["started"])) if "started" in state else ""
+        cells = (
+            _name(directory),
+            outcome.splitlines()[0],
+            began,
+            arm,
+            _metric(results),
+            settings,
+            ids[-1] if ids else "",
+        )
+        table.add_row(*map(escape, cells))
     console.print(table)
+
+
+def _metric(results: Mapping[str, Any] | None) -> str:
+    """The first metric of the test, or of validation."""
+    metrics = (results or {}).get("metrics", {})
+    name = next((name for name in metrics if name.startswith("test/")), next(iter(metrics), None))
+    return "" if name is None or metrics[name] is None else f"{name} {metrics[name]:.4g}"
 
 
 def _delete(names: list[str]) -> None:

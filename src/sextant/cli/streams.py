@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TextIO
+from typing import Any, TextIO
 
 #: exit status of a command whose output was lost; 141 is that of a program ended by SIGPIPE
 LOST, READER_GONE = 1, 141
@@ -20,7 +20,7 @@ class _Stream(io.FileIO):
 
     lost: OSError | None = None
 
-    def write(self, data: bytes) -> int:  # type: ignore[override]
+    def write(self, data: Any) -> int:
         try:
             return super().write(data)
         except BrokenPipeError:

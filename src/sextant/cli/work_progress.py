@@ -17,7 +17,7 @@ LINE_S = 5.0
 
 @contextmanager
 def work_progress(what: str, unit: str) -> Iterator[Advance]:
-    """A function that shows progress: a bar on a terminal, or a line every few seconds elsewhere; Ctrl-C tells it too."""
+    """A function that shows progress: a bar on a terminal, or a line every few seconds elsewhere; noted for Ctrl-C."""
     with _shown(what, unit) as show:
 
         def advance(done: int, total: int) -> None:

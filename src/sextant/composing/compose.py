@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from sextant.composing.config_files import groups, search_path, unreadable_config_file
-from sextant.composing.override_mistakes import COMPOSING, explain
+from sextant.composing.override_mistakes import COMPOSING, chosen, explain
 from sextant.composing.overrides import literal, parse
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir, default_outputs
@@ -44,7 +44,9 @@ def compose(overrides: Sequence[str], name: str = "train") -> DictConfig:
         try:
             return _composed([*map(literal, overrides), *search_path()], name)
         except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise unreadable_config_file() or UserError(f"a config file cannot be read: {error}") from None
+            raise unreadable_config_file(chosen(overrides), error) or UserError(
+                f"a config file cannot be read: {error}"
+            ) from None
         except COMPOSING as error:
             raise explain(error, overrides, name) from None
 

@@ -1,6 +1,6 @@
 """The YAML files from which configs are composed: finding them, and reporting unreadable ones."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -109,11 +109,23 @@ def read_config_file(path: Path) -> dict[str, Any]:
     return content
 
 
-def unreadable_config_file() -> UserError | None:
-    """The error of the first unreadable file, for errors of Hydra that name no file; None if all are readable."""
-    for path in (path for folder in folders() for path in sorted(folder.rglob("*.yaml"))):
+def unreadable_config_file(chosen: Mapping[str, str], error: Exception | None = None) -> UserError | None:
+    """The error of an unreadable file among those that were read, for errors of Hydra that name no file.
+
+    Args:
+        chosen: option chosen from each group; files that nobody asked for are not blamed.
+        error: the error of the YAML library, which knows the file.
+
+    Returns:
+        None if all are readable.
+    """
+    mark = getattr(error, "problem_mark", None)
+    paths = [Path(mark.name)] if mark is not None else []
+    paths += [folder / group / f"{option}.yaml" for group, option in chosen.items() for folder in folders()]
+    shipped = sorted(conf_dir().rglob("*.yaml")) if error is not None else []
+    for path in (path for path in (*paths, *shipped) if path.is_file()):
         try:
             read_config_file(path)
-        except UserError as error:
-            return error
+        except UserError as found:
+            return found
     return None

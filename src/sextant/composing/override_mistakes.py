@@ -17,7 +17,20 @@ from sextant.errors import UserError
 
 COMPOSING = (HydraException, OmegaConfBaseException, ValueError)  # ValueError is raised for a group that is null
 #: keys of other commands, and what the user may have meant
+_METRICS = "runs are logged to MLflow: tracking=sqlite (the default), server or none; other loggers are not offered"
+_NETWORK = "the network is chosen by backbone=, such as backbone=resnet20"
 ELSEWHERE = {
+    "logger": _METRICS,
+    "wandb": _METRICS,
+    "tensorboard": _METRICS,
+    "model": _NETWORK,
+    "net": _NETWORK,
+    "network": _NETWORK,
+    "data": "the data are chosen by dataset=, such as dataset=cifar10; the batch is trainer.batch_size",
+    "datamodule": "the data are chosen by dataset=, such as dataset=cifar10; the batch is trainer.batch_size",
+    "ckpt_path": "a run that was interrupted resumes by itself; init_from={1} starts from the weights of a run",
+    "callbacks": "checkpoints and progress come by themselves; trainer.patience=5 stops early",
+    "hparams_search": "a search is a sweep: -m sweep.search=tpe 'optimizer.lr=log_uniform(1e-4, 1e-1)'",
     "run": "sextant evaluate {0} tests a trained model, sextant predict {0} input=<folder> output=<folder> applies it; "
     "init_from={1} starts training from its weights",
 }
@@ -43,7 +56,18 @@ def explain(error: Exception, overrides: Sequence[str], name: str) -> UserError:
             values.append(override)
         elif (mistake := _wrong_option(override)) is not None:
             return mistake
-    return _wrong_value(values, overrides, name) or unreadable_config_file() or UserError(_first_line(error))
+    return (
+        _wrong_value(values, overrides, name)
+        or unreadable_config_file(chosen(overrides))
+        or UserError(_first_line(error))
+    )
+
+
+def chosen(overrides: Sequence[str]) -> dict[str, str]:
+    """The option that overrides choose from each group."""
+    known = groups()
+    words = (text.lstrip("+").partition("=") for text in overrides)
+    return {key.partition("@")[0]: option for key, _, option in words if key.partition("@")[0] in known}
 
 
 def _wrong_option(override: Override) -> UserError | None:
@@ -83,8 +107,8 @@ def _wrong_value(values: Sequence[Override], overrides: Sequence[str], name: str
 
 def _unknown_key(override: Override, chosen: dict[str, Any], choices: Sequence[str], name: str) -> UserError:
     key, value = override.key, override.option
-    if key in ELSEWHERE:
-        return UserError(f"{key}={value}: unknown key", ELSEWHERE[key].format(shlex.quote(f"{key}={value}"), value))
+    if (group := key.split(".")[0]) in ELSEWHERE:
+        return UserError(f"{key}={value}: unknown key", ELSEWHERE[group].format(shlex.quote(f"{key}={value}"), value))
     known = _flat(chosen)
     near = nearest(key, [*known, *groups()]) or nearest(key.rsplit(".", 1)[-1], [*known, *groups()])
     if near is not None:

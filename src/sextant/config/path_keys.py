@@ -25,7 +25,7 @@ def from_where_it_ran(config: Mapping[str, Any]) -> dict[str, Any]:
     >>> from_where_it_ran(stored)["dataset"]
     {'folder': '/usr/bin'}
     """
-    found, here = dict(config), (config.get("paths") or {}).get("here")
+    found, here = dict(config), str((config.get("paths") or {}).get("here") or "")
     for key in PATHS if here else ():
         if key not in PLACES:
             _make_absolute(found, key.split("."), Path(here))

@@ -49,7 +49,7 @@ def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str
 
 
 def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
-    """Raise a ``UserError`` unless the data exist, the output folder is writable, and the tracking store can be used."""
+    """Raise a ``UserError`` unless the data exist, outputs can be written, and the tracking store can be used."""
     from sextant.tracking.store import require_server, store_uri
 
     require_outputs(Path(config.paths.outputs))

@@ -197,7 +197,7 @@ class _Run:
 
         outputs = Path(self.config.paths.outputs)
         try:
-            with telling_store_errors(tracking.uri):
+            with telling_store_errors(tracking.uri, outputs):
                 store = open_store(tracking.kind, tracking.uri, outputs)
                 self.mirror = open_mirror(
                     store,

@@ -1,10 +1,10 @@
 """The life cycle as calls of a library: ``sextant.run``, ``sextant.sweep``, ``sextant.evaluate``."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sextant.composing.config_files import own_configs
-from sextant.errors import naming_extras
+from sextant.errors import ArgumentError, naming_extras
 from sextant.lifecycle.checks import preflight
 from sextant.lifecycle.evaluation import evaluate_run
 from sextant.lifecycle.execute import Outcome, execute
@@ -13,6 +13,17 @@ from sextant.lifecycle.search.run import sweep_or_search
 from sextant.lifecycle.sweep import SweepOutcome
 from sextant.lifecycle.sweep_plan import check_sweep_overrides
 from sextant.tracking.environment import quiet_libraries
+
+
+def _checked(call: str, overrides: Sequence[str]) -> Sequence[str]:
+    """The overrides of a call; an ``ArgumentError`` if they are one text, or no texts."""
+    if not isinstance(overrides, list | tuple) or not all(isinstance(each, str) for each in overrides):
+        pairs = [f"{key}={value}" for key, value in overrides.items()] if isinstance(overrides, Mapping) else None
+        meant = [overrides] if isinstance(overrides, str) else pairs or ["trainer=fast"]
+        raise ArgumentError(
+            f"overrides={overrides!r} must be a list of texts, each key=value", f"For example {call}({meant!r})"
+        )
+    return overrides
 
 
 @naming_extras("sextant.run")
@@ -36,7 +47,7 @@ def run(
     """
     quiet_libraries()
     with own_configs(config_dir):
-        raw = preflight(overrides, reporter)
+        raw = preflight(_checked("sextant.run", overrides), reporter)
     return execute(raw, reporter=reporter)
 
 
@@ -69,7 +80,7 @@ def sweep(
         >>> found.count("finished"), found.directory  # doctest: +SKIP
     """
     quiet_libraries()
-    arguments = [*([] if name is None else [f"sweep={name}"]), *overrides]
+    arguments = [*([] if name is None else [f"sweep={name}"]), *_checked("sextant.sweep", overrides)]
     if not any(override.startswith("launcher=") for override in overrides):
         arguments += ["launcher=local"] if workers == 1 else ["launcher=joblib", f"launcher.workers={workers}"]
     with own_configs(config_dir):
@@ -90,4 +101,4 @@ def evaluate(run: str | Path, overrides: Sequence[str] = (), *, reporter: RunRep
         UserError: the run does not exist, an override is wrong, or the model does not fit the data.
     """
     quiet_libraries()
-    return evaluate_run(str(run), overrides, reporter)
+    return evaluate_run(str(run), _checked("sextant.evaluate", overrides), reporter)

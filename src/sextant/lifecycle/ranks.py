@@ -68,7 +68,9 @@ class Processes(DDPStrategy):
                 os.environ.setdefault(name, LOOPBACK)
         torch.distributed.init_process_group(
             self._get_process_group_backend(),
-            store=torch.distributed.FileStore(rank.meeting, len(self.parallel_devices)),
+            store=torch.distributed.FileStore(  # type: ignore[attr-defined]
+                rank.meeting, len(self.parallel_devices)
+            ),
             rank=rank.number,
             world_size=len(self.parallel_devices),
         )

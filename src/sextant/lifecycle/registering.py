@@ -21,8 +21,9 @@ from sextant.tracking.store import Kind, open_store, telling_store_errors
 from sextant.trained.content import read_trained
 from sextant.zoo.files import card_of
 
-#: legal names of models, which become part of addresses and paths
-NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"
+#: legal names of models, which become part of addresses and paths; a folder's name has at most 255 bytes
+LONGEST = 200
+NAME = rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{,{LONGEST - 1}}}"
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,12 @@ def register_run(
         >>> register_run("1a2b3c4d-s0", "digits").version  # doctest: +SKIP
     """
     if not re.fullmatch(NAME, name):
-        raise ArgumentError(f"name={name} must be of letters, digits, dots, hyphens and underscores", "name=digits")
+        shown = name if len(name) <= LONGEST else f"{name[:20]}.. of {len(name)} characters"
+        raise ArgumentError(
+            f"name={shown} must be 1 to {LONGEST} letters (a to z), digits, underscores, dots and hyphens; the first "
+            "is neither a dot nor a hyphen",
+            "For example name=digits",
+        )
     outputs = outputs or default_outputs()
     found = resolve_run(run, outputs)
     predictor, about = photo_predictor(found.checkpoint), read_trained(found.checkpoint)[KEY]
@@ -69,7 +75,7 @@ def register_run(
     uses = [(IMAGE, "bytes of an image file of any kind and size"), *columns, (ERROR, "why an image has no answer")]
     registered_by = command("register", f"run={run}", f"name={name}")
     note = f"`{name}` is the model of `{about['task']}/{run}`, written by `{registered_by}`."
-    with TemporaryDirectory() as folder, telling_store_errors(uri):
+    with TemporaryDirectory() as folder, telling_store_errors(uri, outputs):
         card = Path(folder) / "model_card.md"
         known = card_of(found.checkpoint)
         card.write_text(model_card(name, uses, about, found.directory, outputs, [note], known), encoding="utf-8")

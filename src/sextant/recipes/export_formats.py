@@ -18,6 +18,7 @@ FILES: Mapping[Format, str] = {"onnx": "network.onnx", "torch_export": "network.
 TOLERANCE = 1e-4
 #: sizes of the compared batches, which differ from that of the traced batch
 BATCHES = (1, 3)
+BATCH_AXIS = "batch"
 Answer = Callable[[Mapping[str, Tensor]], Sequence[Tensor]]
 
 
@@ -44,7 +45,7 @@ def write_network(found: Exportable, form: Format, path: Path) -> float:
         warnings.simplefilter("ignore")  # exporters warn about their own internals
         try:
             program = torch.export.export(found.network, (), dict(found.inputs), dynamic_shapes=shapes)
-            answer = _onnx(program, found, written, shapes) if form == "onnx" else _torch_export(program, written)
+            answer = _onnx(program, found, written) if form == "onnx" else _torch_export(program, written)
             parity = max(_difference(found, answer, batch) for batch in BATCHES)
         except Exception as error:  # exporters and ONNX Runtime raise errors of any kind
             written.unlink(missing_ok=True)
@@ -62,13 +63,13 @@ def write_network(found: Exportable, form: Format, path: Path) -> float:
     return parity
 
 
-def _onnx(program: torch.export.ExportedProgram, found: Exportable, path: Path, shapes: Any) -> Answer:
+def _onnx(program: torch.export.ExportedProgram, found: Exportable, path: Path) -> Answer:
     made = torch.onnx.export(
         program,
         kwargs=dict(found.inputs),
         input_names=list(found.inputs),
         output_names=found.outputs,
-        dynamic_shapes=shapes,
+        dynamic_shapes={name: {0: BATCH_AXIS} for name in found.inputs},  # here it only gives the axis its name
         dynamo=True,
         external_data=False,
         verbose=False,

@@ -52,7 +52,7 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: R
 def catch_up(kind: Kind, uri: str | None, outputs: Path, reporter: Reporter) -> None:
     """Send a store what earlier runs could not; a failure is reported and stops nothing."""
     try:
-        with telling_store_errors(uri):
+        with telling_store_errors(uri, outputs):
             store = open_store(kind, uri, outputs)
             refill(store, outputs, all_of_them=False, reporter=reporter)
     except Exception as error:  # whatever the store raises, the run directories are complete

@@ -107,7 +107,7 @@ def register_model(store: Store, found: Registration, example: bytes, answer: Ma
         warnings.simplefilter("ignore")  # MLflow asks for type hints, from which it would infer another signature
         info = Model.log(
             artifact_path=None,
-            name=found.name,
+            name=found.name.replace(".", "_"),  # of what is logged, which may have no dots; the registry's name may
             flavor=mlflow.pyfunc,
             run_id=found.run_id,
             registered_model_name=found.name,

@@ -30,6 +30,7 @@ def server_command(host: str, port: int, database: str, artifacts: str) -> list[
     return [
         *(sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port), "--workers", "1"),
         *("--backend-store-uri", database, "--artifacts-destination", artifacts),
+        *("--uvicorn-opts", "--log-level error --no-access-log"),
     ]
 
 
@@ -57,7 +58,7 @@ def guarded(command: Sequence[str]) -> Iterator["subprocess.Popen[bytes]"]:
         [sys.executable, "-m", __name__, *command],
         stdin=subprocess.PIPE,
         start_new_session=True,
-        env={**WITHOUT_JOBS, **os.environ},
+        env={**WITHOUT_JOBS, "PYTHONWARNINGS": "ignore", **os.environ},
     )
     assert guard.stdin is not None
     try:

@@ -1,5 +1,6 @@
 """The tracking store: an embedded sqlite database, or a server."""
 
+import errno
 import os
 import sqlite3
 import urllib.error
@@ -90,7 +91,7 @@ def experiment_tags(name: str) -> dict[str, str]:
 
 def _folder_name(experiment: str) -> str:
     """The name of the folder for an experiment's artifacts, whose name may be one of no single folder."""
-    return experiment.replace("/", "_").lstrip(".") or "_"
+    return experiment.replace("/", "_").lstrip(".").encode()[:200].decode(errors="ignore") or "_"
 
 
 def store_uri(outputs: Path) -> str:
@@ -144,14 +145,26 @@ def how_to_fill(store: Store) -> str:
 
 
 @contextmanager
-def telling_store_errors(uri: str | None) -> Iterator[None]:
-    """Turn errors that MLflow raises while a store is opened into a ``UserError``."""
+def telling_store_errors(uri: str | None, outputs: Path) -> Iterator[None]:
+    """Turn errors that MLflow raises while a store is used into a ``UserError``.
+
+    Args:
+        uri: the address of a server; None for the embedded store.
+        outputs: the output folder, which holds the embedded store.
+    """
     from mlflow.exceptions import MlflowException
 
     try:
         yield
     except (MlflowException, OSError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        if uri is None:
+            full = "disk is full" in str(error) or (isinstance(error, OSError) and error.errno == errno.ENOSPC)
+            raise UserError(
+                f"the tracking store in paths.outputs={outputs} cannot be used: {reason}",
+                f"{'Free some space' if full else 'Make the folder writable'}, or log later: tracking=none, and "
+                "afterwards sextant dashboard",
+            ) from None
         raise UserError(
             f"tracking.uri={uri}: the tracking store cannot be used: {reason}",
             "Correct the address, or log to the embedded store: tracking=sqlite",

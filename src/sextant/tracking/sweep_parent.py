@@ -28,7 +28,7 @@ def open_parent(kind: Kind, uri: str | None, outputs: Path, plan: SweepPlan, exp
 
     A resumed sweep keeps its parent run.
     """
-    with telling_store_errors(uri):
+    with telling_store_errors(uri, outputs):
         store = open_store(kind, uri, outputs)
         mirror = _find_or_make(store, store.experiment_id(experiment), plan, outputs)
     mirror.status("RUNNING")
@@ -126,7 +126,7 @@ def run_name(arms: Sequence[str], setting: str, seed: int) -> str:
 def log_report(outputs: Path, plan: SweepPlan, report: Path) -> None:
     """Copy a report to the parent run of its sweep, in the store to which the sweep was logged."""
     kind: Kind = "server" if plan.tracking.get("kind") == "server" else "sqlite"
-    with telling_store_errors(plan.tracking.get("uri")):
+    with telling_store_errors(plan.tracking.get("uri"), outputs):
         store = open_store(kind, plan.tracking.get("uri"), outputs)
         parent = known_run(store, plan.mlflow_runs)
     if parent is not None:

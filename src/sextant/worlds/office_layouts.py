@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.random import Generator
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.worlds.office_plan import (
     CEILING_M,
     WALL_M,
@@ -22,28 +22,28 @@ SIZES_M = ((12.0, 200.0), (9.0, 120.0))
 CORRIDOR_M, MODULE_M, DEPTH_M = 1.9, 3.6, 4.8
 
 
-def procedural_plan(size: tuple[float, float], seed: int) -> FloorPlan:
-    """A building that measures ``size`` metres between its outer walls; the same seed gives the same plan.
+def procedural_plan(size_m: tuple[float, float], seed: int) -> FloorPlan:
+    """A building that measures ``size_m`` metres between its outer walls; the same seed gives the same plan.
 
     Corridors run along x, as many as make rooms about 4.8 m deep, and are linked by cross corridors. Rooms have equal
     widths, so that corridors look alike; among the offices there are a kitchen, a hall, laboratories, meeting rooms and
     stores. Most doors are open; those of stores are closed.
 
     Raises:
-        UserError: a side is not a number within ``SIZES_M``.
+        ArgumentError: a side is not a number within ``SIZES_M``.
 
     >>> plan = procedural_plan((40.0, 16.0), seed=0)
     >>> len(plan.rooms), plan.rooms[0].kind.name
     (18, 'CORRIDOR')
     """
-    for axis, (value, (low, high)) in enumerate(zip(size, SIZES_M, strict=True)):
+    for side, value, (low, high) in zip(("width", "depth"), size_m, SIZES_M, strict=True):
         if not (isinstance(value, int | float) and np.isfinite(value) and low <= value <= high):
-            raise UserError(
-                f"size[{axis}] is {value!r}; it must be a number of metres from {low:g} to {high:g}",
-                "Choose for example size=[40,16].",
+            raise ArgumentError(
+                f"size_m={list(size_m)}: the {side} must be a number of metres from {low:g} to {high:g}",
+                "For example size_m=[40,16]",
             )
     rng = np.random.default_rng([seed, 31])
-    width, height = float(size[0]), float(size[1])
+    width, height = map(float, size_m)
     levels, depth = _rows(height)
     pitch = 2 * depth + CORRIDOR_M + 3 * WALL_M
     corridors = [

@@ -23,10 +23,11 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from sextant.applications.arguments import check_kind, check_whole
+from sextant.applications.arguments import check_kind, check_whole, make_folder
 from sextant.applications.kept_descriptor import Describes, KeptDescriptor
 from sextant.applications.localization.kept_filter import usual_filter, usual_radius
 from sextant.applications.localization.localizer_folder import (
+    check_descriptor,
     checked_poses,
     described_map,
     open_localizer,
@@ -184,6 +185,13 @@ class Localizer:
         self._start = start if isinstance(start, Initialisation) else STARTS[start]()
         self._spacing = map_spacing(filter.prior.poses)
         self.reset()
+
+    def __repr__(self) -> str:
+        whose, found = self.descriptor.facts["kind"], self.model.map
+        return (
+            f"{type(self).__name__}({len(found):,} images, {found.dimension} numbers each by descriptor {whose!r}, "
+            f"spacing={self._spacing:.2g} {self.unit}, particles={self.particles:,})"
+        )
 
     # -- live use ------------------------------------------------------------------------------------------------------
 
@@ -453,9 +461,10 @@ class Localizer:
         """Write the map, with its descriptor and the filter's settings, into a folder; without pickles.
 
         Raises:
-            OSError: the folder cannot be written to.
+            UserError: it is a file, or cannot be created.
+            OSError: the disk is full.
         """
-        save_localizer(self, Path(folder))
+        save_localizer(self, make_folder("folder", folder))
 
     @classmethod
     def load(
@@ -547,6 +556,7 @@ class Localizer:
         check_whole("steps", steps, 0, "steps=60")
         _check_settings(1.0 if radius is None else radius, particles, start, lag)
         _check_parts(kernel=kernel, observation=observation, likelihood=likelihood, motion=motion, recovery=recovery)
+        check_descriptor(descriptor)
         images = several_pixels(images)
         where = checked_poses(poses, len(images))
         kept, rows = described_map(images, descriptor)

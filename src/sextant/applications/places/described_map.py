@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from sextant.applications.arguments import check_kind, check_whole
+from sextant.applications.arguments import check_kind, check_whole, make_folder
 from sextant.applications.failures import Errors, FailedPhoto, check_errors, raise_failed
 from sextant.applications.kept_descriptor import Describes, KeptDescriptor, kept_baseline, named_baseline
 from sextant.applications.places.describing import Described, DescribedPhotos, describe, joined, without_failed
@@ -165,7 +165,7 @@ class DescribedMap:
             UserError: the map is empty.
             OSError: the disk is full, or the folder cannot be written to.
         """
-        folder = Path(folder).expanduser()
+        folder = make_folder("folder", folder)
         kept = descriptor and self.descriptor.facts["kind"] != "none"
         described = self.described
         if kept:

@@ -60,7 +60,7 @@ class Tracking(Node):
 
     kind: Literal["sqlite", "server", "none"]
     uri: str | None = Field(examples=["http://127.0.0.1:5000"])
-    experiment: str | None = Field(examples=["lenet"])
+    experiment: str | None = Field(min_length=1, max_length=500, examples=["lenet"])
     system_metrics: bool
     system_metrics_every_s: Positive = Field(examples=[10])
     log_checkpoint: bool

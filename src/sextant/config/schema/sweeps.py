@@ -35,7 +35,7 @@ class Sweep(Node):
         quick: overrides of its small form for ``sextant claims preset=quick``; empty if it is already small.
     """
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", examples=["my_sweep"])
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", max_length=200, examples=["my_sweep"])
     question: str = ""
     factors: dict[str, Annotated[list[str | int | float | bool], Field(min_length=1)]] = Field(default_factory=dict)
     arms: dict[str, Arm] = Field(default_factory=dict)
