@@ -52,6 +52,24 @@ def test_from_a_lone_checkpoint(trained, tmp_path):
     assert metrics == {"test/accuracy/clean": run.results()["metrics"]["test/accuracy/clean"]}
 
 
+@pytest.mark.slow
+def test_a_relative_folder_is_found_from_elsewhere(tmp_path, monkeypatch):
+    """And only in the evaluation is it absolute: a run is identified by its folder as it was written."""
+    (tmp_path / "there").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    for number in range(60):
+        (tmp_path / "there" / "photos" / str(number % 2)).mkdir(parents=True, exist_ok=True)
+        pixels = np.random.default_rng(number).integers(0, 256, (32, 32), dtype=np.uint8)
+        Image.fromarray(pixels).save(tmp_path / "there" / "photos" / str(number % 2) / f"{number}.png")
+    monkeypatch.chdir(tmp_path / "there")
+    small = ["dataset=image_folder", "dataset.folder=photos", "dataset.size=32", "trainer.max_epochs=1"]
+    run = RunDirectory(execute(quick_config(tmp_path, *small, "trainer.batch_size=8", "tracking=none")).directory)
+    assert load_checkpoint(run.last_checkpoint)[KEY]["config"]["dataset"]["folder"] == "photos"
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    expected = {k: v for k, v in run.results()["metrics"].items() if k.startswith("test/")}
+    assert evaluated(tmp_path, f"run={run.path}") == expected
+
+
 def told(*arguments):
     with pytest.raises(UserError) as caught:
         evaluate.main(list(arguments))

@@ -90,3 +90,44 @@ def test_a_missing_mandatory_value_is_named():
 
 def test_every_choice_of_a_sweep_is_checked_before_it_is_planned():
     assert "backbone=lenet_z" in told(["backbone=lenet_a,lenet_z", "seed=0,1"], check_sweep_overrides)
+
+
+#: contents that cannot be read, each in its own way
+UNREADABLE = (b"a: [1\n", b" a: 1\nb: 2\n", b"a: \xe9\n", b"- 1\n- 2\n", b"\ttab: 1\n", b"a: 'b\n", b"{a\n")
+
+
+@pytest.mark.parametrize("content", UNREADABLE)
+@pytest.mark.parametrize(
+    "beside", ["backbone/alone.yaml", "backbone/zzz.yaml", "augmentation/alone.yaml", "own/x.yaml"]
+)
+def test_a_broken_file_that_nobody_asked_for_is_not_blamed(own_configs, content, beside):
+    (own_configs / beside).parent.mkdir(exist_ok=True)
+    (own_configs / beside).write_bytes(content)
+    assert compose(["backbone=lenet_b"])["backbone"]["variant"] == "B"
+    assert "lenet_z: no such option" in told(["backbone=lenet_z"])
+    (own_configs / "backbone" / "mine.yaml").write_bytes(b"_target_: my.Net\nwidth: [3\n")
+    said = told(["backbone=mine"])
+    assert "backbone/mine.yaml, line 3 is not YAML" in said
+    assert beside not in said
+    assert len(said.splitlines()) <= 2
+
+
+@pytest.mark.parametrize(
+    ("override", "remedy"),
+    [
+        ("logger=wandb", "tracking=sqlite"), ("logger=mlflow", "tracking=sqlite"),
+        ("logger.wandb.project=x", "tracking=sqlite"), ("wandb.project=x", "tracking=sqlite"),
+        ("tensorboard=true", "tracking=sqlite"), ("model=lenet", "backbone="), ("model=resnet18", "backbone="),
+        ("model.net.lin1_size=64", "backbone="), ("net=resnet", "backbone="), ("network=resnet", "backbone="),
+        ("data=mnist", "dataset="), ("data.batch_size=64", "trainer.batch_size"), ("datamodule=cifar", "dataset="),
+        ("ckpt_path=last.ckpt", "init_from=last.ckpt"), ("callbacks=default", "trainer.patience"),
+        ("callbacks.early_stopping.patience=3", "trainer.patience"), 
+        ("hparams_search=mnist_optuna", "sweep.search=tpe"),
+        ("backbon=lenet_a", "backbone=lenet_a"), ("trackng=none", "tracking=none"),
+    ],
+)  # fmt: skip
+def test_what_users_of_other_templates_write_names_the_key_here(override, remedy):
+    said = told([override])
+    assert override.lstrip("+").split("=")[0] in said
+    assert remedy in said
+    assert "Traceback" not in said

@@ -71,7 +71,10 @@ def test_a_classifier_says_elsewhere_what_it_says_here(digits, form, tmp_path):
 @pytest.mark.slow
 def test_inhibition_is_folded_into_convolutions(digits, tmp_path):
     exported = export_run(str(digits), "onnx", tmp_path)
-    operations = [node.op_type for node in onnx.load(exported.network).graph.node]
+    graph = onnx.load(exported.network).graph
+    for each in (*graph.input, *graph.output):
+        assert each.type.tensor_type.shape.dim[0].dim_param == "batch"
+    operations = [node.op_type for node in graph.node]
     assert operations.count("Conv") == 3  # LeNet's two, and the pull of the first
     assert operations.count("Sub") == 1
 

@@ -177,3 +177,19 @@ def test_importing_sextant_imports_nothing_heavy():
     assert {"run", "sweep", "load_results"} <= set(dir(sextant))
     with pytest.raises(AttributeError, match="no attribute 'walk'"):
         _ = sextant.walk
+
+
+@pytest.mark.parametrize("call", [sextant.run, sextant.sweep, sextant.evaluate])
+@pytest.mark.parametrize(
+    ("given", "fix"),
+    [
+        ("trainer=fast", "['trainer=fast']"), ("", "['']"), ({"trainer": "fast"}, "['trainer=fast']"),
+        ([1], "trainer=fast"), (None, "trainer=fast"), ([b"trainer=fast"], "trainer=fast"), (3, "trainer=fast"),
+    ],
+)  # fmt: skip
+def test_overrides_are_a_list_of_texts(call, given, fix):
+    name = [] if call is sextant.run else ["demo"]
+    with pytest.raises(UserError, match=r"^overrides=.* must be a list of texts, each key=value") as caught:
+        call(*name, given)
+    assert caught.value.fix.startswith(f"For example sextant.{call.__name__}([")
+    assert fix.strip("[]") in caught.value.fix

@@ -75,6 +75,20 @@ def test_a_registered_run_answers_as_the_run_does(outputs, places, capsys):
 
 
 @pytest.mark.slow
+def test_a_name_with_a_dot_and_a_model_of_an_earlier_version_are_served(places, tmp_path):
+    """Models registered before the distribution was renamed name it by its old name."""
+    assert register_run(str(places), "a.b", tmp_path).version == 1
+    named = f"sextant-vision=={sextant.__version__}"
+    pinned = [
+        path for path in tmp_path.rglob("artifacts/**/*") if path.is_file() and named in path.read_text(errors="ignore")
+    ]
+    assert {path.name for path in pinned} >= {"requirements.txt"}
+    for path in pinned:
+        path.write_text(path.read_text().replace(named, f"sextant=={sextant.__version__}"))
+    assert loaded(tmp_path, "a.b/1").predict(table(PHOTOS)) == answered(photo_predictor(places), PHOTOS)
+
+
+@pytest.mark.slow
 def test_a_registered_run_has_a_signature_an_example_and_a_card_and_nothing_pickled(places, tmp_path):
     register_run(str(places), "signed", tmp_path)
     files = [path for path in tmp_path.rglob("artifacts/**/*") if path.is_file()]

@@ -1,5 +1,6 @@
 """The embedded MLflow store: made once, written by many, repaired after a move."""
 
+import errno
 import multiprocessing
 import os
 import shutil
@@ -13,7 +14,7 @@ from odd_names import NOT_UTF8, ODD_NAMES
 from sextant.errors import UserError
 from sextant.lifecycle.checks import preflight
 from sextant.runs.machine import machine_facts
-from sextant.tracking.store import Store, open_store, require_server
+from sextant.tracking.store import Store, open_store, require_server, telling_store_errors
 
 
 def write_many(outputs, number):
@@ -142,6 +143,19 @@ def test_a_damaged_database_is_named(tmp_path):
 def test_a_server_that_does_not_answer_is_told_at_once():
     with pytest.raises(UserError, match=r"tracking\.uri=http://127\.0\.0\.1:9: no MLflow server answers"):
         require_server("http://127.0.0.1:9")
+
+
+@pytest.mark.parametrize(
+    ("error", "remedy"),
+    [(OSError(errno.ENOSPC, "No space left on device"), "Free some space"), (PermissionError(13, "no"), "writable")],
+)
+def test_errors_of_the_embedded_store_name_its_folder_and_no_address(error, remedy, tmp_path):
+    with pytest.raises(UserError) as caught, telling_store_errors(None, tmp_path):
+        raise error
+    assert caught.value.problem.startswith(f"the tracking store in paths.outputs={tmp_path} cannot be used: ")
+    assert remedy in caught.value.fix
+    assert "tracking=none" in caught.value.fix
+    assert "tracking.uri" not in str(caught.value)
 
 
 #: one of each kind of mistake: unescaped twice, a query, a fragment, letters beyond ASCII

@@ -339,6 +339,8 @@ def test_a_step_that_does_not_fit_the_map_is_refused_and_changes_nothing(corrido
         ({"seed": 2**70}, "seed=1180591620717411303424 must be a whole number"),
         ({"steps": -1}, "steps=-1 must be a whole number, at least 0"),
         ({"radius": 0}, "radius=0 must be a number above 0 and finite"),
+        ({"descriptor": "HOGG"}, "descriptor=HOGG is none of .*Hog.*, nor a run"),
+        ({"descriptor": "hogs", "images": None}, "descriptor=hogs is none of .*Hog.*, nor a run"),
         ({"descriptor": np.zeros(3)}, "descriptor=ndarray describes no images"),
         ({"start": "somewhere"}, "start=somewhere must be one of uniform, appearance"),
         ({"start": ["uniform"]}, r"start=\['uniform'\] must be one of uniform, appearance"),
@@ -458,3 +460,15 @@ def test_a_network_of_code_that_is_not_sextants_is_not_built(checkpoint, tmp_pat
     kept.save(tmp_path)
     with pytest.raises(UserError, match=r"os\.system"):
         load_descriptor(tmp_path)
+
+
+def test_it_says_what_it_is_and_is_saved_in_folders_alone(corridor, tmp_path):
+    localizer = Localizer.from_images(corridor.images, corridor.poses, Pixels(16, 24), kernel=KERNEL)
+    assert repr(localizer) == (
+        "Localizer(80 images, 384 numbers each by descriptor 'baseline', spacing=0.7 m, particles=1,000)"
+    )
+    (tmp_path / "grey.png").write_bytes(b"a picture")
+    for name in ("grey.png", "grey.png/map", "x" * 300):
+        with pytest.raises(UserError, match=r"^folder=.* is not a folder that can be written to: "):
+            localizer.save(tmp_path / name)
+    assert (tmp_path / "grey.png").read_bytes() == b"a picture"
