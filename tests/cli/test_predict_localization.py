@@ -186,9 +186,11 @@ def test_a_replay_of_a_long_run_keeps_few_frames_evenly(monkeypatch):
     assert steps == list(range(0, 100, replay.stride))
 
 
-def test_photos_in_the_output_folder_do_not_come_back_as_input(office, photos):
-    first = localize(office, photos, photos)
-    assert len(localize(office, photos, photos)) == len(first)
+def test_results_do_not_go_among_the_photos(office, photos):
+    with pytest.raises(UserError, match="is input=.*would be mixed with it"):
+        localize(office, photos, photos)
+    first = localize(office, photos, photos / "found")
+    assert len(localize(office, photos, photos / "found")) == len(first)
 
 
 @pytest.mark.parametrize(

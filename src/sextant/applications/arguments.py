@@ -1,8 +1,9 @@
 """Argument checks shared by several applications; imports nothing heavy."""
 
 import errno
-from collections.abc import Iterable
-from numbers import Integral
+import os
+from collections.abc import Iterable, Sequence
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,65 @@ def make_folder(argument: str, folder: Path | str) -> Path:
             else f"For example {argument}={path.stem or 'found'}_2",
         ) from None
     return path
+
+
+def check_share(argument: str, value: Any, fix: str) -> None:
+    """Raise an ``ArgumentError`` if a value is given that is not a share above 0 and at most 1."""
+    if value is not None and (isinstance(value, bool) or not isinstance(value, Real) or not 0 < float(value) <= 1):
+        raise ArgumentError(f"{argument}={value!r:.60} must be a share above 0 and at most 1", fix)
+
+
+def check_apart(output: Path, photos: Sequence[Path] = (), *, key: str = "output", **inputs: Path | str) -> None:
+    """Check that results go to no folder that is read: they would replace files there, or be read the next time.
+
+    Folders are compared as the file system does, so that links, ``..`` and, where it ignores it, case make no
+    difference. The folder around an input is fine, and so is a folder within ``input``, whose pictures are known by
+    their names; within a map or queries it is not, since other commands read these.
+
+    Args:
+        output: folder of the results, which need not exist.
+        photos: files that are read.
+        key: of the output, for messages.
+        inputs: what the user named, by key; what is not a folder is its file.
+
+    Raises:
+        ArgumentError: the output is a file, a folder of the photos or one of the inputs, or lies in a map.
+
+    Example:
+        >>> check_apart(Path("found"), map="rides/day", queries="rides/night")
+    """
+    if os.path.lexists(output) and not output.is_dir():
+        raise ArgumentError(
+            f"{key}={output} is not a folder that can be written to: it is a file", f"Name a folder: {key}=found"
+        )
+    whole = output.absolute().resolve()
+    beside = f"Name a folder of its own: {key}={whole.parent / f'{whole.name}_found'}"
+    around = {_identity(each) for each in whole.parents}
+    if _identity(whole) in {_identity(each) for each in {photo.parent for photo in photos}}:
+        raise ArgumentError(
+            f"{key}={output} is a folder of the photos: what is found would replace files there", beside
+        )
+    for name, given in inputs.items():
+        path = Path(given).expanduser()
+        if not path.is_dir():
+            continue
+        if (own := _identity(path)) == _identity(whole):
+            raise ArgumentError(f"{key}={output} is {name}={given}: what is found would be mixed with it", beside)
+        if name != "input" and own in around:
+            where = path.resolve().parent / f"{path.resolve().name}_found"
+            raise ArgumentError(
+                f"{key}={output} lies in {name}={given}: what is found would be taken for a part of it the next time",
+                f"Name a folder of its own: {key}={where}",
+            )
+
+
+def _identity(path: Path) -> tuple[int, int] | str:
+    """What two names of one folder have in common; a folder that does not exist has one name."""
+    try:
+        found = path.stat()
+    except OSError:
+        return str(path.absolute().resolve())
+    return found.st_dev, found.st_ino
 
 
 def check_several(argument: str, given: Any) -> None:

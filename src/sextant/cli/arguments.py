@@ -115,7 +115,7 @@ def _allowed(field: FieldInfo) -> str:
     for each in field.metadata:
         bounds |= {name: getattr(each, name) for name in ("gt", "ge", "le") if hasattr(each, name)}
     if "gt" in bounds:
-        return f"{said} above {bounds['gt']}"
+        return f"{said} above {bounds['gt']}{f' and at most {limit}' if (limit := bounds.get('le')) else ''}"
     if "ge" in bounds:
         return f"{said} from {bounds['ge']} {f'to {limit}' if (limit := bounds.get('le')) else 'up'}"
     return said

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from sextant.applications.arguments import check_apart
 from sextant.cli.arguments import SPLIT, Options, UserPath
 from sextant.cli.console import console
 from sextant.cli.output_folder import make_output, tell_written
@@ -38,6 +39,7 @@ def main(arguments: Sequence[str]) -> None:
     if not {"calibration", "-h", "--help"} & set(arguments):
         raise UserError("benchmark: what is measured is missing", USAGE)
     options = BenchmarkOptions.parse([each for each in arguments if each != "calibration"], USAGE)
+    check_apart(options.output, folder=options.folder)
     make_output(options.output)
     from sextant.applications import PhotoCalibrator
     from sextant.lifecycle.photo_benchmark import benchmark_calibration, write_benchmark

@@ -42,6 +42,7 @@ def main(arguments: Sequence[str]) -> None:
         if word.startswith("run="):
             raise UserError(f"{word}: here a run is given as the map", f"map={word[4:]}")
     options = LocalizeOptions.parse(arguments, USAGE)
+    from sextant.applications.arguments import check_apart
     from sextant.applications.localization.found_map import find_map
     from sextant.cli.localizing.predict import predict_poses
     from sextant.cli.output_folder import make_output
@@ -53,6 +54,7 @@ def main(arguments: Sequence[str]) -> None:
             f"map={options.map}: neither a saved map nor a run of localization, nor zoo:office",
             "Localizer.from_images(images, poses).save(folder) makes one; sextant walk makes one of images with poses.",
         )
+    check_apart(options.output, input=options.input, map=folder)
     make_output(options.output)
     more = {}
     if options.live:

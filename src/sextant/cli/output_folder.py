@@ -15,16 +15,6 @@ def make_output(output: Path, key: str = "output") -> None:
     make_folder(key, output)
 
 
-def refuse_among(photos: Sequence[Path], output: Path) -> None:
-    """Raise a ``UserError`` if ``output`` is a folder that contains photos of the input.
-
-    Results would overwrite files of the same names there, and their pictures would count as photos the next time.
-    """
-    if output.resolve() in {photo.parent.resolve() for photo in photos}:
-        fix = f"A folder of its own: output={output / 'found'}"
-        raise UserError(f"output={output} is a folder of the photos: what is found would replace files there", fix)
-
-
 def refuse_to_lose(key: str, path: Path | None, read: Sequence[str | Path]) -> None:
     """Raise a ``UserError`` if the file that a key names is one of the input files, or is not a JSON file."""
     if path is None:

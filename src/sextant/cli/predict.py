@@ -9,8 +9,9 @@ from pathlib import Path
 
 from pydantic import Field
 
+from sextant.applications.arguments import check_apart
 from sextant.cli.arguments import Options, parse_arguments
-from sextant.cli.output_folder import make_output, refuse_among
+from sextant.cli.output_folder import make_output
 from sextant.cli.predict_handler import Handler, open_run, require
 from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
@@ -87,7 +88,7 @@ def _predict_photos(given: Mapping[str, str]) -> None:
         each.check(given)
     output = Path(given["output"]).expanduser()
     paths = find_photos(given["input"], output)
-    refuse_among(paths, output)
+    check_apart(output, paths, input=given["input"])
     make_output(output)
     trained = open_run(given)
     handler = HANDLERS.get(trained.task, Handler())

@@ -20,6 +20,9 @@ from sextant.lifecycle.published_figures import comparison, says
 from sextant.recipes import recipe_of
 from sextant.runs.directory import RunDirectory
 
+#: more metrics than this are left to metrics.json where a table sums them up; columns of a table
+MOST, WIDTH = 20, 100
+
 
 def show_start(
     config: Config,
@@ -64,15 +67,21 @@ def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
         console.print(f"[red]This run diverged:[/] {escape(str(results.get('message', '')))}")
         _show_divergence(directory, typed)
         return
+    metrics = results["metrics"] if len(results["metrics"]) <= MOST or not results.get("table") else {}
     table = Table(title="Result", title_justify="left", title_style="bold")
     table.add_column("metric")
     table.add_column("value", justify="right")
-    for name, value in results["metrics"].items():
+    for name, value in metrics.items():
         percent = "accuracy" in name
         table.add_row(name, "nan" if value is None else f"{100 * value:.2f} %" if percent else f"{value:.4f}")
-    console.print(table)
+    if metrics:
+        console.print(table, width=WIDTH)
     if results.get("table"):
-        console.print(rows_table("On the test split", results["table"]))
+        console.print(rows_table("On the test split", results["table"]), width=WIDTH)
+    if not metrics:
+        console.print(
+            f"metrics    {len(results['metrics'])} in {_shorter(directory.path)}/metrics.json", soft_wrap=True
+        )
     if results["outcome"] == "diverged":
         console.print("[yellow]This run did not learn.[/]")
         _show_divergence(directory, typed)

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 from numpy import ndarray
 
-from sextant.figures.style import new_figure
+from sextant.figures.style import new_figure, shortened
 
 COLUMNS = 8
+#: letters of a title that fit above an image
+LONGEST = 20
 
 
 def gallery(images: Sequence[ndarray], titles: Sequence[str]) -> Figure:
@@ -25,5 +27,5 @@ def gallery(images: Sequence[ndarray], titles: Sequence[str]) -> Figure:
         cell.axis("off")
     for cell, image, title in zip(axes, images, titles, strict=False):
         cell.imshow(image, cmap="gray", vmin=0, vmax=255)
-        cell.set_title(title, fontsize=7, pad=2)
+        cell.set_title(shortened(title, LONGEST), fontsize=7, pad=2)
     return figure

@@ -43,6 +43,16 @@ def printable(text: str) -> str:
     return text.encode(errors="backslashreplace").decode()
 
 
+def shortened(text: str, most: int) -> str:
+    """The last ``most`` characters of each line, which tell files apart, printable and taken literally by Matplotlib.
+
+    >>> shortened("rides/2026-11-28/morning/0001.jpg", 20)
+    '…28/morning/0001.jpg'
+    """
+    lines = (line if len(line) <= most else f"…{line[1 - most :]}" for line in printable(text).split("\n"))
+    return "\n".join(lines).replace("$", r"\$")  # what stands between two of them would be mathematics
+
+
 def save_figure(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png",)) -> list[Path]:
     """Write ``folder/name.<format>`` and return the paths; the same figure gives the same bytes.
 

@@ -15,6 +15,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from sextant import __version__
+from sextant.applications.arguments import check_apart
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.config import validate
@@ -84,6 +85,7 @@ def make_corruptions(
     chosen = benchmark_set(benchmark).build(list(names) or None, list(severities) or None, mode)
     if shard is not None and shard >= shards:
         raise UserError(f"shard={shard} of {shards}: they are numbered from 0 to {shards - 1}")
+    check_apart(output, [path for each in (images, labels) if each and (path := Path(each).expanduser()).is_file()])
     found, found_labels = read_input(images, labels)
     if shards > 1 and shard is None:
         _require_all(output, chosen, found, shards)

@@ -4,8 +4,41 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from jaxtyping import Float
+from numpy import ndarray
+
+from sextant.evaluation import mean_interval, share_interval
+
 #: limits of a protocol, part of the names of metrics that depend on them: ``_0.5m_10deg_10f``
 _LIMITS = r"(?:_[\d.]+(?:m|frames)(?:_[\d.]+deg)?_\d+f)?"
+
+
+#: parts of the names of metrics that are shares, in [0, 1]
+SHARES = re.compile(
+    r"accuracy|recall|precision|success|tracking|recovered|converged|lost|coverage|share|within|probability|chance"
+    r"|test/error|\bau[cr]"
+)
+
+
+def seeds_interval(name: str, values: Float[ndarray, "seeds"]) -> tuple[float, float]:
+    """The 95 % interval of a metric's mean over seeds; nan for fewer than two seeds.
+
+    A share, by its name and values, gets Korn and Graubard's interval, which stays within [0, 1]: Student's for two
+    accuracies of 0.70 and 0.84 would be [-0.12, 1.66]. If all seeds agree on a share, it is nan.
+
+    Args:
+        name: name in ``metrics.json``.
+        values: one per seed.
+
+    Example:
+        >>> import numpy as np
+        >>> low, high = seeds_interval("test/accuracy/clean", np.array([0.70, 0.84, 0.77]))
+        >>> f"{low:.2f} to {high:.2f}"
+        '0.55 to 0.92'
+    """
+    if SHARES.search(name) and ((values >= 0) & (values <= 1)).all():
+        return share_interval(values)
+    return mean_interval(values)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sextant.evaluation import mean_interval
+from sextant.reports.metric import seeds_interval
 from sextant.reports.run_comparison import metrics_alike
 from sextant.reports.tables import NOTHING, TextTable, decimals, interval, number
 from sextant.runs.directory import RunDirectory
@@ -104,7 +104,7 @@ def _metrics(run: RunDirectory | None, state: Mapping[str, Any], outputs: Path, 
     for name, value in own.items():
         values = np.array([float(each[name]) for each in alike if name in each])
         digits = decimals(value, 4)
-        told = interval(*mean_interval(values), digits) if len(values) > 1 else NOTHING
+        told = interval(*seeds_interval(name, values), digits) if len(values) > 1 else NOTHING
         mean = number(float(values.mean()), digits) if len(values) > 1 else NOTHING
         rows.append([f"`{name}`", number(value, digits), mean, told])
     others = f"of {len(alike)} runs that differ in their seeds" if len(alike) > 1 else "unknown: no other seeds here"

@@ -10,6 +10,7 @@ import numpy as np
 from sextant.evaluation import mean_interval
 from sextant.figures.search_history import TrialPoint, importance_bars, search_history
 from sextant.figures.style import save_figure
+from sextant.reports.metric import seeds_interval
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import SearchResults, search_results
 from sextant.reports.tables import TextTable, decimals, interval, number
@@ -62,7 +63,7 @@ def trials_table(found: SearchResults) -> TextTable:
             str(trial.number),
             *trial.setting.values(),
             number(trial.mean, digits),
-            interval(*mean_interval(np.array(trial.values)), digits),
+            interval(*seeds_interval(str(found.search["metric"]), np.array(trial.values)), digits),
             str(len(trial.values)),
             f"{trial.state}: {trial.why}" if trial.why else trial.state,
         ]
@@ -83,8 +84,9 @@ def winner_table(found: SearchResults) -> TextTable:
     rows = []
     for name, (validation, test) in (("chosen at", chosen), ("fresh", fresh)):
         parts: list[str] = []
-        for values in (np.array(validation), np.array(test)):
-            parts += [number(_mean(values), digits), interval(*mean_interval(values), digits)]
+        for metric, of_runs in ((str(found.search["metric"]), validation), (found.test_metric, test)):
+            values = np.array(of_runs)
+            parts += [number(_mean(values), digits), interval(*seeds_interval(metric, values), digits)]
         rows.append([name, str(len(validation)), *parts])
     return TextTable(columns, rows)
 

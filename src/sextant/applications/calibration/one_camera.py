@@ -6,16 +6,21 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.fusing import adopt, estimate, shared
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.calibration.priors import FocalPrior, disagreement, prior_of
 from sextant.applications.failures import FailedPhoto
+from sextant.data.photos.exif import EXIF_BLOCK
+from sextant.data.photos.header import MAKE, MODEL
 from sextant.errors import UserError
 from sextant.evaluation.calibration.fusion import CORRELATION, Fusion, Prior, fuse, with_prior
 
 SAME_SHAPE = 0.02  # largest relative difference of aspect among photos of one camera
+SAME_FOCAL = 1.05  # largest ratio of their focal lengths by EXIF, in longer sides
+SERIAL, LENS = 0xA431, 0xA434  # tags of EXIF
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +78,7 @@ def fuse_as_one_camera(
     Raises:
         UserError: the photos cannot be of one camera, or the network gives no intervals.
     """
-    _check_one_camera(findings, focal_prior)
+    resized = _check_one_camera(findings, focal_prior)
     firsts = _firsts(findings)
     distinct = {i: findings[i] for i in firsts}
     values, sigmas = (np.stack(column) for column in zip(*map(estimate, distinct.values()), strict=True))
@@ -84,6 +89,12 @@ def fuse_as_one_camera(
         )
     correlation = max(CORRELATION, float(np.mean([shared(finding) for finding in distinct.values()])))
     fusion, doubts = _with_priors(fuse(values, sigmas, correlation=correlation), [*distinct.values()], focal_prior)
+    if resized and not fusion.consistent:
+        raise UserError(
+            f"{resized}, and they disagree more than their intervals allow (p = {fusion.p_value:.2g}): they are of "
+            "several cameras",
+            "Calibrate the photos of each size by themselves, in a folder of their own.",
+        )
     if not fusion.consistent:
         doubts.append(
             f"the photos disagree more than their intervals allow (p = {fusion.p_value:.2g}): are they of one camera?"
@@ -99,6 +110,9 @@ def fuse_as_one_camera(
     for i, first in enumerate(firsts):
         if i != first:
             fused[i] = fused[i].doubted(0, f"a copy of {findings[first].name}: the two count as one photo")
+    if resized:
+        doubts.append(f"{resized}: taken for one camera's, some of them made smaller or larger")
+        fused = [finding.doubted(0, doubts[-1]) for finding in fused]
     used = np.array([i == first and kept[first] for i, first in enumerate(firsts)])
     return fused, replace(fusion, kept=used), tuple(doubts)
 
@@ -126,7 +140,8 @@ def _with_priors(fusion: Fusion, findings: Sequence[Finding], focal_prior: Focal
     return fusion, doubts
 
 
-def _check_one_camera(findings: Sequence[Finding], focal_prior: FocalPrior) -> None:
+def _check_one_camera(findings: Sequence[Finding], focal_prior: FocalPrior) -> str:
+    """Refuse photos that cannot be of one camera; if they are of several sizes, say so."""
     shapes = {f.name: f.side / min(f.photo.width, f.photo.height) for f in findings}
     first, last = min(shapes, key=lambda p: shapes[p]), max(shapes, key=lambda p: shapes[p])
     if shapes[last] / shapes[first] - 1 > SAME_SHAPE:
@@ -142,3 +157,44 @@ def _check_one_camera(findings: Sequence[Finding], focal_prior: FocalPrior) -> N
             "that their focal lengths in pixels differ",
             "Give photos of one size, or focal_prior=exif",
         )
+    named: dict[str, str] = {}
+    for finding in findings:
+        if camera := _camera_of(finding.name):
+            named.setdefault(camera, finding.name)
+    if len(named) > 1:
+        (one, first), (other, second) = list(named.items())[:2]
+        raise UserError(
+            f"{first} is by {one} and {second} by {other}, by EXIF, so that they are not of one camera",
+            "Calibrate the photos of each camera by themselves, in a folder of their own.",
+        )
+    sizes = {tuple(sorted((finding.photo.width, finding.photo.height))): finding for finding in findings}
+    if len(sizes) == 1:
+        return ""
+    known = {f.name: f.photo.exif_focal_px / f.side for f in findings if f.photo.exif_focal_px}
+    if known and max(known.values()) > SAME_FOCAL * min(known.values()):
+        wide, long = min(known, key=lambda name: known[name]), max(known, key=lambda name: known[name])
+        raise UserError(
+            f"{wide} and {long} are of different sizes and, by EXIF, of focal lengths of {known[wide]:.2f} and "
+            f"{known[long]:.2f} longer sides, so that they are not of one camera and lens setting",
+            "Calibrate the photos of each size by themselves, in a folder of their own.",
+        )
+    told = ", ".join(f"{long}x{short}" for short, long in sorted(sizes, reverse=True)[:4])
+    return f"the photos are of {len(sizes)} sizes ({told})"
+
+
+def _camera_of(name: str) -> str:
+    """Make, model, serial number and lens from the EXIF of a file; "" if it names no model, or is no file."""
+    try:
+        with Image.open(name) as image:
+            exif = image.getexif()
+            block = exif.get_ifd(EXIF_BLOCK)
+        model, *others = (
+            str(exif.get(MODEL, "")),
+            str(exif.get(MAKE, "")),
+            str(block.get(SERIAL, "")),
+            str(block.get(LENS, "")),
+        )
+    except Exception:  # metadata that cannot be read is no reason to refuse the photo
+        return ""
+    words = [" ".join(word.replace("\0", " ").split()) for word in (others[0], model, *others[1:])]
+    return ", ".join(filter(None, words)) if words[1] else ""

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int64
 from numpy import ndarray
 from torch import Tensor
 
+from sextant.applications.arguments import check_share
 from sextant.applications.detection.filters import REACH, network_filter, preset_filter, tolerant
 from sextant.applications.detection.images import AnyImage, UprightImage, upright_image
 from sextant.applications.detection.network import TrainedFeatures, trained_features
@@ -242,6 +243,7 @@ class ExampleDetector:
         response, form = self.respond(image.tensor(self.channels))
         across, down = image.width / response.shape[1], image.height / response.shape[0]
         least = self.threshold if threshold is None else threshold
+        check_share("threshold", least, "For example threshold=0.7")
         apart = self.radius if min_distance is None else min_distance / across
         forms = [(move, number) for number, example in enumerate(self.examples) for move in example.moves]
         found = [

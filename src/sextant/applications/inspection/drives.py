@@ -11,9 +11,13 @@ from sextant.applications.inspection.poses import FoundPoses
 from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.suggestion import Suggestion, command, override, overrides_of, plain_name
 from sextant.applications.inspection.traverses import MAPS
+from sextant.data.localization.odometry_file import read_odometry
 from sextant.data.localization.plane import AHEAD, PLANES, Ahead, to_plane
 from sextant.data.localization.pose_folder import FILES, PoseFormat
-from sextant.errors import ArgumentError
+from sextant.data.places.gps_poses import local_poses
+from sextant.data.places.pose_files import read_pose_table
+from sextant.errors import ArgumentError, UserError
+from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
 
 #: largest number of videos and recordings that get a command
 MOST_STREAMS = 4
@@ -37,9 +41,10 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
     if streams:
         yield Suggestion(
             "localize a video or a recording in a map",
-            "<run> is a run of task=localization, whose map has these places; every=10 takes each tenth image",
+            "<map> is a run of task=localization or a saved map of these places, such as sextant walk writes; "
+            "every=10 takes each tenth image",
             tuple(
-                command("predict", run="<run>", input=name, every=10, output=f"localization/{name.stem}")
+                command("localize", map="<map>", input=name, every=10, output=f"localization/{name.stem}")
                 for name in streams[:MOST_STREAMS]
             ),
         )
@@ -65,7 +70,7 @@ def _walks(seen: Seen) -> Iterator[Suggestion]:
     folders = [each.folder for each in seen.folders]
     streams = {Path(each.name): {"every": 10} for each in seen.videos}
     found = {
-        each: streams.get(each, {})
+        each: {**streams.get(each, {}), **_odometry(seen, each)}
         for each in (*folders, *streams)
         if each.is_relative_to(home.parent)
         and not any(each.is_relative_to(other) or other.is_relative_to(each) for other in posed)
@@ -119,12 +124,45 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
             f"dataset.poses={form}", *([] if FILES.get(form) == file else [f"dataset.pose_file={override(file)}"]),
             *(f"dataset.{key}={value}" for key, value in ground.items()),
         ]  # fmt: skip
+        spacing = _spacing(seen, found[folders[0]], folders[0])
+        coarse = spacing > OFFICE_LOCALIZATION.position
+        words += ["dataset.protocol=town"] * coarse
         why = f"{len(folders)} drives with poses ({form}), {folders[0].as_posix()} as the map"
         if form in ("colmap", "opensfm", "nerfstudio"):
             why += "; lengths must be metres, and all drives in one frame"
         if form == "gps":
             why += "; where EXIF has no direction of view, the camera is taken to look along the way"
+        if coarse:
+            limit = TOWN_LOCALIZATION.position
+            why += f"; its images are {spacing:.2g} m apart, so within {limit:g} m counts (dataset.protocol=town)"
+            why += ", which is less than that: few poses can be within it" * (spacing > limit)
         yield Suggestion("localize in a map of your own", why, (command("train", *words),))
+
+
+def _spacing(seen: Seen, found: FoundPoses, folder: Path) -> float:
+    """How far apart the images of a map are, in metres; 0 if there are fewer than two positions."""
+    if found.poses is not None:
+        where = found.poses[:, :3, 3]
+    else:
+        gps = found.format == "gps"
+        poses = (
+            local_poses(positions(seen.headers, folder)) if gps else read_pose_table(seen.folder / found.file).values()
+        )
+        where = np.array([(each.x, each.y) for each in poses])
+    steps = np.linalg.norm(np.diff(where, axis=0), axis=1)
+    return float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+
+
+def _odometry(seen: Seen, images: Path) -> dict[str, Path]:
+    """The table of odometry beside or among some images, by its name and content."""
+    for file in seen.files.tables:
+        if file.name.lower().startswith("odom") and file.parent in (images, images.parent):
+            try:
+                read_odometry(seen.folder / file)
+            except UserError:
+                continue
+            return {"odometry": seen.folder / file}
+    return {}
 
 
 def _show_enough(seen: Seen, found: dict[Path, FoundPoses]) -> bool:

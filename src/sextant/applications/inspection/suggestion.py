@@ -14,7 +14,7 @@ class Suggestion:
     Attributes:
         task: what it does.
         why: what in the folder suggests it, and what the user has to take care of.
-        commands: commands to copy; ``<run>`` stands for one of the user's runs.
+        commands: commands to copy; ``<map>`` stands for one of the user's maps.
     """
 
     task: str
@@ -23,9 +23,9 @@ class Suggestion:
 
 
 def command(verb: str, *words: str, **values: object) -> str:
-    """``sextant <verb> ... key=value ...``, each word quoted for a shell; ``run=<run>`` stays as it is."""
+    """``sextant <verb> ... key=value ...``, each word quoted for a shell; ``map=<map>``, to be filled in, is not."""
     quoted = [shlex.quote(word) for word in (*words, *(f"{key}={value}" for key, value in values.items()))]
-    return " ".join(["sextant", verb, *quoted]).replace("'run=<run>'", "run=<run>")
+    return " ".join(["sextant", verb, *quoted]).replace("'map=<map>'", "map=<map>")
 
 
 def override(path: Path | str) -> str:

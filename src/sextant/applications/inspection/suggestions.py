@@ -1,5 +1,6 @@
 """Tasks that fit what was found, with commands to copy."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,6 +19,8 @@ SMALLEST_PHOTO = 200
 CAMERAS = 4
 #: least number of images of a class, panoramas and focal lengths that are worth a command
 LEAST_OF_A_CLASS, LEAST_PANORAMAS, LEAST_FOCALS = 5, 3, 5
+#: names of the frames of a video
+FRAME = re.compile(r"(?:^|[^a-z])frame[_-]?\d+$", re.IGNORECASE)
 
 
 def suggestions(seen: Seen) -> Iterator[Suggestion]:
@@ -126,6 +129,9 @@ def _places(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
 def _classes(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
     if len(folders.classes) < 2 or min(folders.classes.values()) < LEAST_OF_A_CLASS:
         return
+    frames = [bool(FRAME.search(file.stem)) for file in seen.headers if file.is_relative_to(folders.base)]
+    if sum(frames) > len(frames) / 2:
+        return  # places, by the frames of videos: neighbours of a frame would be in training and test alike
     words = ("dataset=image_folder", f"dataset.folder={override(seen.folder / folders.base)}")
     names = sorted(folders.classes)
     why = f"{len(names):,} folders of images, {names[0]} to {names[-1]}: if each is a class"

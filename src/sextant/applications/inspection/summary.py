@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable
 from datetime import timedelta
+from pathlib import Path
 
 from sextant.applications.inspection.gps import extent_m, positions
 from sextant.applications.inspection.photos import CameraGroup
@@ -10,7 +11,9 @@ from sextant.applications.inspection.poses import FoundPoses
 from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.times import FolderOfPhotos
 from sextant.applications.inspection.videos import FoundVideo
+from sextant.data.localization.rosbag import bag_summary
 from sextant.data.photos.gps import GpsPosition
+from sextant.errors import UserError
 
 #: number of items that a line names; the rest is counted
 NAMED = 5
@@ -31,7 +34,7 @@ def summary(seen: Seen) -> dict[str, str]:
         "duplicates": f"{sum(len(group) - 1 for group in seen.duplicates):,}" if seen.duplicates else "",
         "order in time": _listed(_span(each) for each in seen.folders if each.times_s and len(each.files) > 1),
         "videos": _listed(map(_video, seen.videos)),
-        "recordings": _listed(path.as_posix() for path in seen.files.recordings),
+        "recordings": _listed(_recording(seen, path) for path in seen.files.recordings),
         "poses": _listed(map(_poses, seen.poses)),
         "cannot be read": f"{len(seen.unreadable):,}" if seen.unreadable else "",
     }
@@ -70,8 +73,15 @@ def _span(each: FolderOfPhotos) -> str:
 
 
 def _video(each: FoundVideo) -> str:
-    rate = f", {each.frames / each.per_second:,.1f} s" if each.per_second else ""
+    rate = f", {each.frames / each.per_second:,.1f} s, {each.per_second:.3g} Hz" if each.per_second else ""
     return f"{each.name}: {each.frames:,} frames of {each.width}x{each.height}{rate}"
+
+
+def _recording(seen: Seen, path: Path) -> str:
+    try:
+        return f"{path.as_posix()}: {bag_summary(seen.folder / path)}"
+    except UserError as error:
+        return f"{path.as_posix()}: {error.problem}"
 
 
 def _poses(each: FoundPoses) -> str:

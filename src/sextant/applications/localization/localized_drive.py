@@ -16,6 +16,7 @@ from sextant.data.localization.own_drive import OwnDrive
 from sextant.data.localization.pose_formats import write_tum
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError
+from sextant.localization import recognition
 from sextant.localization.foresight import LEAST
 from sextant.reporter import SILENT, Progress
 
@@ -115,6 +116,11 @@ def _doubts(localizer: Localizer, rows: list[Row]) -> Iterator[str]:
         yield (
             f"at {disbelieved:,} images odometry said that the camera stood while its images said that it moved: "
             "there it was not believed"
+        )
+    if elsewhere := sum(row.told.recognised < recognition.LEAST for row in rows):
+        yield (
+            f"{elsewhere:,} of {len(rows):,} images look less like the map than its own places look like each other: "
+            "they are probably of another place, or it has changed too much"
         )
     if unforeseen := sum(row.told.foreseen < LEAST for row in rows):
         yield (

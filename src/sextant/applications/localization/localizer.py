@@ -39,6 +39,7 @@ from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.geometry.planar import se2_compose
+from sextant.localization import recognition
 from sextant.localization.appearance_change import AppearanceChange
 from sextant.localization.belief import Belief
 from sextant.localization.descriptor_map import DescriptorMap
@@ -97,13 +98,17 @@ class LocalizedPose:
         covariance: covariance of 99 % of the belief about the pose, including other places that may be right.
         mass: share of the weight in the heaviest mode.
         modes: number of modes.
-        lost: the heaviest mode holds less than half of the weight, or recent images were not foreseen.
+        lost: the heaviest mode holds less than half of the weight, or recent images were not foreseen, or, without
+            odometry, not recognised.
         off_map: probability of being where the map shows nothing; 0 for a filter without
             :class:`~sextant.localization.map_support.MapSupport`.
         degenerate: no particle explained the image, which was dropped.
         foreseen: mean share of the map that recent images, some twenty, resembled less than the place where the robot
             was believed to be before each of them. 1/2 is chance, less than 0.65 is lost; nan before the fifth image.
             See :mod:`~sextant.localization.foresight`.
+        recognised: mean share, over recent images, of the map's own images that would look less like the map if it did
+            not show their place. 1/2 is chance, less than 0.4 is lost; nan where the motion is known. See
+            :mod:`~sextant.localization.recognition`.
         disbelieved: the motion was treated as unknown, since odometry reports that the robot stands still while its
             images show that it moves. See :mod:`~sextant.localization.standstill`.
     """
@@ -116,6 +121,7 @@ class LocalizedPose:
     degenerate: bool = False
     off_map: float = 0.0
     foreseen: float = math.nan
+    recognised: float = math.nan
     disbelieved: bool = False
 
     @property
@@ -205,11 +211,13 @@ class Localizer:
         check_whole("seed", self.seed, 0, "For example seed=1")
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
-        self._past: list[tuple[Belief, Tensor, MotionModel, Foresight]] = []
+        self._past: list[tuple[Belief, Tensor, MotionModel, Foresight, float]] = []
         self._change = AppearanceChange.none(self.model.map.dimension)
         self._counted, self._way = torch.empty(0), math.inf  # the last image that counted, and the way since
         self._scale = None if self.odds is None else EvidenceScale(self.odds)
         self._foresight = Foresight()
+        # counts one image of no evidence, so that the first alone does not decide
+        self._recognised, self._drive = Foresight(images=1.0), AppearanceChange.none(self.model.map.dimension)
         self._odometry = OdometryScale()
         self._standstill = Standstill()
         self._pace = Pace()
@@ -248,6 +256,7 @@ class Localizer:
         looked = torch.tensor([evidence is not None])
         if self._state is not None and evidence is not None and bool(moved.isfinite().all()):
             self._foresight = self._compared(self._state.belief, moved, evidence, new)
+        recognised = math.nan if bool(moved.isfinite().all()) else self._recognise(seen, new)
         moves = self._paced()
         if self._state is None:
             state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
@@ -257,8 +266,12 @@ class Localizer:
             paced = replace(self.filter, motion=moves)
             state, told = paced.step(self._state, moved[None], evidence, looked, self._generator)
         self._state = state
-        self._past = [*self._past[-self.lag :], (state.belief, moved, moves, self._foresight)] if self.lag else []
-        found = self._told(state.belief, self._foresight, degenerate=bool(told.degenerate[0]), disbelieved=disbelieved)
+        self._past = (
+            [*self._past[-self.lag :], (state.belief, moved, moves, self._foresight, recognised)] if self.lag else []
+        )
+        found = self._told(
+            state.belief, self._foresight, recognised, degenerate=bool(told.degenerate[0]), disbelieved=disbelieved
+        )
         if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
             before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
             self._odometry = self._odometry.seen(moved, before, after, self._spacing)
@@ -309,11 +322,23 @@ class Localizer:
         """
         if not self._past:
             return []
-        beliefs, motions, models, foresights = zip(*self._past, strict=True)
+        beliefs, motions, models, *told = zip(*self._past, strict=True)
         draws = torch.Generator().manual_seed(self.seed)  # separate: calling this does not affect later steps
         ways = [motion[None] for motion in motions[1:]]
         better = smoothed(beliefs, ways, models[1:], draws, progress=progress)
-        return [self._told(belief, foresight) for belief, foresight in zip(better, foresights, strict=True)]
+        return [self._told(belief, *each) for belief, *each in zip(better, *told, strict=True)]
+
+    @cached_property
+    def _known_map(self) -> recognition.MapRecognition | None:
+        return recognition.MapRecognition.of(self.model.map)
+
+    def _recognise(self, seen: Tensor | None, new: float) -> float:
+        """How well recent images were recognised, with this one, where no motion says what should be seen."""
+        if seen is not None and new > 0 and self._known_map is not None:
+            self._drive = self._drive.seen(seen, new)
+            centred = self._drive.centred(seen, self.model.map.mean)
+            self._recognised = self._recognised.seen(self._known_map.share(seen, centred), new)
+        return self._recognised.mean if self._drive.images else math.nan
 
     def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> Foresight:
         """The foresight, updated with how well the belief before an image had foreseen it."""
@@ -324,7 +349,13 @@ class Localizer:
         return self._foresight.seen(found, new * on_map)
 
     def _told(
-        self, belief: Belief, foresight: Foresight, *, degenerate: bool = False, disbelieved: bool = False
+        self,
+        belief: Belief,
+        foresight: Foresight,
+        recognised: float,
+        *,
+        degenerate: bool = False,
+        disbelieved: bool = False,
     ) -> LocalizedPose:
         found = estimate(belief, self.radius)
         mass = float(found.mass[0])
@@ -334,10 +365,11 @@ class Localizer:
             self.region_scale**2 * found.covariance[0].numpy(),
             mass,
             int(found.modes[0]),
-            mass < MODE_MASS or foresight.failed,
+            mass < MODE_MASS or foresight.failed or recognised < recognition.LEAST,
             degenerate,
             0.0 if support is None else float(support.off_map(belief)[0]),
             foresight.told,
+            recognised,
             disbelieved,
         )
 

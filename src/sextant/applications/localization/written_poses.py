@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 COLUMNS = (
     "file", "x", "y", "heading_deg", "sigma_x", "sigma_y", "sigma_heading_deg", "mass", "modes", "lost", "error",
-    "off_map", "foreseen",
+    "off_map", "foreseen", "recognised",
 )  # fmt: skip
 #: most frames of an animation; for a longer run every second frame is shown, or every fourth, ...
 MOST_FRAMES = 600
@@ -139,6 +139,7 @@ def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Pat
         named = dict(zip(COLUMNS[1:8], (f"{value:.6f}" for value in values), strict=True))
         said = {"modes": told.modes, "lost": told.lost, "error": row.problem}
         shares = {"off_map": f"{told.off_map:.6f}", "foreseen": f"{told.foreseen:.6f}"}
+        shares["recognised"] = f"{told.recognised:.6f}"
         lines.append({"file": row.name, **named, **said, **shares})
     write_csv(output / "poses.csv", COLUMNS, lines)
     write_tum(output / "trajectory.tum", times_s, np.stack([row.told.pose for row in rows]))

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
+from sextant.applications.arguments import check_apart
 from sextant.applications.calibration.calibrator import PhotoCalibrator
 from sextant.applications.calibration.priors import FocalPrior
 from sextant.applications.kept_descriptor import Describes
@@ -102,6 +103,7 @@ def localize_walk(
     check_held(held)
     check_view(120 if rows is None else rows, vfov_deg)
     output = Path(output)
+    check_apart(output, input=input, map=map)
     refuse_to_replace_poses(output)
     calibrator = calibrator or PhotoCalibrator.load()
     saved = find_map(map, default_outputs())

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from sextant.applications.arguments import check_apart
 from sextant.applications.detection.options import check_point
 from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.data.photo_files import find_photos
@@ -44,7 +45,9 @@ def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
     size = _upright_size(prototype)
     if options.point is not None and size is not None:
         check_point(options.point, size)
-    return DetectionInputs(prototype, find_photos(given["input"], output), output, options)
+    paths = find_photos(given["input"], output)
+    check_apart(output, [prototype, *paths], input=given["input"])
+    return DetectionInputs(prototype, paths, output, options)
 
 
 def _upright_size(path: Path) -> tuple[int, int] | None:

@@ -31,7 +31,7 @@ class DetectionOptions(Options):
     """sizes of the example to find too, such as 0.7,1,1.4 (default: the preset's, or 1)"""
     reflection: bool | None = Field(None, examples=["true"])
     """true: find mirror images of the example too"""
-    threshold: float | None = Field(None, gt=0, examples=[0.7])
+    threshold: float | None = Field(None, gt=0, le=1, examples=[0.7])
     """least score of a detection, as a share of the filter's response to its own prototype (default: 0.7; 0.8 with
     run=)"""
     min_distance: float | None = Field(None, gt=0, examples=[20])

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from sextant.applications.arguments import check_apart
 from sextant.applications.localization.found_map import find_map
 from sextant.cli.localizing.options import OUTPUT, LocalizingOptions
 from sextant.cli.output_folder import make_output
@@ -30,9 +31,10 @@ class Localization(Handler):
         """Localize images in the map."""
         options = LocalizingOptions.of(given)
         output = Path(given.get("output", OUTPUT)).expanduser()
-        make_output(output)
         folder = find_map(given["run"], outputs_of(given))
         assert folder is not None
+        check_apart(output, input=given["input"], run=folder)
+        make_output(output)
         from sextant.cli.localizing.predict import predict_poses
 
         predict_poses(folder, given["input"], output, options, trust=given.get("trust") == "true")

@@ -1,7 +1,9 @@
 """Terminal output of calibrated photos."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from rich.markup import escape
 
@@ -10,19 +12,23 @@ from sextant.cli.console import console, rows_table
 from sextant.cli.output_folder import tell_written
 from sextant.cli.skipped_files import tell_skipped
 
+#: an interval within this of EXIF's focal length, as a share of it, would gain nothing by it
+EXACT = 0.05
+
 
 def tell(written: WrittenCameras, skipped: Mapping[str, str]) -> None:
     """Print the cameras, doubts about them, which photos failed, and where the files are."""
     table = [
         {"photo": Path(row["file"]).name, "tilt °": f"{row['tilt_deg']:+.1f}", "roll °": f"{row['roll_deg']:+.1f}",
-         "focal px": f"{row['focal_px']:.0f}", "vfov °": f"{row['vfov_deg']:.1f}", "k1": f"{row['k1']:+.3f}",
+         "focal px [95 %]": f"{row['focal_px']:.0f}{_interval(row)}",
+         "vfov °": f"{row['vfov_deg']:.1f}", "k1": f"{row['k1']:+.3f}",
          "trust": row["confidence"]["verdict"]}
         for row in written.rows if row["file"] not in skipped
     ]  # fmt: skip
     console.print(rows_table("Cameras", table))
     for row in written.rows:
-        for reason in row.get("confidence", {}).get("reasons", ()):
-            console.print(f"[dim]{escape(Path(row['file']).name)}: {escape(reason)}[/]")
+        if reasons := "; ".join([*row.get("confidence", {}).get("reasons", ()), *_hint(row)]):
+            console.print(f"[dim]{escape(Path(row['file']).name)}: {escape(reasons)}[/]", soft_wrap=True)
     tell_skipped(skipped)
     if summary := written.summary:
         console.print(
@@ -31,3 +37,21 @@ def tell(written: WrittenCameras, skipped: Mapping[str, str]) -> None:
             f"p = {summary['p_value']:.2g}"
         )
     tell_written(f"{len(table)} photos calibrated", len(skipped), written.files)
+
+
+def _interval(row: Mapping[str, Any]) -> str:
+    ends = row["intervals"]["95"]["focal_px"]
+    return f" [{ends[0]:.0f}, {ends[1]:.0f}]" if all(map(math.isfinite, ends)) else ""
+
+
+def _hint(row: Mapping[str, Any]) -> list[str]:
+    """What EXIF knows of the focal length, where that was not used and would help."""
+    known = row.get("exif_focal_px")
+    if not known or "focal_prior" in str(row.get("intervals_by", "")):
+        return []
+    low, high = row["intervals"]["95"]["focal_px"]
+    return (
+        []
+        if low > known * (1 - EXACT) and high < known * (1 + EXACT)
+        else [f"EXIF says {known:,.0f} px: focal_prior=exif"]
+    )

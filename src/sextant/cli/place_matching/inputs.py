@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from sextant.applications.arguments import check_apart
 from sextant.applications.places.photo_folder import HEADER, PhotoFolder, photos_below
 from sextant.cli.place_matching.options import PlaceOptions
 from sextant.errors import UserError
@@ -40,6 +41,7 @@ def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
     queries = photos_below(given["queries"], "queries", output)
     if isinstance(reference, PhotoFolder):
         refuse_overlap(reference, queries)
+    check_apart(output, queries.paths, map=path, queries=given["queries"])
     return PlaceInputs(reference, queries, output, options)
 
 

@@ -35,6 +35,8 @@ from sextant.data.places.problem_list import problem_list
 from sextant.data.reconstructions import NAMED_FORMATS, read_reconstruction
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import ArgumentError
+from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
+from sextant.localization.map_support import map_spacing
 
 PoseFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps"]
 POSE_FORMATS: tuple[PoseFormat, ...] = get_args(PoseFormat)
@@ -219,6 +221,13 @@ class PoseFolder:
         if self.odometry is None:
             notes.append("odometry=null: nothing is known about motion between images")
         (first,), test, validation = drives["map"], tuple(drives["test"]), tuple(drives["validation"])
+        limit = {"office": OFFICE_LOCALIZATION, "town": TOWN_LOCALIZATION}[self.protocol].position
+        if (spacing := map_spacing(first.poses)) > limit:
+            notes.append(
+                f"protocol={self.protocol}: the map's images are {spacing:.2g} m apart, further than the {limit:g} m "
+                "within which a pose counts as right"
+                + ("; protocol=town allows 5 m" if self.protocol == "office" else "")
+            )
         if not validation:
             if short := [drive.name for drive in test if len(drive) < 2]:
                 raise ArgumentError(f"test.{short[0]} has only one image, too few to localize", "Add images.")

@@ -123,6 +123,28 @@ def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str 
     return Bag(path, images, times[::every], odometry, every, (problem,) if problem else ())
 
 
+def bag_summary(path: Path) -> str:
+    """Duration of a bag, and the number and rate of messages of each topic of images or odometry.
+
+    Raises:
+        UserError: the bag cannot be read.
+    """
+    with _opened(path) as bag:
+        seconds = bag.reader.duration * 1e-9
+        counts = {
+            (link.topic, kinds is IMAGES): sum(x.msgcount for x in bag.reader.connections if x.topic == link.topic)
+            for link in bag.reader.connections
+            for kinds in (IMAGES, ODOMETRY)
+            if link.msgtype in kinds and link.msgcount
+        }
+    told = [
+        f"{topic} ({count:,} {'images' if images else 'of odometry'}"
+        + (f", {count / seconds:.3g} Hz)" if seconds > 0 else ")")
+        for (topic, images), count in sorted(counts.items())
+    ]
+    return f"{seconds:,.1f} s; {', '.join(told) or 'neither images nor odometry'}"
+
+
 class _Opened:
     """A reader for either version, and the messages that it finds."""
 

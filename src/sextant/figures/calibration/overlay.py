@@ -18,7 +18,7 @@ from numpy import ndarray
 from PIL import Image
 
 from sextant.figures.calibration.horizon import horizon_curve
-from sextant.figures.style import new_figure, printable
+from sextant.figures.style import new_figure, printable, shortened
 from sextant.geometry import (
     max_distorted_radius,
     perspective_bearings,
@@ -30,6 +30,8 @@ from sextant.geometry import (
 HORIZON, GRAVITY, GRID, SEEN = "#E69F00", "#56B4E9", "#FFFFFF", "#CC79A7"
 LONGEST_SIDE = 1200
 SHEET_COLUMNS, SHEET_SIDE = 4, 420
+#: letters of a caption that fit above a photo of the sheet
+LONGEST_CAPTION = 52
 LINES_PER_HALF_HEIGHT, MOST_LINES = 4, 60
 ARROWS, ARROW_LENGTH = 6, 0.07  # along the height, and image heights
 FAR = 2.0  # image diagonals from the centre; anything beyond would only be clipped
@@ -135,7 +137,7 @@ def photo_sheet(photos: Sequence[CalibratedPhoto]) -> Figure:
         cell.axis("off")
     for cell, photo in zip(axes, photos, strict=False):
         _draw(cell, photo, SHEET_SIDE, 0.45)
-        cell.set_title(printable("\n".join(photo.caption)), fontsize=7, loc="left")
+        cell.set_title(shortened("\n".join(photo.caption), LONGEST_CAPTION), fontsize=7, loc="left")
     return figure
 
 

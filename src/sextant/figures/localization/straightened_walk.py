@@ -7,8 +7,10 @@ from jaxtyping import UInt8
 from matplotlib.figure import Figure
 from numpy import ndarray
 
-from sextant.figures.style import new_figure, printable
+from sextant.figures.style import new_figure, shortened
 
+#: letters of a title that fit above an image
+LONGEST = 26
 ROWS = ("as taken", "straightened", "map, where found")
 
 
@@ -50,5 +52,5 @@ def straightened_walk(images: Sequence[WalkedImage]) -> Figure:
                 cell.imshow(pictures[row], cmap="gray", vmin=0, vmax=255)
             if column == 0:
                 cell.set_ylabel(ROWS[row], fontsize=7)
-        axes[column].set_title(printable(image.title), fontsize=7, pad=2)
+        axes[column].set_title(shortened(image.title, LONGEST), fontsize=7, pad=2)
     return figure

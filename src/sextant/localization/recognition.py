@@ -1,0 +1,124 @@
+r"""Whether images show places of the map at all, by what the map's own images look like in a map of other places.
+
+Some place of a map always looks most alike, also in another building. What an image of an *unknown* place looks like is
+known from the map itself: each of its images is compared with those of other places only. Let y be descriptors of the
+map with mean m, and z' the image's with the change common to the drive removed
+(:class:`~sextant.localization.appearance_change.AppearanceChange`). Three numbers say that an image is of the map:
+
+.. math:: -\min_i \|z - y_i\|^2, \qquad
+   c_j - \max_{k \notin \mathcal P_j} c_k, \qquad
+   -\operatorname{median}_{i \in \mathcal T} \|p_i - p_j\|, \qquad
+   c_i = \frac{(z' - m)^\top (y_i - m)}{\|z' - m\| \, \|y_i - m\|},
+
+how near the most alike image is; how much more alike the most alike place j is than any other, where
+:math:`\mathcal P_j` are the images within 4.5 spacings of it; and how near to it the five most alike images
+:math:`\mathcal T` were taken. The image is *recognised* by the mean, over the three, of the share of the map's own
+images that have less of it in the map of other places: 1/2 on average for one more such image, more for a known place,
+and less in a world that is less like the map than the map's places are like each other.
+
+It needs no motion, so it judges where :mod:`~sextant.localization.foresight` cannot: photos and videos without
+odometry. Shares of an image's rank in a sample of the null hypothesis are p-values of a conformal test (V. Vovk,
+A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2). The constants were chosen on the
+walks of docs/localization_change.md, "When it is lost".
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float32, Float64
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.localization.descriptor_map import DescriptorMap
+from sextant.localization.map_support import map_spacing
+
+#: radius of a place in spacings of the map
+PLACE = 4.5
+#: images whose agreement counts
+AGREEING = 5
+#: images of the map that the null distribution is of, evenly chosen; without ten of them there is no verdict
+MOST, FEWEST = 256, 10
+#: similarities held at a time
+BLOCK = 2**24
+#: drives recognised less than this are elsewhere
+LEAST = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class MapRecognition:
+    """What images of places that the map does not show look like.
+
+    Attributes:
+        map: the map.
+        norms: lengths of its centred descriptors.
+        unknown: the three numbers of its own images in the map of other places, each sorted.
+
+    Example:
+        >>> poses = torch.tensor([[float(x), 0.0, 0.0] for x in range(40)], dtype=torch.float64)
+        >>> draws = torch.Generator().manual_seed(0)
+        >>> places = DescriptorMap.of(poses, torch.randn(40, 16, generator=draws))
+        >>> known, image = MapRecognition.of(places), places.descriptors[7]
+        >>> here, elsewhere = known.share(image, image), known.share(3 * torch.ones(16), torch.ones(16))
+        >>> round(here, 2) > 0.6 > 0.4 > elsewhere
+        True
+    """
+
+    map: DescriptorMap
+    spacing: float
+    norms: Float32[Tensor, " n"]
+    unknown: Float64[ndarray, "3 m"]
+
+    @classmethod
+    def of(cls, found: DescriptorMap) -> Self | None:
+        """The statistics of a map; None for one whose images are of too few places to have any."""
+        norms = (found.descriptors - found.mean).norm(dim=1).clamp(min=1e-12)
+        empty = cls(found, map_spacing(found.poses), norms, np.empty((3, 0)))
+        count = min(len(found), max(BLOCK * 4 // len(found), FEWEST * 3), MOST)
+        rows = torch.from_numpy(np.unique(np.linspace(0, len(found) - 1, count).astype(np.int64)))
+        parts = []
+        for some in rows.split(max(1, BLOCK // len(found))):
+            own = found.descriptors[some]
+            parts.append(empty._numbers(own, own, empty._beyond(some)))
+        unknown = np.concatenate(parts, 1)
+        unknown = unknown[:, np.isfinite(unknown).all(0)]
+        return cls(found, empty.spacing, norms, np.sort(unknown)) if unknown.shape[1] >= FEWEST else None
+
+    def share(self, descriptor: Float32[Tensor, " d"], centred: Float32[Tensor, " d"]) -> float:
+        """How well an image is recognised, in [0, 1]; nan if it is all the same to the map.
+
+        Args:
+            descriptor: its descriptor z.
+            centred: z', without the change common to the drive.
+        """
+        found = self._numbers(descriptor[None], centred[None], None)
+        sides = [
+            np.searchsorted(null, one, "left") + np.searchsorted(null, one, "right")
+            for null, one in zip(self.unknown, found[:, 0], strict=True)
+        ]
+        return float(np.mean(sides)) / (2 * self.unknown.shape[1]) if np.isfinite(found).all() else math.nan
+
+    def _beyond(self, rows: Tensor) -> Bool[Tensor, "r n"]:
+        """Which images are of other places than some images of the map."""
+        positions = self.map.poses[:, :2]
+        return torch.cdist(positions[rows], positions) > PLACE * self.spacing
+
+    def _numbers(
+        self, seen: Float32[Tensor, "r d"], centred: Float32[Tensor, "r d"], among: Bool[Tensor, "r n"] | None
+    ) -> Float64[ndarray, "3 r"]:
+        """The three numbers of descriptors in the map, or in those of its images that are ``among`` the compared."""
+        mapped, mean, positions = self.map.descriptors, self.map.mean, self.map.poses[:, :2]
+        apart = (mapped.square().sum(1) - 2 * seen @ mapped.T).add(seen.square().sum(1, keepdim=True))
+        about = centred - mean
+        alike = about @ mapped.T - (about @ mean)[:, None]
+        alike = alike / self.norms / about.norm(dim=1, keepdim=True)
+        if among is not None:
+            apart, alike = apart.masked_fill(~among, torch.inf), alike.masked_fill(~among, -torch.inf)
+        alike = alike.nan_to_num(-torch.inf, neginf=-torch.inf)
+        best, rows = alike.topk(min(AGREEING, alike.shape[1]), dim=1)
+        other = alike.masked_fill(~self._beyond(rows[:, 0]), -torch.inf).amax(1)
+        spread = (positions[rows] - positions[rows[:, :1]]).norm(dim=2).median(1).values
+        spread = spread.masked_fill(~best.isfinite().all(1), torch.nan)
+        return np.stack([-apart.amin(1).numpy(), (best[:, 0] - other).numpy(), -spread.numpy()]).astype(np.float64)
