@@ -187,7 +187,7 @@ def test_a_replay_of_a_long_run_keeps_few_frames_evenly(monkeypatch):
 
 
 def test_results_do_not_go_among_the_photos(office, photos):
-    with pytest.raises(UserError, match="is input=.*would be mixed with it"):
+    with pytest.raises(UserError, match=r"is input=.*would be mixed with it"):
         localize(office, photos, photos)
     first = localize(office, photos, photos / "found")
     assert len(localize(office, photos, photos / "found")) == len(first)

@@ -1,0 +1,48 @@
+"""Photos of other buildings in maps of real ones, without odometry."""
+
+import csv
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sextant import Localizer
+
+SIZE = (160, 120)
+
+
+def photos(folder, start=0, step=1, count=40):
+    found = sorted(folder.glob("*.jpg"))[start::step][:count]
+    return np.stack([np.asarray(Image.open(path).convert("RGB").resize(SIZE)) for path in found])
+
+
+def hallway(tower, video):
+    with (tower / "labels.csv").open() as file:
+        files = [row["file"] for row in csv.DictReader(file) if row["video"] == video]
+    return np.stack([np.asarray(Image.open(tower / name).convert("RGB").resize(SIZE)) for name in files[:40]])
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+def test_in_the_wrong_building_all_is_lost_and_in_the_right_one_hardly_anything(real_data):
+    corridors, gardens = real_data / "corridor_twice", real_data / "gardens_point"
+    seen = {
+        "corridors": photos(corridors / "query"),
+        "gardens": photos(gardens / "day_right", 1, 3),
+        "gardens by night": photos(gardens / "night_right", 1, 3),
+        "hallway": hallway(real_data / "ie_tower", "f08_hallway_main"),
+        "castle": photos(real_data / "strecha_posed", 0, 1, 30),
+    }
+    maps = {"corridors": photos(corridors / "map"), "gardens": photos(gardens / "day_left", 0, 2, 60)}
+    for home, images in maps.items():
+        line = np.column_stack([0.5 * np.arange(len(images)), np.zeros((len(images), 2))])
+        localizer = Localizer.from_images(images, line, particles=300)
+        for place, walked in seen.items():
+            localizer.reset()
+            lost = np.mean([localizer.step(None, image).lost for image in walked])
+            if place.startswith(home):
+                assert lost <= 0.05, (home, place)
+            elif (home, place) != ("gardens", "corridors"):  # 28 of 40
+                assert lost >= 0.9, (home, place)
+            else:
+                assert lost >= 0.6
