@@ -42,7 +42,7 @@ def paths_of(command):
     values = dict(word.split("=", 1) for word in shlex.split(command) if "=" in word)
     keys = ("input", "map", "queries", "prototype", "folder", "paths.data", "dataset.folder")
     bare = [word for word in shlex.split(command)[2:] if "=" not in word and word != "calibration"]
-    quoted = [values[key] for key in keys if key in values] + bare
+    quoted = [values[key] for key in keys if key in values and values[key] != "<map>"] + bare
     return [Path(text[1:-1].replace('\\"', '"') if text.startswith('"') else text) for text in quoted]
 
 

@@ -80,8 +80,8 @@ def _video(each: FoundVideo) -> str:
 def _recording(seen: Seen, path: Path) -> str:
     try:
         return f"{path.as_posix()}: {bag_summary(seen.folder / path)}"
-    except UserError as error:
-        return f"{path.as_posix()}: {error.problem}"
+    except UserError:  # said in full when it is opened
+        return path.as_posix()
 
 
 def _poses(each: FoundPoses) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
+import torch
 from jaxtyping import Float64
 from numpy import ndarray
 
@@ -222,7 +223,7 @@ class PoseFolder:
             notes.append("odometry=null: nothing is known about motion between images")
         (first,), test, validation = drives["map"], tuple(drives["test"]), tuple(drives["validation"])
         limit = {"office": OFFICE_LOCALIZATION, "town": TOWN_LOCALIZATION}[self.protocol].position
-        if (spacing := map_spacing(first.poses)) > limit:
+        if (spacing := map_spacing(torch.from_numpy(first.poses))) > limit:
             notes.append(
                 f"protocol={self.protocol}: the map's images are {spacing:.2g} m apart, further than the {limit:g} m "
                 "within which a pose counts as right"
