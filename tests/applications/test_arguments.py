@@ -73,10 +73,10 @@ def test_elsewhere_they_may(rides, output):
 def test_what_a_fix_names_is_fine(rides):
     for output, _ in BAD.values():
         with pytest.raises(UserError) as caught:
-            check_apart(Path(output.format(rides)), map=rides / "map", queries=rides / "queries")
+            check_apart(Path(output.format(rides)), map=rides / "map", queries=rides / "queries", input=rides / "input")
         if "_found" in caught.value.fix:
             named = caught.value.fix.partition("output=")[2]
-            check_apart(Path(named), map=rides / "map", queries=rides / "queries")
+            check_apart(Path(named), map=rides / "map", queries=rides / "queries", input=rides / "input")
 
 
 @pytest.mark.parametrize(
