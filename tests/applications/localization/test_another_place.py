@@ -8,33 +8,37 @@ from PIL import Image
 
 from sextant import Localizer
 
-SIZE = (160, 120)
+#: of the images in each map, in the shape of its photos
+SIZES = {"corridors": (160, 120), "gardens": (214, 120)}
 
 
-def photos(folder, start=0, step=1, count=40):
+def photos(folder, size, start=0, step=1, count=40):
     found = sorted(folder.glob("*.jpg"))[start::step][:count]
-    return np.stack([np.asarray(Image.open(path).convert("RGB").resize(SIZE)) for path in found])
+    return np.stack([np.asarray(Image.open(path).convert("RGB").resize(size)) for path in found])
 
 
-def hallway(tower, video):
+def hallway(tower, size, video):
     with (tower / "labels.csv").open() as file:
         files = [row["file"] for row in csv.DictReader(file) if row["video"] == video]
-    return np.stack([np.asarray(Image.open(tower / name).convert("RGB").resize(SIZE)) for name in files[:40]])
+    return np.stack([np.asarray(Image.open(tower / name).convert("RGB").resize(size)) for name in files[:40]])
 
 
 @pytest.mark.slow
 @pytest.mark.real_data
 def test_in_the_wrong_building_all_is_lost_and_in_the_right_one_hardly_anything(real_data):
     corridors, gardens = real_data / "corridor_twice", real_data / "gardens_point"
-    seen = {
-        "corridors": photos(corridors / "query"),
-        "gardens": photos(gardens / "day_right", 1, 3),
-        "gardens by night": photos(gardens / "night_right", 1, 3),
-        "hallway": hallway(real_data / "ie_tower", "f08_hallway_main"),
-        "castle": photos(real_data / "strecha_posed", 0, 1, 30),
-    }
-    maps = {"corridors": photos(corridors / "map"), "gardens": photos(gardens / "day_left", 0, 2, 60)}
-    for home, images in maps.items():
+    for home, size in SIZES.items():
+        seen = {
+            "corridors": photos(corridors / "query", size),
+            "gardens": photos(gardens / "day_right", size, 1, 3),
+            "gardens by night": photos(gardens / "night_right", size, 1, 3),
+            "hallway": hallway(real_data / "ie_tower", size, "f08_hallway_main"),
+            "castle": photos(real_data / "strecha_posed", size, 0, 1, 30),
+        }
+        folder, step, count = (
+            ("corridor_twice/map", 1, 40) if home == "corridors" else ("gardens_point/day_left", 2, 60)
+        )
+        images = photos(real_data / folder, size, 0, step, count)
         line = np.column_stack([0.5 * np.arange(len(images)), np.zeros((len(images), 2))])
         localizer = Localizer.from_images(images, line, particles=300)
         for place, walked in seen.items():
