@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 from cli.photo_calibration.fakes import Fake, calibrate, photo
+from PIL import Image
 
 from sextant.errors import UserError
 
@@ -79,3 +80,29 @@ def test_photos_that_cannot_be_of_one_camera(tmp_path, sizes, options, says):
 def test_nothing_is_fused_without_intervals(tmp_path):
     with pytest.raises(UserError, match="gives no intervals"):
         calibrate([photo(tmp_path / "a.png")], tmp_path / "out", Fake(scores=1), camera="one")
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "alike"),
+    [
+        (("Apple", "iPhone 7", "", ""), ("Apple", "iPhone 7", "", ""), True),
+        (("Apple", "iPhone 7", "", ""), (" Apple\0", "iPhone  7 ", "", ""), True),
+        (("Apple", "iPhone 7", "", ""), ("Apple", "iPhone 13", "", ""), False),
+        (("Canon", "EOS 5D", "1", ""), ("Canon", "EOS 5D", "2", ""), False),
+        (("Canon", "EOS 5D", "1", "EF 50"), ("Canon", "EOS 5D", "1", "EF 85"), False),
+        (("", "EOS 5D", "", ""), ("", "EOS 5D", "", ""), True),
+    ],
+)
+def test_cameras_by_exif(tmp_path, first, second, alike):
+    from sextant.applications.calibration.one_camera import _camera_of
+
+    found = []
+    for number, (make, model, serial, lens) in enumerate((first, second)):
+        exif = Image.Exif()
+        exif[0x010F], exif[0x0110] = make, model
+        exif.get_ifd(0x8769).update({0xA431: serial, 0xA434: lens})
+        Image.new("RGB", (40, 30)).save(tmp_path / f"{number}.jpg", exif=exif)
+        found.append(_camera_of(str(tmp_path / f"{number}.jpg")))
+    assert all(found)
+    assert (found[0] == found[1]) is alike
+    assert _camera_of("array 3") == ""

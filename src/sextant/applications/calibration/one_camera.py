@@ -3,18 +3,19 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.fusing import adopt, estimate, shared
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.calibration.priors import FocalPrior, disagreement, prior_of
 from sextant.applications.failures import FailedPhoto
-from sextant.data.photos.exif import EXIF_BLOCK
+from sextant.data.metadata import EXIF_BLOCK, as_text, directory, exif_of, tag_of
 from sextant.data.photos.header import MAKE, MODEL
+from sextant.data.picture_files import open_picture
 from sextant.errors import UserError
 from sextant.evaluation.calibration.fusion import CORRELATION, Fusion, Prior, fuse, with_prior
 
@@ -185,16 +186,11 @@ def _check_one_camera(findings: Sequence[Finding], focal_prior: FocalPrior) -> s
 def _camera_of(name: str) -> str:
     """Make, model, serial number and lens from the EXIF of a file; "" if it names no model, or is no file."""
     try:
-        with Image.open(name) as image:
-            exif = image.getexif()
-            block = exif.get_ifd(EXIF_BLOCK)
-        model, *others = (
-            str(exif.get(MODEL, "")),
-            str(exif.get(MAKE, "")),
-            str(block.get(SERIAL, "")),
-            str(block.get(LENS, "")),
-        )
-    except Exception:  # metadata that cannot be read is no reason to refuse the photo
+        with open_picture(Path(name)) as image:
+            exif = exif_of(image)
+    except Exception:  # decoders raise whatever they come across; an array has no file
         return ""
-    words = [" ".join(word.replace("\0", " ").split()) for word in (others[0], model, *others[1:])]
+    block = directory(exif, EXIF_BLOCK)
+    tags = [tag_of(exif, MAKE), tag_of(exif, MODEL), block.get(SERIAL), block.get(LENS)]
+    words = [" ".join(as_text(tag).split()) for tag in tags]
     return ", ".join(filter(None, words)) if words[1] else ""
