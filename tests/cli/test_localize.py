@@ -271,7 +271,7 @@ def test_a_table_of_true_poses_is_not_replaced(office, tmp_path):
     truth = tmp_path / "poses.csv"
     truth.write_text("file,x,y,heading\n1.png,0,0,0\n")
     with pytest.raises(UserError, match=r"poses.csv holds other poses than those of a localizer"):
-        run(office, tmp_path, tmp_path)
+        run(office, tmp_path / "1.png", tmp_path)
     assert truth.read_text() == "file,x,y,heading\n1.png,0,0,0\n"
     for _ in range(2):  # its own table is
         assert len(run(office, tmp_path / "1.png", tmp_path / "found")) == 1
