@@ -1,5 +1,6 @@
 """``sextant claims``: which claims of the thesis hold."""
 
+import shlex
 from collections.abc import Sequence
 from typing import Literal
 
@@ -12,6 +13,7 @@ from sextant.cli.output_folder import make_output
 from sextant.errors import UserError
 
 USAGE = """\
+sextant claims plan [claim=<name>|all]
 sextant claims [claim=<name>|all] [output=<folder>] [html=<folder>]
 sextant claims preset=quick|full [workers=2] [launcher=slurm launcher.<key>=<value> tracking=<option>]"""
 #: config groups that are passed on to a preset's sweeps
@@ -36,7 +38,10 @@ class ClaimsOptions(Options):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Decide claims, write their board, and list the verdicts."""
+    """Decide claims, write their board, and list the verdicts; or say what their designs can show."""
+    if arguments[:1] == ["plan"]:
+        _plan(ClaimsOptions.parse(arguments[1:], USAGE))
+        return
     handed_on = [each for each in arguments if each.partition("=")[0].partition(".")[0] in GROUPS]
     options = ClaimsOptions.parse([each for each in arguments if each not in handed_on], USAGE)
     of_sweeps = handed_on + [f"workers={options.workers}"] * bool(options.workers)
@@ -81,3 +86,32 @@ def main(arguments: Sequence[str]) -> None:
     console.print(table)
     for page in pages:
         console.print(str(page), markup=False)
+
+
+def _plan(options: ClaimsOptions) -> None:
+    """List what the designs of claims can show, and what they cost."""
+    if extra := sorted(options.model_fields_set - {"claim"}):
+        raise UserError(f"claims plan: {extra[0]} is of the verdicts", "claims plan claim=<name>")
+    from sextant.lifecycle import claims as life
+    from sextant.lifecycle.claim_files import read_claims
+    from sextant.lifecycle.claim_plan import plan_claims
+
+    claims = read_claims(options.claim)
+    plans = list(plan_claims(claims, life.Tables(life.stored_results())))
+    if not plans:
+        raise UserError(f"claim={options.claim} is counted: it has no design, and needs no replicates")
+    table = Table("claim", "replicates", "spread", "detectable", "power", "needed", "runs", "core-hours")
+    for plan in plans:
+        each = f" x {plan.seeds} seeds" * (plan.seeds > 1)
+        table.add_row(
+            *(plan.name, f"{plan.number} {plan.claim.design.replicate}{each}", f"{plan.spread:.3g}"),
+            *(f"{plan.detectable:.3g} {plan.claim.unit}", f"{plan.power:.2f} at {plan.claim.design.effect:g}"),
+            *(f"{plan.needed:g}", str(plan.runs), f"{plan.core_hours:.1f}"),
+        )
+    console.print(table)
+    hours = sum(plan.core_hours for plan in plans)
+    console.print(f"together {hours:.0f} core-hours; the power is that of each comparison, at the effect beside it")
+    for plan in plans if options.claim != "all" else []:
+        said = f"fixed {plan.claim.date}; at least {plan.claim.matters:g} {plan.claim.unit}: {plan.claim.reason}"
+        console.print(said, markup=False)
+        console.print(f"python train.py -m {shlex.join(plan.arguments)}", markup=False, soft_wrap=True)

@@ -6,6 +6,10 @@ from typing import Literal
 #: A claim needs this many seeds; with fewer, it is labelled exploratory. With 5 a sign test cannot go below p = 0.0625.
 SEEDS_FOR_A_CLAIM = 8
 
+#: Worlds - layouts drawn anew, or sources of real data - that a claim needs where they are the replicate: each holds
+#: runs of its own, and t intervals over three are valid, if wide.
+WORLDS_FOR_A_CLAIM = 3
+
 #: A classification run has converged if its validation accuracy after training is at least this share of the way from
 #: chance to 1. It is judged on the validation split alone. Runs below are reported as diverged, counted, and never
 #: dropped silently.

@@ -5,33 +5,40 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from scipy import stats
+from scipy import optimize, stats
 
-from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM
+from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM, WORLDS_FOR_A_CLAIM
 
 Expectation = Literal["better", "as_good", "same"]
-Verdict = Literal["holds", "fails", "undecided"]
+Verdict = Literal["holds", "fails", "undecided", "not learnt"]
+#: what is drawn anew in each replicate: only the runs, or the world that they are run in
+Replicate = Literal["seeds", "worlds"]
+LEAST = {"seeds": SEEDS_FOR_A_CLAIM, "worlds": WORLDS_FOR_A_CLAIM}
 
 #: probability of a wrong verdict on either side if the truth is exactly at the border
 TAIL = 0.025
 #: probability that the advised number of further seeds gives a verdict
 POWER = 0.8
-#: more seeds than this are not advised: the effect is practically at the border
+#: more seeds, or times as many test images, than this are not advised: the effect is practically at the border
 MOST_SEEDS = 1000
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """An effect over seeds, positive where it favours the claim.
+    """An effect over seeds or worlds, positive where it favours the claim.
 
     Attributes:
         mean: of the effect.
         error: its standard error; nan for one seed, or if only the interval is known; 0 for a count.
         freedom: degrees of freedom of the error.
-        seeds: number of seeds it is based on.
+        seeds: number of seeds, or of worlds, it is based on.
         known: a 95 % interval found other than by Student's t.
         floor: the noise floor: the difference that the choice of seeds alone makes.
         counted: whether it is exact, such as a number of parameters, and needs no seeds.
+        images: the part of ``error`` that the choice of test images makes, whatever the number of seeds; 0 if it is
+            not known, or part of what differs from world to world.
+        replicate: what ``seeds`` counts.
+        learnt: whether both arms are better than a constant; arms that are not have nothing to compare.
 
     Example:
         >>> low, high = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9).interval()
@@ -46,12 +53,24 @@ class Estimate:
     known: tuple[float, float] | None = None
     floor: float = 0.0
     counted: bool = False
+    images: float = 0.0
+    replicate: Replicate = "seeds"
+    learnt: bool = True
 
     @classmethod
-    def of_pairs(cls, mean: float, spread: float, seeds: int, floor: float = 0.0) -> "Estimate":
-        """The estimate from the mean and standard deviation of one value per seed, such as paired differences."""
+    def of_pairs(
+        cls, mean: float, spread: float, seeds: int, floor: float = 0.0, image_half: float = math.nan
+    ) -> "Estimate":
+        """The estimate from the mean and standard deviation of one value per seed, such as paired differences.
+
+        ``image_half`` is half the 95 % interval of :func:`~sextant.evaluation.paired.crossed_interval`, for which the
+        test images are a sample too.
+        """
         error = spread / math.sqrt(seeds) if seeds > 1 else math.nan
-        return cls(mean, error, seeds - 1, seeds, floor=floor)
+        if seeds < 2 or math.isnan(image_half):
+            return cls(mean, error, seeds - 1, seeds, floor=floor)
+        both = max(error, image_half / float(stats.t.ppf(1 - TAIL, seeds - 1)))
+        return cls(mean, both, seeds - 1, seeds, floor=floor, images=math.sqrt(both**2 - error**2))
 
     def interval(self, tail: float = TAIL) -> tuple[float, float]:
         """The interval that leaves out this share on either side; nan without a known error."""
@@ -80,7 +99,8 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
 
     and everything else is undecided: "no effect" is *shown*, by an interval within (-m, m), or not claimed at all. An
     effect exactly at a border is decided one way or the other at most 5 times in 100. Fewer than ``SEEDS_FOR_A_CLAIM``
-    seeds decide nothing.
+    seeds, or ``WORLDS_FOR_A_CLAIM`` worlds, decide nothing. Arms that are no better than a constant are not compared:
+    *not learnt*.
 
     Args:
         found: the effect, positive where it favours the claim.
@@ -93,7 +113,9 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
     >>> [decide(found, "better", matters) for matters in (1.0, 2.0, 3.0)]
     ['holds', 'undecided', 'fails']
     """
-    if not found.counted and found.seeds < SEEDS_FOR_A_CLAIM:
+    if not found.learnt:
+        return "not learnt"
+    if not found.counted and found.seeds < LEAST[found.replicate]:
         return "undecided"
     low, high = found.interval()
     failing_low, failing_high = found.interval(TAIL / parts)
@@ -113,11 +135,14 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
 def together(verdicts: Sequence[Verdict]) -> Verdict:
     """The verdict on a claim with several parts: it holds if all do, and fails if one does.
 
+    Otherwise it is not learnt if a part is: no further seed would decide that part.
+
     >>> together(["holds", "undecided"]), together(["holds", "undecided", "fails"])
     ('undecided', 'fails')
     """
-    if "fails" in verdicts:
-        return "fails"
+    for verdict in ("fails", "not learnt"):
+        if verdict in verdicts:
+            return verdict  # type: ignore[return-value]
     return "holds" if verdicts and all(verdict == "holds" for verdict in verdicts) else "undecided"
 
 
@@ -125,8 +150,8 @@ def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: 
     """Number of further seeds that an undecided comparison needs, if mean and spread stay as they are.
 
     The smallest n whose interval clears the border that the mean is beyond, with probability ``POWER``:
-    ``(t_{1 - a} + t_{0.8}) s / sqrt(n) <= distance``, with a the tail of that verdict in :func:`decide`, and never
-    fewer than ``SEEDS_FOR_A_CLAIM``.
+    ``(t_{1 - a} + t_{0.8}) sqrt(s² / n + i²) <= distance``, with a the tail of that verdict in :func:`decide`, i the
+    part of the error that the test images make, and n never below the least that decides.
 
     Args:
         found, expects, matters, parts: as for :func:`decide`.
@@ -138,19 +163,75 @@ def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: 
     >>> further_seeds(found, "better", 1.5), further_seeds(found, "better", 2.0)  # a mean at the border stays undecided
     (25, inf)
     """
+    least = LEAST[found.replicate]
     if found.seeds < 2 or math.isnan(found.error):
-        return max(0, SEEDS_FOR_A_CLAIM - found.seeds) or None
+        return max(0, least - found.seeds) or None
+    spread = _seed_error(found) * math.sqrt(found.seeds)
+    for seeds in range(max(found.seeds, least), MOST_SEEDS + 1):
+        error = math.hypot(spread / math.sqrt(seeds), found.images)
+        if _decides(found, expects, matters, parts, error, found.freedom * seeds / found.seeds):
+            return seeds - found.seeds
+    return math.inf
+
+
+def further_images(found: Estimate, expects: Expectation, matters: float, parts: int = 1) -> float:
+    """Times as many test images that an undecided comparison needs with its seeds as they are; infinite if none do.
+
+    >>> found = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9, image_half=2.0)  # from 0 to 4, mostly by the images
+    >>> further_seeds(found, "better", 0.5), further_images(found, "better", 0.5)
+    (inf, 6)
+    """
+    if not found.images > 0:
+        return math.inf
+    for times in range(2, MOST_SEEDS + 1):
+        error = math.hypot(_seed_error(found), found.images / math.sqrt(times))
+        if _decides(found, expects, matters, parts, error, found.freedom):
+            return times
+    return math.inf
+
+
+def _seed_error(found: Estimate) -> float:
+    """The part of an estimate's error that more seeds make smaller."""
+    return math.sqrt(max(0.0, found.error**2 - found.images**2))
+
+
+def _decides(found: Estimate, expects: Expectation, matters: float, parts: int, error: float, freedom: float) -> bool:
+    """Whether an interval of this error clears the border that the mean is beyond, with probability ``POWER``."""
     bar, size = max(matters, abs(found.floor)), abs(found.mean)
     holds, fails = {
         "better": (found.mean - bar, matters - found.mean),
         "as_good": (found.mean + matters, -matters - found.mean),
         "same": (matters - size, size - bar),
     }[expects]
-    spread = found.error * math.sqrt(found.seeds)
-    for seeds in range(max(found.seeds, SEEDS_FOR_A_CLAIM), MOST_SEEDS + 1):
-        freedom = found.freedom * seeds / found.seeds
-        for distance, tail in ((holds, TAIL), (fails, TAIL / parts)):
-            quantiles = stats.t.ppf(1 - tail, freedom) + stats.t.ppf(POWER, freedom)
-            if distance > 0 and quantiles * spread / math.sqrt(seeds) <= distance:
-                return seeds - found.seeds
-    return math.inf
+    return any(
+        distance > 0 and (stats.t.ppf(1 - tail, freedom) + stats.t.ppf(POWER, freedom)) * error <= distance
+        for distance, tail in ((holds, TAIL), (fails, TAIL / parts))
+    )
+
+
+def power(distance: float, spread: float, count: int, tail: float = TAIL) -> float:
+    """Probability that the t interval over ``count`` replicates clears a border that lies ``distance`` away.
+
+    ``P(T > t_{1 - a})`` with T noncentral t of ``count - 1`` degrees of freedom and noncentrality
+    ``distance sqrt(count) / spread``; distance and spread in one unit.
+
+    >>> f"{power(distance=1.0, spread=1.0, count=8):.2f}, {power(distance=0.0, spread=1.0, count=8):.3f} at the border"
+    '0.68, 0.025 at the border'
+    """
+    if count < 2:
+        return math.nan
+    if spread == 0:
+        return float(distance > 0)
+    reach = float(stats.t.ppf(1 - tail, count - 1))
+    return float(stats.nct.sf(reach, count - 1, distance * math.sqrt(count) / spread))
+
+
+def detectable(spread: float, count: int, tail: float = TAIL) -> float:
+    """The distance from a border that ``count`` replicates clear with probability ``POWER``, in the unit of ``spread``.
+
+    >>> f"{detectable(spread=1.0, count=8):.2f}, {detectable(spread=1.0, count=32):.2f}"
+    '1.16, 0.51'
+    """
+    if count < 2 or spread == 0:
+        return 0.0 if spread == 0 else math.inf
+    return spread * float(optimize.brentq(lambda size: power(size, 1.0, count, tail) - POWER, 0.0, 1e3))

@@ -237,13 +237,33 @@ def sweep_arguments(sweep: str, parts: Sequence[ClaimPart], preset: Preset) -> l
         return [f"sweep={sweep}"]
     if "quick" not in definition:
         raise UserError(f"sweep={sweep} has no quick form that could decide its claim", "preset=full runs it.")
+    return [f"sweep={sweep}", *definition["quick"], *_unneeded(definition, parts)]
+
+
+def design_arguments(claim: Claim) -> list[str]:
+    """The overrides that run the design of a claim: its sweep without the arms that no part needs, and its settings.
+
+    Raises:
+        UserError: the sweep does not exist.
+    """
+    design = claim.design
+    assert design is not None
+    counting = [part for part in claim.parts if part.sweep and not part.beside]
+    sweep = design.sweep or next((part.sweep for part in counting), "")
+    if not sweep:
+        return list(design.overrides)
+    parts = [part for part in counting if part.sweep == sweep]
+    return [f"sweep={sweep}", *_unneeded(_definition(sweep), parts, design.arms), *design.overrides]
+
+
+def _unneeded(definition: Mapping[str, Any], parts: Sequence[ClaimPart], kept: Sequence[str] = ()) -> list[str]:
+    """Overrides that leave out the arms of a sweep that neither parts nor ``kept`` need, and the contrasts of these."""
     arms, contrasts = definition.get("arms", {}), definition.get("contrasts", {})
     wanted = {name for part in parts for name in part.names} | {definition.get("noise_floor")}
     used = {contrasts[name][side] for name in contrasts if name in wanted for side in ("treatment", "control")}
-    used |= wanted | {str(part.against) for part in parts}
+    used |= wanted | {str(part.against) for part in parts} | set(kept)
     dropped = [f"~sweep.contrasts.{name}" for name in contrasts if name not in wanted]
-    dropped += [f"~sweep.arms.{name}" for name in arms if name not in used]
-    return [f"sweep={sweep}", *definition["quick"], *dropped]
+    return dropped + [f"~sweep.arms.{name}" for name in arms if name not in used]
 
 
 def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
@@ -259,6 +279,8 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
             against=part.against,
             quantity=part.quantity,
             down=part.direction == "down",
+            arms=_arms_of(part) if part.table == "contrasts" else None,
+            learnt=part.learnt,
         )
         matters = claim.matters if part.matters is None else part.matters
         comparisons += [
@@ -287,6 +309,12 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
 def _measured(claim: Claim, preset: Preset | None) -> list[ClaimPart]:
     """The parts of a claim that a preset measures; ``quick`` measures only those that count."""
     return [part for part in claim.parts if not (preset == "quick" and part.beside)]
+
+
+def _arms_of(part: ClaimPart) -> dict[str, list[str]]:
+    """The two arms of each contrast that a part names."""
+    contrasts = _definition(part.sweep)["contrasts"]
+    return {name: [contrasts[name]["treatment"], contrasts[name]["control"]] for name in part.names}
 
 
 def _check_names(claim: str, part: ClaimPart) -> None:

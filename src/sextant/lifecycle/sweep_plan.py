@@ -1,9 +1,10 @@
 """Planning a sweep: from overrides and the ``sweep`` config to the runs it consists of."""
 
 import itertools
+import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import claim
 from sextant.runs.sweep_directory import Cell, SweepPlan
 
+#: key of the world of a rendered dataset, whose values are the replicates of a sweep, as seeds are
+WORLD = "dataset.world"
 #: name -> the overrides of an arm, and its offset to the seed
 Arms = dict[str, tuple[list[str], int]]
 
@@ -37,10 +40,11 @@ class Planned:
 
 @dataclass(frozen=True)
 class Design:
-    """The design of a sweep: factors x arms x seeds, with the overrides that all runs share.
+    """The design of a sweep: factors x arms x worlds x seeds, with the overrides that all runs share.
 
     Attributes:
         definition: the ``sweep`` node, with any arms defined by the command line.
+        worlds: overrides that choose each world; a single empty one if seeds are the replicates.
     """
 
     name: str
@@ -49,6 +53,14 @@ class Design:
     factors: dict[str, list[str]]
     arms: Arms
     seeds: list[int]
+    worlds: list[str] = field(default_factory=lambda: [""])
+
+    @property
+    def runs(self) -> int:
+        """The number of different runs: arms that read different answers of the same runs share them."""
+        settings = math.prod(map(len, self.factors.values()))
+        arms = {(tuple(overrides), offset) for overrides, offset in self.arms.values()}
+        return settings * len(arms) * len(self.worlds) * len(self.seeds)
 
 
 def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[SweepPlan, list[Planned], Config]:
@@ -66,11 +78,13 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
     with composing_many():
         for values, arm in itertools.product(itertools.product(*design.factors.values()), design.arms):
             setting = dict(zip(design.factors, values, strict=True))
-            overrides, config = cell_config(design, setting, arm)
-            if first is None:
-                require_environment(config, reporter)
-                first = config
-            planned += over_seeds(design, setting, arm, overrides, config, reporter)
+            for number, world in enumerate(design.worlds):
+                overrides, config = cell_config(design, setting, arm, world)
+                if first is None:
+                    require_environment(config, reporter)
+                    first = config
+                found = over_seeds(design, setting, arm, overrides, config, reporter)
+                planned += [_in_world(entry, world, number * len(design.seeds)) for entry in found]
     assert first is not None
     tracking = {"kind": first.tracking.kind, "uri": first.tracking.uri}
     cells = [entry.cell for entry in planned]
@@ -78,13 +92,20 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
     return plan, planned, first
 
 
-def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[list[str], Config]:
-    """The overrides of an arm in a setting, and the config that they compose.
+def _in_world(planned: Planned, world: str, first_pair: int) -> Planned:
+    """A planned cell with its world, and a pair of its own."""
+    cell = replace(planned.cell, world=world.partition("=")[2], pair=first_pair + planned.cell.pair)
+    return replace(planned, cell=cell)
+
+
+def cell_config(design: Design, setting: Mapping[str, str], arm: str, world: str = "") -> tuple[list[str], Config]:
+    """The overrides of an arm in a setting and a world, and the config that they compose.
 
     Raises:
         UserError: the config is wrong, or the arm reads answers that its runs will not produce.
     """
-    overrides = [*design.fixed, *(f"{key}={v}" for key, v in setting.items()), *design.arms[arm][0]]
+    chosen = [f"{key}={value}" for key, value in setting.items()] + [world] * bool(world)
+    overrides = [*design.fixed, *chosen, *design.arms[arm][0]]
     config = checked(to_plain(compose(overrides)))
     _require_room(config)
     _check_read(arm, design.definition, config)
@@ -141,7 +162,8 @@ def over_seeds(
 def read_design(arguments: Sequence[str]) -> Design:
     """The design that overrides ask for.
 
-    Values of the overrides replace a stored sweep's factors and seeds. Without arms in the config, the sweep compares
+    Values of the overrides replace a stored sweep's factors, seeds and worlds; several values of ``dataset.world`` are
+    worlds, too. Without arms in the config, the sweep compares
     the values of the last key that lists several, and its first value is the control.
     """
     parsed = parse(arguments)
@@ -154,6 +176,13 @@ def read_design(arguments: Sequence[str]) -> Design:
     assert sweep is not None
 
     seeds = seeds_given(swept.pop("seed", given.get("seed")), sweep.seeds if base.get("sweep") else [base["seed"]])
+    named = {key: [str(value) for value in values] for key, values in sweep.worlds.items()} or {WORLD: []}
+    world = next(iter(named))
+    if world in swept:
+        named = {world: swept.pop(world)}
+        definition |= {"worlds": named}
+    if len(set(named[world])) < len(named[world]):
+        raise UserError(f"{world}={','.join(named[world])}: a world that is named twice is one", "Name others.")
     factors = {key: given.get(key, [str(v) for v in values]) for key, values in sweep.factors.items()} | swept
     arms: Arms = {name: (arm.overrides, arm.seed_offset) for name, arm in sweep.arms.items()}
     _refuse_arm_keys(given, arms)
@@ -161,7 +190,15 @@ def read_design(arguments: Sequence[str]) -> Design:
         compared = list(factors)[-1]
         arms = {value: ([f"{compared}={value}"], 0) for value in factors.pop(compared)}
         definition |= {"arms": {name: {"overrides": overrides} for name, (overrides, _) in arms.items()}}
-    return Design(sweep.name, definition, fixed, factors, arms or {"run": ([], 0)}, seeds)
+    return Design(
+        sweep.name,
+        definition,
+        fixed,
+        factors,
+        arms or {"run": ([], 0)},
+        seeds,
+        [f"{world}={value}" for value in named[world]] or [""],
+    )
 
 
 def _check_read(arm: str, definition: Mapping[str, Any], config: Config) -> None:

@@ -12,10 +12,46 @@ if TYPE_CHECKING:
     from sextant.corruptions import CorruptionSuite
 
 
+#: package of the datasets of rendered worlds
+WORLDS = "sextant.data.worlds."
+
+
 def build_dataset(config: Config) -> Any:
-    """The dataset, which looks for files first in the data folder and then in the cache."""
+    """The dataset, which looks for files first in the data folder and then in the cache.
+
+    Raises:
+        UserError: fits are to happen in another world, and the task knows no such fits.
+    """
+    if config.plain["dataset"].get("fit_world") is not None and config.task.name != "localization":
+        raise UserError(
+            f"dataset.fit_world={config.plain['dataset']['fit_world']}: task={config.task.name} trains on towns of "
+            "their own, or on another part of the city",
+            "Leave it out: it is of task=localization.",
+        )
+    return _built(config, config.plain["dataset"])
+
+
+def fit_dataset(config: Config) -> Any | None:
+    """The dataset of the world in which everything is fitted; None if that is the tested world."""
+    node = config.plain["dataset"]
+    return None if node.get("fit_world") is None else _built(config, {**node, "world": node["fit_world"]})
+
+
+def _built(config: Config, node: Mapping[str, Any]) -> Any:
     roots = dict.fromkeys([Path(config.paths.data), Path(config.paths.cache)])
-    return build(config.plain, "dataset", roots=list(roots))
+    return build({"dataset": _in_its_world(node)}, "dataset", roots=list(roots))
+
+
+def _in_its_world(node: Any) -> Any:
+    """A dataset's node, at any depth of which the number of a world has become the seed of that world."""
+    if not isinstance(node, Mapping):
+        return node
+    plain = {key: _in_its_world(value) for key, value in node.items()}
+    if not str(plain.get("_target_", "")).startswith(WORLDS):
+        return plain
+    world = plain.pop("world", None)
+    plain.pop("fit_world", None)
+    return plain if world is None else {**plain, "seed": world}
 
 
 def build_suite(config: Config) -> "CorruptionSuite":

@@ -12,7 +12,7 @@ from sextant.config.building import build, part_name
 from sextant.config.schema import LocalizationTask
 from sextant.config.schema.localization.parts import LASERS, ExponentialMotion, SpacingMotion
 from sextant.errors import UserError
-from sextant.recipes.assemble import build_dataset, build_training
+from sextant.recipes.assemble import build_dataset, build_training, fit_dataset
 from sextant.recipes.descriptors import describer, descriptor_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 
@@ -59,6 +59,7 @@ class LocalizationRecipe(Recipe):
     def source(self, config: Config) -> "LocalizationSource":
         """The dataset as a source of drives."""
         from sextant.data.localization.drive_settings import DriveSettings
+        from sextant.data.localization.fitted_elsewhere import FittedElsewhere
         from sextant.data.localization.source import as_localization_source
 
         self.check_parts(config)
@@ -72,10 +73,13 @@ class LocalizationRecipe(Recipe):
         outputs = Path(config.paths.outputs)
         descriptor_identity(config.plain["descriptor"], outputs)  # reports a missing run at once
         settings = DriveSettings(task.odometry_scale, task.odometry_seed, task.validation_share, task.near_map)
-        source = as_localization_source(build_dataset(config), settings)
-        if hasattr(source, "showing"):
-            source.showing = partial(self.reporter.progress, f"rendering {source.name}, once", "images")
-        return source
+        elsewhere = fit_dataset(config)
+        built = [build_dataset(config), *([] if elsewhere is None else [elsewhere])]
+        tested, *fitted = (as_localization_source(dataset, settings) for dataset in built)
+        for source in (tested, *fitted):
+            if hasattr(source, "showing"):
+                source.showing = partial(self.reporter.progress, f"rendering {source.name}, once", "images")
+        return FittedElsewhere(tested, fitted[0], config.plain["dataset"]["fit_world"]) if fitted else tested
 
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files are missing; a world that is not yet rendered has none."""

@@ -66,7 +66,7 @@ def run_localizer(
 
 
 def _kept(data: "LocalizationDataModule", config: Config) -> KeptDescriptor:
-    describer, images = data.describer, data.drives.map.images
+    describer, images = data.describer, data.drives.fitted.images
     if (run := config.plain["descriptor"].get("run")) is not None:  # the descriptor is a trained run
         outputs = Path(config.paths.outputs)
         trained = resolve_run(run, outputs)
@@ -75,7 +75,7 @@ def _kept(data: "LocalizationDataModule", config: Config) -> KeptDescriptor:
         return KeptDescriptor()
     describer.fit(images)  # not yet fitted if all descriptors came from the cache
     kept = kept_baseline(describer.descriptor)
-    known = np.asarray(data.descriptors(data.drives.map)[:COMPARED])
+    known = np.asarray(data.descriptors(data.drives.fitted)[:COMPARED])
     found = describer.describe(images[:COMPARED])
     if np.abs(found - known).max() > SAME * np.abs(known).max():
         raise UserError(

@@ -59,12 +59,14 @@ def seed_rows(results: SweepResults) -> TextTable:
         [
             *(cell.cell.setting, cell.cell.arm, str(cell.cell.pair), str(cell.cell.seed), cell.outcome),
             *(condition, str(cell.value(condition) if cell.values else math.nan)),
+            *([cell.cell.world] if results.replicate == "worlds" else []),
         ]
         for cell in results.cells
         if cell.outcome != "missing"
         for condition in results.conditions
     ]
-    return TextTable(["setting", "arm", "pair", "seed", "outcome", "condition", "value"], rows)
+    world = ["world"] if results.replicate == "worlds" else []
+    return TextTable(["setting", "arm", "pair", "seed", "outcome", "condition", "value", *world], rows)
 
 
 def _by_cell(summaries: list[Summary]) -> dict[tuple[str, str], list[Summary]]:

@@ -3,7 +3,7 @@
 import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from scipy import stats
@@ -13,6 +13,8 @@ from sextant.evaluation.verdict import TAIL, Estimate
 
 #: value of the column ``seeds`` of ``recorded.csv`` for figures that are exact, whatever the seed
 COUNTED = "counted"
+#: table of what a constant, or the best of the methods that learn nothing, reaches in each setting and condition
+BASELINES = "baselines.csv"
 #: decimals to which differences are rounded; no more are read of the figures of claims
 ROUNDING = 9
 #: advice for a table that is missing or damaged
@@ -92,6 +94,8 @@ def evidence(
     against: float | str = "",
     quantity: str = "",
     down: bool = False,
+    arms: Mapping[str, Sequence[str]] | None = None,
+    learnt: Sequence[str] = (),
 ) -> Iterator[Evidence]:
     """Yield an estimate for each name, setting and condition, positive where it favours the claim.
 
@@ -102,6 +106,8 @@ def evidence(
         against: what arms are compared with: a number in ``cells``, another arm in ``cost``.
         quantity: column of ``cost``.
         down: whether the claim says that the difference is negative.
+        arms: the two arms of each contrast, which are not compared unless both are better than a constant.
+        learnt: conditions in which they must be, beside that of the comparison.
 
     Raises:
         UserError: the table has no such row.
@@ -132,7 +138,27 @@ def evidence(
             for condition in conditions:
                 found = row(**{column: name, "setting": setting, "condition": condition})
                 label = place if condition == "test" else f"{place}, {condition}"
-                yield Evidence(label, _estimate(found, rows, sign, against))
+                estimate = _estimate(found, rows, sign, against)
+                if arms is not None and not _learnt(path.parent, arms[name], setting, [condition, *learnt]):
+                    estimate = replace(estimate, learnt=False)
+                yield Evidence(label, estimate)
+
+
+def _learnt(folder: Path, arms: Sequence[str], setting: str, conditions: Sequence[str]) -> bool:
+    """Whether the intervals of the arms lie on the better side of the constant under each condition that has one."""
+    if not (folder / BASELINES).is_file():
+        return True
+    constants = {(row["setting"], row["condition"]): row for row in read_table(folder / BASELINES)}
+    cells = {(row["setting"], row["arm"], row["condition"]): row for row in read_table(folder / "cells.csv")}
+    for condition in conditions:
+        for arm in arms:
+            constant, cell = constants.get((setting, condition)), cells.get((setting, arm, condition))
+            if constant is None or cell is None or cell["low"] == "nan":
+                continue
+            lower, value = constant["better"] == "lower", constant.number("value")
+            if not (cell.number("high") < value if lower else cell.number("low") > value):
+                return False
+    return True
 
 
 def _estimate(row: Row, rows: Sequence[Row], sign: float, against: float | str) -> Estimate:
@@ -146,7 +172,17 @@ def _estimate(row: Row, rows: Sequence[Row], sign: float, against: float | str) 
         seeds = min(other.count("treatment") for other in alike or [row])
         return Estimate(mean, error, freedom, seeds)
     seeds, floor = row.count("seeds"), row.number("floor_mean") if row.cells.get("floor_mean") else 0.0
-    return Estimate.of_pairs(mean, row.number("spread", 0) if seeds > 1 else math.nan, seeds, floor)
+    spread = row.number("spread", 0) if seeds > 1 else math.nan
+    found = Estimate.of_pairs(mean, spread, seeds, floor, _image_half(row))
+    return replace(found, replicate="worlds") if row.cells.get("replicate") == "worlds" else found
+
+
+def _image_half(row: Row) -> float:
+    """Half the interval for which images are a sample, from the end that is not cut at the largest difference."""
+    if row.cells.get("image_low", "nan") in ("", "nan"):
+        return math.nan
+    mean = row.number("mean")
+    return max(mean - row.number("image_low"), row.number("image_high") - mean)
 
 
 def _recorded(row: Row, sign: float) -> Estimate:

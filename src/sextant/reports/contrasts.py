@@ -9,6 +9,7 @@ from scipy import stats
 
 from sextant.evaluation import SEEDS_FOR_A_CLAIM, PairedDifference, holm, paired_difference
 from sextant.evaluation.paired import Method
+from sextant.evaluation.verdict import LEAST
 from sextant.reports.results import CellResult, SweepResults
 
 Sides = Mapping[str, str]
@@ -28,6 +29,7 @@ class ContrastRow:
             over all settings, ten seeds and forty tests could not get below 0.078, whatever the effect.
         floor: the same difference between the noise-floor arms, that is, the effect of the seeds alone.
         published: the published single-run difference, nan if there is none.
+        least: number of pairs, of seeds or of worlds, that a claim needs.
     """
 
     contrast: str
@@ -39,6 +41,7 @@ class ContrastRow:
     p_holm: float
     floor: PairedDifference | None
     published: float
+    least: int = SEEDS_FOR_A_CLAIM
 
     @property
     def single_pair_reach(self) -> float:
@@ -55,7 +58,7 @@ class ContrastRow:
     @property
     def exploratory(self) -> bool:
         """Whether fewer pairs converged than a claim needs."""
-        return self.paired is None or self.paired.seeds < SEEDS_FOR_A_CLAIM
+        return self.paired is None or self.paired.seeds < self.least
 
 
 def contrasts(results: SweepResults) -> list[ContrastRow]:
@@ -111,6 +114,7 @@ def _row(
         floor=None if floor_sides is None else _difference(_pairs(results, setting, floor_sides), condition, method),
         published=results.published(setting, sides["treatment"], condition)
         - results.published(setting, sides["control"], condition),
+        least=LEAST[results.replicate],
     )
 
 
@@ -131,6 +135,7 @@ def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDiffere
     sides = [list(arm) for arm in zip(*kept, strict=True)]
     arms = [[side.values[condition] for side in arm] for arm in sides]
     other_images = len({images.shape for arm in arms for images in arm}) > 1  # the arms are of different datasets
+    other_images |= bool(sides[0][0].cell.world)  # each world has its own
     if other_images or sides[0][0].measure.statistic == "median":
         arms = [[np.float64(side.value(condition)) for side in arm] for arm in sides]
     treatment, control = (np.stack(arm) for arm in arms)

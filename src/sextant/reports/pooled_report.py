@@ -108,7 +108,8 @@ def _csv_table(rows: Sequence[PooledRow]) -> TextTable:
 
 def _control_arms(results: SweepResults) -> list[str]:
     sides = named_contrasts(results).get(noise_floor(results))
-    return [] if sides is None else [sides["control"], sides["treatment"]]
+    # runs in one world are no independent controls
+    return [] if sides is None or results.replicate == "worlds" else [sides["control"], sides["treatment"]]
 
 
 def _sample(results: SweepResults, setting: str, arms: Sequence[str], condition: str) -> Sample:

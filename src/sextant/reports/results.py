@@ -3,8 +3,8 @@
 import math
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -14,6 +14,7 @@ from numpy import ndarray
 
 from sextant.errors import UserError
 from sextant.evaluation import CorruptionErrors
+from sextant.evaluation.verdict import Replicate
 from sextant.reports.measure import ACCURACY, Measure, RunValues, require_answers
 from sextant.reports.shared_set import SharedSet, shared_set
 from sextant.runs.directory import RunDirectory
@@ -48,6 +49,7 @@ class CellResult:
         errors: errors by corruption and severity, for a run tested under a published set.
         cost: cost of the network from the run's ``metrics.json``; empty if it has none.
         metrics: all finite metrics of the run, by name.
+        started: when the run was first started, in seconds since 1970; nan if its record does not say.
     """
 
     cell: Cell
@@ -59,6 +61,7 @@ class CellResult:
     errors: CorruptionErrors | None = None
     cost: Mapping[str, Any] = field(default_factory=dict)
     metrics: Mapping[str, float] = field(default_factory=dict)
+    started: float = math.nan
 
     def value(self, condition: str) -> float:
         """The measure of this run under a condition."""
@@ -104,10 +107,20 @@ class SweepResults:
         """Whether any run converged, so that there is something to compare."""
         return self.count("finished") > 0
 
+    @property
+    def replicate(self) -> Replicate:
+        """What is drawn anew in each replicate of a cell: worlds if the runs have some, otherwise seeds."""
+        return "worlds" if any(result.cell.world for result in self.cells) else "seeds"
+
     def of(self, setting: str, arm: str) -> list[CellResult]:
-        """The cells of one setting and arm, by pair."""
+        """The replicates of one setting and arm, by pair: its runs, or the worlds with their runs averaged."""
         found = [r for r in self.cells if r.cell.setting == setting and r.cell.arm == arm]
-        return sorted(found, key=lambda result: result.cell.pair)
+        found = sorted(found, key=lambda result: result.cell.pair)
+        if self.replicate == "seeds":
+            return found
+        worlds = list(dict.fromkeys(result.cell.world for result in self.cells))
+        within = {world: [result for result in found if result.cell.world == world] for world in worlds}
+        return [_averaged(runs, number) for number, runs in enumerate(within.values()) if runs]
 
     def published(self, setting: str, arm: str, condition: str) -> float:
         """The published figure of a cell in the unit of the measure; nan if the sweep names none."""
@@ -117,6 +130,32 @@ class SweepResults:
     def count(self, outcome: Outcome) -> int:
         """The number of cells with this outcome."""
         return sum(result.outcome == outcome for result in self.cells)
+
+
+def _averaged(runs: Sequence[CellResult], world: int) -> CellResult:
+    """The runs of one world as one replicate, which is finished once all of them are.
+
+    Runs in one world share its images and its layout: they are no replicates of each other. Their values are averaged
+    before worlds are compared, so that a world counts once however many seeds it has.
+    """
+    cell = replace(runs[0].cell, pair=world)
+    unfinished = next((run for run in runs if run.outcome != "finished"), None)
+    if len(runs) == 1 or unfinished is not None:
+        return replace(unfinished or runs[0], cell=cell)
+    names = [name for name in runs[0].metrics if all(name in run.metrics for run in runs)]
+    return replace(
+        runs[0],
+        cell=cell,
+        values={key: _joined([run.values[key] for run in runs], runs[0].measure) for key in runs[0].values},
+        seconds=float(np.mean([run.seconds for run in runs])),
+        errors=None,  # by corruption: only single runs have them
+        metrics={name: float(np.mean([run.metrics[name] for run in runs])) for name in names},
+    )
+
+
+def _joined(values: list[Float[ndarray, "images"]], measure: Measure) -> Float[ndarray, "images"]:
+    """All items of the runs of a world, or the mean of their medians."""
+    return np.concatenate(values) if measure.statistic == "mean" else np.array([np.mean([*map(measure.of, values)])])
 
 
 def read_results(directory: Path, outputs: Path, measured: Callable[[str], Measured]) -> SweepResults:
@@ -178,6 +217,7 @@ def _load(
         errors=found.errors,
         cost=results.get("cost") or {},
         metrics={name: value for name, value in (results.get("metrics") or {}).items() if value is not None},
+        started=float(run.state().get("started") or math.nan),
     )
 
 

@@ -1,12 +1,15 @@
 """The report of a sweep: tables, contrasts and figures, and how far they support conclusions."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from sextant.evaluation import SEEDS_FOR_A_CLAIM
+from sextant.evaluation.paired import BLOCKS
+from sextant.evaluation.verdict import LEAST
 from sextant.figures.classification.severity_curves import severity_curves
 from sextant.figures.contrast_forest import ForestRow, contrast_forest
 from sextant.figures.style import save_figure
@@ -32,10 +35,10 @@ def write_report(results: SweepResults) -> list[Path]:
     """Write ``report/`` into the sweep's directory.
 
     Returns:
-        The files: ``report.md``, ``cells.csv``, ``seeds.csv`` (every run), ``contrasts.csv``, ``cells.tex``,
-        ``contrasts.tex``, ``cost.csv``, ``pooled.csv`` if there is a noise floor, those of a published set of
-        corruptions if the runs were tested under one, those of particle counts if several were tested, ``metrics.csv``
-        if the runs have metrics beside their measure, and figures. For a search, see
+        The files: ``report.md``, ``cells.csv``, ``seeds.csv`` (every run), ``contrasts.csv``, ``dates.csv``,
+        ``cells.tex``, ``contrasts.tex``, ``cost.csv``, ``pooled.csv`` if there is a noise floor, those of a published
+        set of corruptions if the runs were tested under one, those of particle counts if several were tested,
+        ``metrics.csv`` if the runs have metrics beside their measure, and figures. For a search, see
         :func:`~sextant.reports.search_report.write_search_report`.
     """
     if results.plan.is_search:
@@ -43,6 +46,7 @@ def write_report(results: SweepResults) -> list[Path]:
     folder = results.directory / "report"
     folder.mkdir(parents=True, exist_ok=True)
     summaries, rows = summarise(results), contrasts(results)
+    replicate: dict[str, object] = {"replicate": results.replicate} if results.replicate == "worlds" else {}
     cells, compared = cells_table(summaries, results), {n: contrast_table(rows, n, results) for n in _names(rows)}
     sections = [cost_section(results)]
     if results.learnt:
@@ -56,7 +60,8 @@ def write_report(results: SweepResults) -> list[Path]:
         "report.md": _markdown(results, summaries, cells, compared, rows, sections),
         "cells.csv": _csv([asdict(summary) for summary in summaries]),
         "seeds.csv": seed_rows(results).csv(),
-        "contrasts.csv": _csv([_flat_row(row) for row in rows]),
+        "contrasts.csv": _csv([_flat_row(row) | replicate for row in rows]),
+        "dates.csv": _dates(results),
         "cells.tex": cells.latex(),
         "contrasts.tex": "\n".join(table.latex() for table in compared.values()),
     }
@@ -80,7 +85,7 @@ def contrast_table(rows: list[ContrastRow], name: str, results: SweepResults) ->
         "condition",
         "published",
         "difference",
-        "95 % over seeds",
+        f"95 % over {results.replicate}",
         f"95 % over seeds and {results.measure.items}",
         "noise floor",
         "spread of one pair",
@@ -160,13 +165,16 @@ def _markdown(
     plan = results.plan
     counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
     seeds = len({result.cell.pair for result in results.cells})
-    exploratory = "" if seeds >= SEEDS_FOR_A_CLAIM else f" **Exploratory**: a claim needs {SEEDS_FOR_A_CLAIM} seeds."
+    worlds, least = len({result.cell.world for result in results.cells}), LEAST[results.replicate]
+    enough = (worlds if results.replicate == "worlds" else seeds) >= least
+    exploratory = "" if enough else f" **Exploratory**: a claim needs {least} {results.replicate}."
+    drawn = counted(seeds, "seed") if results.replicate == "seeds" else f"{seeds} in {counted(worlds, 'world')}"
     told = divergence(results)
     parts = [
         f"# {plan.title}\n",
         f"{plan.definition.get('question', '')}\n" if plan.definition.get("question") else "",
         f"`{plan.train_command}`, then `{report_command(results.directory)}`\n",
-        f"{counted(len(results.cells), 'run')} planned: {counts}. {counted(seeds, 'seed')} a cell.{exploratory}\n",
+        f"{counted(len(results.cells), 'run')} planned: {counts}. {drawn} a cell.{exploratory}\n",
         f"{told}\n" if told else "",
     ]
     if not results.learnt:
@@ -208,14 +216,34 @@ def _legend(rows: list[ContrastRow], results: SweepResults) -> str:
             "such pair. "
         )
     return (
-        f"{measure.difference.capitalize()}, paired by seed, on the same test {measure.items}; {measure.better} is "
-        f"better. {floor}Intervals over seeds are {_method(results)}; p is of Wilcoxon's signed-rank test over pairs, "
+        f"{measure.difference.capitalize()}, {_pairing(results)}; {measure.better} is "
+        f"better. {_stretches(results)}{floor}Intervals are {_method(results)}; p is of Wilcoxon's signed-rank test "
+        "over pairs, "
         "two-sided, corrected by Holm over the conditions of one setting. *Dropped* pairs have a run that diverged, "
         "failed or is missing."
         + _least_p(rows, len(results.conditions))
-        + (f" † fewer than {SEEDS_FOR_A_CLAIM} pairs: exploratory." if any(row.exploratory for row in rows) else "")
+        + (
+            f" † fewer than {LEAST[results.replicate]} pairs: exploratory."
+            if any(row.exploratory for row in rows)
+            else ""
+        )
         + "\n"
     )
+
+
+def _pairing(results: SweepResults) -> str:
+    """What is paired, in words."""
+    items = results.measure.items
+    if results.replicate == "worlds":
+        return f"paired by world: runs in one world are averaged before worlds are compared, each on its own {items}"
+    return f"paired by seed, on the same test {items}"
+
+
+def _stretches(results: SweepResults) -> str:
+    """How neighbouring test items count as a sample, in words; empty where they do not."""
+    if results.replicate == "worlds" or results.measure.statistic != "mean":
+        return ""
+    return f"As a sample, {results.measure.items} count in {BLOCKS} stretches of neighbours, which are correlated. "
 
 
 def _method(results: SweepResults) -> str:
@@ -269,6 +297,13 @@ def _flat_row(row: ContrastRow) -> dict[str, object]:
         "p_holm": row.p_holm,
         "published": row.published,
     }
+
+
+def _dates(results: SweepResults) -> str:
+    """When the first and the last of the runs were started, in UTC; empty where their records do not say."""
+    told = sorted(result.started for result in results.cells if not math.isnan(result.started))
+    ends = [datetime.fromtimestamp(when, UTC).isoformat(timespec="seconds") for when in told] or [""]
+    return TextTable(["first_run", "last_run"], [[ends[0], ends[-1]]]).csv()
 
 
 def _csv(rows: list[dict[str, object]]) -> str:

@@ -23,11 +23,13 @@ class Cell:
     Attributes:
         factors: the setting that this cell shares with the cells it is compared to.
         arm: name of the compared arm.
-        pair: index of the seed in the sweep's list; cells of one pair are compared with each other.
+        pair: index of the seed in the sweep's list, or of the world and seed; cells of one pair are compared with each
+            other.
         seed: the seed of the run: that of the pair plus the arm's offset.
         digest: digest of its config.
         run: its run directory, relative to the output folder.
         message: why it failed; empty if it did not.
+        world: the world it ran in, the replicate of the sweep; empty if seeds are.
     """
 
     factors: dict[str, str]
@@ -37,6 +39,7 @@ class Cell:
     digest: str
     run: str
     message: str = ""
+    world: str = ""
 
     @property
     def setting(self) -> str:

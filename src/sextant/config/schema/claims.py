@@ -1,10 +1,22 @@
 """Claims of the thesis, each decided from the results of sweeps."""
 
-from typing import Literal, Self
+from datetime import datetime
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from sextant.config.schema.parts import Node
+
+
+def _moment(text: str) -> str:
+    """A date with its time and zone, as Git writes it."""
+    try:
+        zoned = datetime.fromisoformat(text).tzinfo is not None
+    except ValueError:
+        zoned = False
+    if not zoned:
+        raise ValueError(f"date={text} must be a time with its zone, such as 2026-11-28T17:00:00+00:00")
+    return text
 
 
 class ClaimPart(Node):
@@ -17,6 +29,8 @@ class ClaimPart(Node):
         names: names of contrasts; of arms in ``cells`` and ``cost``; of rows in ``recorded``.
         against: what an arm is compared with: a number in ``cells``, another arm in ``cost``.
         quantity: column of ``cost``.
+        learnt: conditions in which both arms of a contrast must be better than the constant of ``baselines.csv``, a
+            table beside ``table``; those of ``conditions`` always must be, if that table has them.
         direction: whether the claim states that the difference goes up or down.
         expects: what the claim states: better, as good (not worse), or the same (within what matters).
         matters: smallest effect that matters, if it differs from the claim's.
@@ -33,6 +47,7 @@ class ClaimPart(Node):
     conditions: list[str] = Field(default=["test"], min_length=1)
     against: float | str = ""
     quantity: str = ""
+    learnt: list[str] = Field(default=[])
     direction: Literal["up", "down"] = "up"
     expects: Literal["better", "as_good", "same"] = "better"
     matters: float | None = Field(default=None, ge=0)
@@ -52,21 +67,49 @@ class ClaimPart(Node):
         return self
 
 
+class Design(Node):
+    """The runs that would decide a claim anew, planned before any of them.
+
+    Attributes:
+        replicate: what is drawn anew: worlds (layouts, or sources of real data), or seeds where there is one data set.
+        sweep: the sweep to run; empty for that of the first part that counts, or for no stored sweep at all.
+        arms: arms of the sweep that run; empty for those that the parts need.
+        overrides: what is set for it: worlds, seeds, lengths.
+        core_hours: of one run.
+        effect: the true effect, in the claim's unit, at which the power is computed.
+        spread: standard deviation of one replicate's difference; None for that of the stored pairs, see
+            :func:`~sextant.lifecycle.claim_plan.plan_claim`.
+    """
+
+    replicate: Literal["worlds", "seeds"] = "worlds"
+    sweep: str = ""
+    arms: list[str] = Field(default=[])
+    overrides: list[str] = Field(min_length=1)
+    core_hours: float = Field(gt=0)
+    effect: float
+    spread: float | None = Field(None, ge=0)
+
+
 class Claim(Node):
     """One claim: its statement, what decides it, and the smallest effect that matters.
 
     Attributes:
+        date: when the claim was fixed: its sentence, its parts and the smallest effect that matters. Runs begun earlier
+            explore it, later ones confirm or refute it.
         sentence: the claim in plain words.
         published: what the thesis or its papers reported.
         page: page of ``docs`` that discusses it.
         unit: unit of the effect.
         matters: smallest effect that matters.
         reason: why this is the smallest effect that matters.
+        not_covered: what the verdict does not say.
+        design: the runs that would decide it anew; None for what is counted, which needs no replicates.
         runs: how the stored results were measured: seeds, hardware, time.
         command: command that measures it, if the sweeps of its parts are not enough.
         parts: parts, all of which must hold.
     """
 
+    date: Annotated[str, AfterValidator(_moment)]
     chapter: int = Field(ge=2, le=7)
     sentence: str = Field(min_length=10)
     published: str
@@ -74,6 +117,8 @@ class Claim(Node):
     unit: str
     matters: float = Field(ge=0)
     reason: str = Field(min_length=10)
+    not_covered: str = Field(min_length=10)
+    design: Design | None = None
     runs: str
     command: str = ""
     parts: list[ClaimPart] = Field(min_length=1)

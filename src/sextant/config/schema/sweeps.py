@@ -32,6 +32,9 @@ class Sweep(Node):
     """A named ablation: factors x arms x seeds. It is not part of the digest, as it plans runs but changes none.
 
     Attributes:
+        worlds: the key that names the world of a run, with its values: ``{dataset.world: [1, 2, 3]}``, or ``{dataset:
+            [gardens_point, sped]}`` of real data. Every arm runs in each of them at each of the seeds. The world is
+            then the replicate: its seeds are averaged, and intervals are over worlds.
         quick: overrides of its small form for ``sextant claims preset=quick``; empty if it is already small.
     """
 
@@ -40,6 +43,7 @@ class Sweep(Node):
     factors: dict[str, Annotated[list[str | int | float | bool], Field(min_length=1)]] = Field(default_factory=dict)
     arms: dict[str, Arm] = Field(default_factory=dict)
     seeds: Seeds = Field(default=[0], examples=[8])
+    worlds: dict[str, Annotated[list[str | int], Field(min_length=2)]] = Field(default_factory=dict, max_length=1)
     contrasts: dict[str, Contrast] = Field(default_factory=dict)
     noise_floor: str | None = None
     published: dict[str, dict[str, dict[str, float]]] = Field(default_factory=dict)
@@ -52,10 +56,21 @@ class Sweep(Node):
     def _search_or_factors(self) -> Self:
         if self.search is None:
             return self
-        if self.factors or self.arms or self.contrasts:
-            raise ValueError("sweep.search compares its own trials: a sweep with factors, arms or contrasts has none")
+        if self.factors or self.arms or self.contrasts or self.worlds:
+            raise ValueError(
+                "sweep.search compares its own trials: a sweep with factors, arms, contrasts or worlds has none"
+            )
         if both := set(self.seeds) & set(self.search.fresh_seeds or ()):
             raise ValueError(f"sweep.search.fresh_seeds={sorted(both)}: the winner is chosen at these; name others")
+        return self
+
+    @model_validator(mode="after")
+    def _worlds_differ(self) -> Self:
+        for key, values in self.worlds.items():
+            if len({str(value) for value in values}) < len(values):
+                raise ValueError(f"sweep.worlds.{key}={values}: a world that is named twice is one")
+            if key in self.factors:
+                raise ValueError(f"sweep.factors.{key}: {key} is the replicate of sweep.worlds")
         return self
 
     @model_validator(mode="after")

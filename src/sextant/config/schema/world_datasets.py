@@ -1,21 +1,49 @@
 """Rendered worlds."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive, Seed
 from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileBySplit, ImageSide, Samples, Streets
 
 
+def require_one_seed(seed: int, world: int | None) -> None:
+    """Raise a ``ValueError`` if a dataset is given both the number of a world and a seed that is another's."""
+    if world is not None and seed not in (0, world):
+        raise ValueError(f"dataset.world={world} and dataset.seed={seed} name two worlds; leave dataset.seed out")
+
+
 class World(Part):
-    """A dataset of images of a rendered world."""
+    """A dataset of images of a rendered world.
+
+    Attributes:
+        world: number of the world: the seed of its layout, its textures and the drives through it; None for ``seed``.
+        fit_world: the world in which task=localization fits descriptor, kernel, noise and tempering, so that the world
+            of the test lends nothing but its map; None fits in the map and the validation drives of the tested world.
+    """
+
+    later = ("world", "fit_world")
+    seed: Seed = Field(examples=[0])
+    world: Seed | None = Field(None, examples=[3])
+    fit_world: Seed | None = Field(None, examples=[0])
+
+    @model_validator(mode="after")
+    def _two_worlds(self) -> Self:
+        require_one_seed(self.seed, self.world)
+        tested = self.seed if self.world is None else self.world
+        if self.fit_world == tested:
+            raise ValueError(
+                f"dataset.fit_world={self.fit_world} is the tested world; name another, or leave it out to fit in "
+                "its validation drives"
+            )
+        return self
 
 
 class _Drives(World):
     """Drives through a town with a camera."""
 
-    later = ("streets",)
+    later = ("streets", *World.later)
     frames: BySplit
     step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[3.0])
     lateral_sigma_m: Annotated[float, Field(ge=0, le=4)] = Field(examples=[0.3])
@@ -34,7 +62,6 @@ class TownSeasons(_Drives):
     conditions: Conditions
     block_m: BlockSide = Field(examples=[90.0])
     trajectories: FileBySplit
-    seed: Seed = Field(examples=[0])
 
 
 class TestedPlaces(Node):
@@ -56,13 +83,12 @@ class TownFactors(_Drives):
     only: list[str] | None = Field(min_length=1, examples=["[fog_per_m,snow]"])
     block_m: BlockSide = Field(examples=[90.0])
     trajectories: FileBySplit
-    seed: Seed = Field(examples=[0])
 
 
 class TownCity(World):
     """A city seen in all directions from all along its streets."""
 
-    later = ("streets",)
+    later = ("streets", *World.later)
     target: Literal["sextant.data.worlds.TownCity"] = Field(alias="_target_")
     images: Count = Field(examples=[172000])
     headings: Annotated[int, Field(ge=1, le=72)] = Field(examples=[8])
@@ -76,7 +102,6 @@ class TownCity(World):
     query_frames: Annotated[int, Field(ge=0)] = Field(examples=[1000])
     query_step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[2.0])
     streets: str | None = Field(None, examples=["mytown.geojson"])
-    seed: Seed = Field(examples=[0])
 
 
 class Laser(Node):
@@ -103,4 +128,3 @@ class OfficeWalk(World):
     samples: Samples = Field(examples=[4])
     conditions: Conditions
     laser: Laser
-    seed: Seed = Field(examples=[0])

@@ -73,7 +73,7 @@ class LocalizationDataModule(pl.LightningDataModule):
             return self.describer.of(drive, len(drive))
         if self._described is None:
             self._described = DescribedDrives(self.describer, self.source.fingerprint(), self.cache, self.show)
-            self._described.fit(self.drives.map)
+            self._described.fit(self.drives.fitted)
         return self._described.of(drive)
 
     @property
@@ -87,8 +87,8 @@ class LocalizationDataModule(pl.LightningDataModule):
         return DataLoader(_Rows(self.choices(epoch)), batch_size=None)
 
     def choices(self, epoch: int) -> list[Int64[ndarray, "k"]]:
-        """Rows of the map for every step of an epoch: evenly spaced if fixed, at random if not."""
-        count = len(self.drives.map)
+        """Rows of the map that is fitted to, for every step of an epoch: evenly spaced if fixed, at random if not."""
+        count = len(self.drives.fitted)
         if self.fixed:
             rows = np.unique(np.linspace(0, count - 1, min(self.images, count)).astype(np.int64))
             return [rows] * self.steps

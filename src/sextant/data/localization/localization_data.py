@@ -21,6 +21,7 @@ class LocalizationData:
         validation_map: the map in which ``validation`` is localized; None if that is ``map``.
         unit: of x and y; ``frames`` along a railway, where y and heading are zero.
         protocol: the rules by which success is judged.
+        fit_map: images that the descriptor and the kernel are fitted to; None if those are ``map``.
         scanner: the one that made the laser scans, or None.
         other_maps: the route of ``map`` under other conditions. They may be the drives of ``test``.
         notes: what a reader of results should know: files left out, missing odometry.
@@ -33,8 +34,14 @@ class LocalizationData:
     unit: Literal["m", "frames"]
     protocol: ProtocolName
     scanner: LaserScanner | None = None
+    fit_map: Drive | None = None
     other_maps: tuple[Drive, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @property
+    def fitted(self) -> Drive:
+        """The images that the descriptor and the kernel are fitted to."""
+        return self.map if self.fit_map is None else self.fit_map
 
     def __post_init__(self) -> None:
         names = [drive.name for drive in (*self.test, *self.validation)]

@@ -132,14 +132,14 @@ class Localization(pl.LightningModule):
             if self.calibration.whitening:
                 self.whitener.copy_(error_whitening(self._validation_errors(self._data)))
             rows = torch.from_numpy(self._data.choices(0)[0])
-            seen = self._map_of(self._data.drives.map, rows)
+            seen = self._map_of(self._data.drives.fitted, rows)
             start = TrainableKernel.from_map(seen.poses, seen.descriptors, spatial=self.spatial, ard=self.ard)
             self.kernel.load_state_dict(start.state_dict())
 
     def training_step(self, rows: Tensor, batch_idx: int) -> Tensor:
         """The negative log-likelihood per value of a descriptor, in nats."""
         if self.objective == "joint":
-            seen = self._map_of(self._data.drives.map, rows)
+            seen = self._map_of(self._data.drives.fitted, rows)
             value = joint_log_likelihood(self.kernel, seen.poses, seen.descriptors, seen.mean)
             count = seen.descriptors.numel()
         else:
@@ -153,7 +153,7 @@ class Localization(pl.LightningModule):
     def _conditioned(self) -> tuple[DescriptorMap, Conditioning]:
         """The whole map, and the images on which each is conditioned, by the kernel at the start of training."""
         if self._conditioning is None:
-            seen = self._map_of(self._data.drives.map)
+            seen = self._map_of(self._data.drives.fitted)
             features = self.kernel.frozen().features(seen.poses).numpy()
             order = random_order(len(seen), torch.Generator().manual_seed(0))
             self._conditioning = seen, Conditioning.of(features, order, self.neighbours)

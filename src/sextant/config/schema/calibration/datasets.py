@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from sextant.config.schema.parts import CHOSEN_BY_TARGET, Node, Part, Seed
 from sextant.config.schema.splits import BlockSide, BySplit, Conditions, ImageSide, Samples, Streets
+from sextant.config.schema.world_datasets import require_one_seed
 
 
 class Panoramas(Part):
@@ -15,7 +16,7 @@ class Panoramas(Part):
 class TownPanoramas(Panoramas):
     """Panoramas of procedural towns."""
 
-    later = ("streets",)
+    later = ("streets", "world")
     target: Literal["sextant.data.worlds.TownPanoramas"] = Field(alias="_target_")
     partial: bool = Field(alias="_partial_", default=False)
     images: BySplit
@@ -27,9 +28,11 @@ class TownPanoramas(Panoramas):
     block_m: BlockSide = Field(examples=[85.0])
     streets: Streets = None
     seed: Seed = Field(examples=[0])
+    world: Seed | None = Field(None, examples=[3])
 
     @model_validator(mode="after")
     def _a_town_has_panoramas(self) -> Self:
+        require_one_seed(self.seed, self.world)
         for split in ("train", "val", "test"):
             if getattr(self.towns, split) > getattr(self.images, split):
                 raise ValueError(

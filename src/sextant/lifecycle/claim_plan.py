@@ -1,0 +1,97 @@
+"""What the design of a claim can show before it is run: its power, the effect that it can detect, and its cost."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from scipy import stats
+
+from sextant.config.schema.claims import Claim
+from sextant.evaluation.verdict import MOST_SEEDS, POWER, TAIL, Estimate, detectable, power
+from sextant.lifecycle.claim_files import Claims
+from sextant.lifecycle.claims import Tables, decide_claims, design_arguments
+from sextant.lifecycle.sweep_plan import read_design
+from sextant.reports.claims_board import DecidedClaim
+
+
+@dataclass(frozen=True)
+class ClaimPlan:
+    """A design and what follows from it, in the unit of the claim.
+
+    Attributes:
+        arguments: overrides that run it.
+        number, seeds: numbers of replicates, and of seeds in each world.
+        spread: standard deviation of one replicate's difference.
+        detectable: the least true effect that is found four times in five: for a claim of a difference beyond the
+            smallest that matters; for one that nothing is lost, the loss that can be ruled out if there is none.
+        power: probability that each comparison holds if the true effect is the design's.
+        needed: least number of replicates whose power is ``POWER``; infinite beyond ``MOST_SEEDS``.
+        runs: number of runs.
+        core_hours: of all runs.
+    """
+
+    name: str
+    claim: Claim
+    arguments: list[str]
+    number: int
+    seeds: int
+    spread: float
+    detectable: float
+    power: float
+    needed: float
+    runs: int
+    core_hours: float
+
+
+def plan_claims(claims: Claims, tables: Tables) -> Iterator[ClaimPlan]:
+    """The plan of every claim that has a design; spreads that a design leaves open are those of the stored pairs."""
+    for decided in decide_claims(claims, tables):
+        claim = claims[decided.name]
+        if claim.design is not None:
+            yield plan_claim(decided, claim)
+
+
+def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
+    """What the design of a claim can show.
+
+    A design without a spread takes the largest of the stored comparisons that count, in the unit and with the smallest
+    effect of the claim. Where the replicate is the world,
+    the spread from world to world, which no stored run tells, is taken to be as large as that from seed to seed, so
+    that the mean of s seeds in a world has the variance ``spread² (1 + 1 / s)``.
+    """
+    design, arguments = claim.design, design_arguments(claim)
+    assert design is not None
+    planned = read_design(arguments)
+    over_worlds = design.replicate == "worlds"
+    number, seeds = (len(planned.worlds), len(planned.seeds)) if over_worlds else (len(planned.seeds), 1)
+    spread = design.spread
+    if spread is None:
+        alike = [each for each in decided.counting if (each.unit, each.matters) == (decided.unit, decided.matters)]
+        spread = max(_spread(each.estimate) for each in alike)
+        if over_worlds:
+            spread *= math.sqrt(1 + 1 / seeds)
+    as_good = decided.counting[0].expects == "as_good"
+    distance = design.effect + claim.matters if as_good else design.effect - claim.matters
+    enough = (count for count in range(2, MOST_SEEDS + 1) if power(distance, spread, count) >= POWER)
+    least = detectable(spread, number)
+    return ClaimPlan(
+        decided.name,
+        claim,
+        arguments,
+        number,
+        seeds,
+        spread,
+        least if as_good else claim.matters + least,
+        power(distance, spread, number),
+        next(enough, math.inf),
+        planned.runs,
+        planned.runs * design.core_hours,
+    )
+
+
+def _spread(found: Estimate) -> float:
+    """The standard deviation of one pair of runs, from an estimate's error or interval."""
+    error = found.error
+    if found.known is not None and found.seeds > 1:
+        error = (found.known[1] - found.known[0]) / 2 / float(stats.t.ppf(1 - TAIL, found.seeds - 1))
+    return 0.0 if math.isnan(error) else math.sqrt(max(0.0, error**2 - found.images**2) * found.seeds)
