@@ -1,8 +1,8 @@
 """The rule from images to verdict, simulated: frames of a drive are correlated, worlds have effects of their own.
 
 A simulated claim is decided as a stored one is: from the differences of its runs image by image, by their mean, their
-spread over seeds, and the interval for which images are a sample too. Nulls lie exactly at the border; planted effects and equivalences are compared
-with the rates of theory.
+spread over seeds, and the interval for which images are a sample too. Nulls lie exactly at the border; planted effects
+and equivalences are compared with the rates of theory.
 """
 
 import math

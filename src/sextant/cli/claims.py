@@ -54,7 +54,7 @@ def main(arguments: Sequence[str]) -> None:
             make_output(folder, key)
     from sextant.lifecycle import claims as life
     from sextant.lifecycle.claim_files import read_claims
-    from sextant.reports.claims_board import seeds_told
+    from sextant.reports.claims_board import advice, replicates_told
     from sextant.runs.outputs_folder import default_outputs
 
     claims, stored = read_claims(options.claim), life.stored_results()
@@ -78,11 +78,12 @@ def main(arguments: Sequence[str]) -> None:
         raise UserError(f"none of {len(claims)} claims could be decided: none of their sweeps was run, as said above")
     chosen = options.output or (output if options.claim == "all" else None)  # the board in docs covers all claims
     pages = life.write_board(claims, tables, command, chosen, options.html)
-    table = Table("claim", "verdict", "effect in its favour, 95 %", "asked", "seeds")
+    table = Table("claim", "verdict", "runs", "effect in its favour, 95 %", "asked", "rests on", "to decide")
     for claim in decided:
         first = claim.deciding
-        told = seeds_told(first, claim.verdict, len(claim.counting))
-        table.add_row(claim.name, claim.verdict, f"{first.effect()} {first.unit}", first.asked(), told)
+        more = advice(first, len(claim.counting)) if claim.verdict == "undecided" else ""
+        shown = (claim.name, claim.verdict, claim.status, f"{first.effect()} {first.unit}", first.asked())
+        table.add_row(*shown, replicates_told(first), more)
     console.print(table)
     for page in pages:
         console.print(str(page), markup=False)

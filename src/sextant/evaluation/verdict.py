@@ -140,9 +140,10 @@ def together(verdicts: Sequence[Verdict]) -> Verdict:
     >>> together(["holds", "undecided"]), together(["holds", "undecided", "fails"])
     ('undecided', 'fails')
     """
-    for verdict in ("fails", "not learnt"):
+    first: tuple[Verdict, ...] = ("fails", "not learnt")
+    for verdict in first:
         if verdict in verdicts:
-            return verdict  # type: ignore[return-value]
+            return verdict
     return "holds" if verdicts and all(verdict == "holds" for verdict in verdicts) else "undecided"
 
 

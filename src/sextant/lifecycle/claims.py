@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,14 +13,17 @@ from sextant.config.schema.claims import Claim, ClaimPart
 from sextant.errors import UserError, command
 from sextant.lifecycle.claim_files import Claims
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
-from sextant.reports.claim_evidence import evidence
-from sextant.reports.claims_board import Comparison, DecidedClaim, board, picture
+from sextant.reports.claim_evidence import BASELINES, evidence, read_table
+from sextant.reports.claims_board import Comparison, DecidedClaim, board, comparison_rows, picture
+from sextant.reports.tables import TextTable
 from sextant.runs.outputs_folder import conf_dir
 
 Preset = Literal["quick", "full"]
 
 #: digests of the stored results that the claims rest on, in the format of sha256sum
 DIGESTS = "claims/results.sha256"
+#: when the first run of each of these results was begun, in UTC
+BEGUN = "claims/begun.csv"
 #: folder of the stored tables of ``preset=quick``, by sweep
 QUICK = "claims/quick"
 
@@ -115,6 +119,7 @@ def write_board(
     if output is not None:
         for claim in decided:
             _write(output / "claims" / f"{claim.name}.svg", picture(claim))
+        _write(output / "claims" / "comparisons.csv", comparison_rows(decided).csv())
         written[output / "claims.md"] = text
     if html is not None:
         from sextant.reports.page.claims_page import claims_page
@@ -144,6 +149,7 @@ def digests(claims: Claims, stored: Path) -> dict[str, str]:
     """SHA-256 digests of the stored files that claims rest on, by path."""
     tables = Tables(stored)
     files = {tables.file(part) for claim in claims.values() for part in claim.parts}
+    files |= {path for file in files if (path := file.with_name(BASELINES)).is_file()}
     files |= {path for report in quick_tables(claims, stored).reports.values() for path in report.glob("*.csv")}
     missing = sorted(path for path in files if not path.is_file())
     if missing:
@@ -160,7 +166,44 @@ def renew_digests(claims: Claims, stored: Path) -> None:
     _known_digests(stored)
     decide_claims(claims, Tables(stored))
     decide_quick_claims(claims, stored)
-    _write(stored / DIGESTS, "".join(f"{digest}  {name}\n" for name, digest in digests(claims, stored).items()))
+    found = digests(claims, stored)
+    dates = TextTable(["file", "begun", "source"], _renewed_dates(stored, found))
+    _write(stored / BEGUN, dates.csv())
+    _write(stored / DIGESTS, "".join(f"{digest}  {name}\n" for name, digest in found.items()))
+
+
+def _renewed_dates(stored: Path, found: Mapping[str, str]) -> list[list[str]]:
+    """When the first run of each stored table was begun, and what says so, for a file.
+
+    A sweep's report says it in ``dates.csv``. Tables that have not changed keep what is known of them; where nothing
+    is, runs explore a claim.
+    """
+    known, before = _known_digests(stored), _stored_dates(stored)
+    rows = []
+    for name, digest in found.items():
+        of_report = (stored / name).with_name("dates.csv")
+        if known.get(name) == digest and name in before:
+            rows.append([name, *before[name]])
+        elif of_report.is_file():
+            rows.append([name, read_table(of_report)[0]["first_run"], of_report.relative_to(stored).as_posix()])
+    return rows
+
+
+def _stored_dates(stored: Path) -> dict[str, tuple[str, str]]:
+    """When the first run of each stored table was begun, and what says so."""
+    rows = read_table(stored / BEGUN) if (stored / BEGUN).is_file() else []
+    return {row["file"]: (row["begun"], row["source"]) for row in rows}
+
+
+def _begun(claim: Claim, tables: Tables) -> str:
+    """When the first of the runs that decide a claim was begun; empty if of any of them no record says."""
+    if tables.preset is not None:  # a preset also uses runs that were there before
+        return ""
+    known = _stored_dates(tables.stored)
+    counting = [part for part in claim.parts if part.sweep and not part.beside]
+    files = [tables.file(part).relative_to(tables.stored).as_posix() for part in counting]
+    dates = [known.get(file, ("", ""))[0] for file in files]
+    return min(dates, key=datetime.fromisoformat) if dates and all(dates) else ""
 
 
 def _known_digests(stored: Path) -> dict[str, str]:
@@ -281,6 +324,7 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
             down=part.direction == "down",
             arms=_arms_of(part) if part.table == "contrasts" else None,
             learnt=part.learnt,
+            baselines=tables.stored / part.stored / BASELINES,
         )
         matters = claim.matters if part.matters is None else part.matters
         comparisons += [
@@ -290,7 +334,7 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
             for each in found
         ]
     sweeps = dict.fromkeys(command("train", "-m", f"sweep={part.sweep}") for part in claim.parts if part.sweep)
-    commands = [*([claim.command] if claim.command else sweeps), f"sextant claims claim={name}"]
+    commands = [claim.command] if claim.command else list(sweeps)
     return DecidedClaim(
         name=name,
         chapter=claim.chapter,
@@ -300,6 +344,9 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
         unit=claim.unit,
         matters=claim.matters,
         reason=claim.reason,
+        not_covered=claim.not_covered,
+        date=claim.date,
+        begun=_begun(claim, tables),
         runs=claim.runs if tables.preset is None else f"sextant claims preset={tables.preset}",
         commands=commands,
         comparisons=comparisons,

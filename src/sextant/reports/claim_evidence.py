@@ -96,6 +96,7 @@ def evidence(
     down: bool = False,
     arms: Mapping[str, Sequence[str]] | None = None,
     learnt: Sequence[str] = (),
+    baselines: Path | None = None,
 ) -> Iterator[Evidence]:
     """Yield an estimate for each name, setting and condition, positive where it favours the claim.
 
@@ -108,6 +109,7 @@ def evidence(
         down: whether the claim says that the difference is negative.
         arms: the two arms of each contrast, which are not compared unless both are better than a constant.
         learnt: conditions in which they must be, beside that of the comparison.
+        baselines: table of the constants; nothing is asked of the arms without one.
 
     Raises:
         UserError: the table has no such row.
@@ -139,17 +141,17 @@ def evidence(
                 found = row(**{column: name, "setting": setting, "condition": condition})
                 label = place if condition == "test" else f"{place}, {condition}"
                 estimate = _estimate(found, rows, sign, against)
-                if arms is not None and not _learnt(path.parent, arms[name], setting, [condition, *learnt]):
-                    estimate = replace(estimate, learnt=False)
+                if arms is not None and baselines is not None and baselines.is_file():
+                    wanted = [condition, *learnt]
+                    both = _learnt(path.with_name("cells.csv"), baselines, arms[name], setting, wanted)
+                    estimate = replace(estimate, learnt=both)
                 yield Evidence(label, estimate)
 
 
-def _learnt(folder: Path, arms: Sequence[str], setting: str, conditions: Sequence[str]) -> bool:
+def _learnt(cells_file: Path, baselines: Path, arms: Sequence[str], setting: str, conditions: Sequence[str]) -> bool:
     """Whether the intervals of the arms lie on the better side of the constant under each condition that has one."""
-    if not (folder / BASELINES).is_file():
-        return True
-    constants = {(row["setting"], row["condition"]): row for row in read_table(folder / BASELINES)}
-    cells = {(row["setting"], row["arm"], row["condition"]): row for row in read_table(folder / "cells.csv")}
+    constants = {(row["setting"], row["condition"]): row for row in read_table(baselines)}
+    cells = {(row["setting"], row["arm"], row["condition"]): row for row in read_table(cells_file)}
     for condition in conditions:
         for arm in arms:
             constant, cell = constants.get((setting, condition)), cells.get((setting, arm, condition))

@@ -2,34 +2,56 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Literal
 
-from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM
-from sextant.evaluation.verdict import MOST_SEEDS, TAIL, Estimate, Expectation, Verdict, decide, further_seeds, together
+from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM, WORLDS_FOR_A_CLAIM
+from sextant.evaluation.verdict import (
+    MOST_SEEDS,
+    TAIL,
+    Estimate,
+    Expectation,
+    Verdict,
+    decide,
+    further_images,
+    further_seeds,
+    together,
+)
 from sextant.figures.claim_strip import Strip, claim_strips
 from sextant.reports.tables import NOTHING, TextTable, counted, decimals
 
 SAYS: Mapping[Expectation, str] = {"better": "more than", "as_good": "not worse than by", "same": "the same within"}
+#: what a claim requires, in a sentence
+REQUIRES: Mapping[Expectation, str] = {
+    "better": "a gain of more than",
+    "as_good": "a loss of less than",
+    "same": "a difference of less than",
+}
+#: whether the runs of a claim tested it as it was fixed before them
+Status = Literal["counted", "explored", "confirmed", "refuted", "open"]
+#: verdicts from the one that decides a claim to the one that does not
+ORDER: tuple[Verdict, ...] = ("fails", "not learnt", "undecided", "holds")
 #: largest possible difference of shares, in points
 LARGEST = 100.0
 HOW_TO_READ = """\
-Effects are signed so that a positive one supports the claim, and come with their 95 % interval over seeds. A claim of
-a difference *holds* if the interval lies beyond the smallest effect that matters (and, where it was measured, beyond
-what a change of seeds alone makes). It *fails* if the interval rules out an effect that matters: then there is none,
-or the opposite is true. A claim that nothing is lost holds if the interval rules out a loss that matters. Everything
-else is *undecided*, and so is every claim that rests on fewer than {least} seeds. Beside an undecided claim stands how
-many more seeds would decide it four times in five, if mean and spread stay as they are. A claim of several parts
-holds if all of them hold; whether one fails is tested with Bonferroni's correction for their number. Comparisons
-marked *beside* are shown for context and do not count. The smallest effects that matter were written down after the
-stored runs and before any others. Claims in the same unit share them where they measure the same thing.
+An effect is positive where it supports the claim. Its 95 % interval is over seeds, and over test images where their
+values are stored; over worlds where runs were made in several. One rule decides:
 
-The repository stores the tables of each sweep's report, with the mean, spread and number of the pairs. Those of
-`recorded.csv` are figures from the chapters' pages and reports, without their pairs. *Cut short* is the verdict of the
-shorter runs of `preset=quick`, whose values are stored seed by seed in `claims/quick`.
+- *holds*: the interval lies beyond the smallest effect that matters (and beyond what seeds alone make, where measured);
+  or, for a claim that nothing is lost, it rules out a loss that matters.
+- *fails*: the interval rules out what the claim asks for.
+- *not learnt*: an arm is no better than a constant or than methods that learn nothing: there is nothing to compare.
+- *undecided*: none of these, or fewer than {seeds} seeds or {worlds} worlds.
 
-**Multiplicity.** {estimated} of the {claims} claims are estimates; the others are counted. If each of their effects
-were exactly at its border, at most {chance:.1f} would be expected to be called one way or the other by chance;
-{decided} are.
+A claim of several comparisons holds if all hold and fails if one does, by Bonferroni's correction. Its table has the
+worst condition of each contrast; [comparisons.csv](claims/comparisons.csv) and the pictures have all, and those that
+stand beside the claim in grey.
+
+Runs that are older than the claim *explore* it, later ones *confirm* or *refute* it. Unless worlds are named, all runs
+are in one office, town or city, or on one set of real images. `sextant claims plan` has the next runs, their power and
+cost; `sextant claims claim=<name>` decides one claim. If all {estimated} estimated effects were exactly at their
+borders, at most {chance:.1f} would be decided by chance; {decided} are.
 """
 
 
@@ -76,7 +98,11 @@ class Comparison:
 
 @dataclass(frozen=True)
 class DecidedClaim:
-    """A claim and the comparisons that decide it; see :class:`sextant.config.schema.claims.Claim`."""
+    """A claim and the comparisons that decide it; see :class:`sextant.config.schema.claims.Claim`.
+
+    Attributes:
+        begun: when the first of the runs that decide it was begun; empty if no record says.
+    """
 
     name: str
     chapter: int
@@ -86,7 +112,10 @@ class DecidedClaim:
     unit: str
     matters: float
     reason: str
+    not_covered: str
     runs: str
+    date: str
+    begun: str
     commands: Sequence[str]
     comparisons: Sequence[Comparison]
 
@@ -121,6 +150,16 @@ class DecidedClaim:
         """Whether all deciding figures are exact, so that nothing is estimated."""
         return all(each.estimate.counted for each in self.counting)
 
+    @property
+    def status(self) -> Status:
+        """Whether runs begun after the claim was fixed confirm or refute it, or earlier ones explore it."""
+        if self.counted:
+            return "counted"
+        if not self.begun or datetime.fromisoformat(self.begun) < datetime.fromisoformat(self.date):
+            return "explored"
+        later: dict[Verdict, Status] = {"holds": "confirmed", "fails": "refuted"}
+        return later.get(self.verdict, "open")
+
 
 def board(
     claims: Sequence[DecidedClaim],
@@ -139,17 +178,13 @@ def board(
         cut_short: those of the same claims that shorter runs decide too.
     """
     again = {claim.name: claim for claim in cut_short}
-    held, failed, open_ = (sum(c.verdict == verdict for c in claims) for verdict in ("holds", "fails", "undecided"))
+    found = [claim.verdict for claim in claims]
+    told = [f"{found.count(verdict)} {words}" for verdict, words in SUMMARY.items() if verdict in found]
     parts = [
         "# The claims of the thesis\n",
-        f"Written by `{command}`; changes made by hand are lost. {counted(len(claims), 'claim')}: "
-        f"{held} {'holds' if held == 1 else 'hold'}, {failed} {'fails' if failed == 1 else 'fail'}, "
-        f"{open_} {'is' if open_ == 1 else 'are'} undecided.\n",
+        f"Written by `{command}`; changes made by hand are lost. {counted(len(claims), 'claim')}: {', '.join(told)}.\n",
         _how_to_read(claims),
-        TextTable(
-            ["claim", "chapter", "verdict", "effect in its favour, 95 %", "asked", "unit", "published", "seeds"],
-            [_row(claim) for claim in claims],
-        ).markdown(),
+        TextTable(["claim", "chapter", "verdict", "runs", "effect in its favour"], [*map(_row, claims)]).markdown(),
         *(_section(claim, pictures, again.get(claim.name)) for claim in claims),
     ]
     if left_out:
@@ -163,70 +198,156 @@ def picture(claim: DecidedClaim) -> str:
     return claim_strips([each.strip() for each in claim.comparisons])
 
 
-def seeds_told(comparison: Comparison, verdict: Verdict, parts: int) -> str:
-    """The seeds of a comparison and, if undecided, the further ones it needs as one of ``parts`` of a claim."""
+def comparison_rows(claims: Sequence[DecidedClaim]) -> TextTable:
+    """Every comparison of every claim, for a file."""
+    columns = [
+        "claim",
+        "comparison",
+        "effect",
+        "low",
+        "high",
+        "unit",
+        "expects",
+        "matters",
+        "verdict",
+        "counts",
+        "note",
+    ]
+    rows = []
+    for claim in claims:
+        for each in claim.comparisons:
+            low, high = each.estimate.interval()
+            numbers = (f"{value:.6g}" for value in (each.estimate.mean, low, high))
+            verdict = each.verdict(len(claim.counting))
+            counts = "beside" if each.beside else "counts"
+            asked = (each.unit, each.expects, f"{each.matters:g}")
+            rows.append([claim.name, each.label, *numbers, *asked, verdict, counts, each.note])
+    return TextTable([*columns, "note"], rows)
+
+
+def replicates_told(comparison: Comparison) -> str:
+    """How many replicates a comparison rests on."""
     found = comparison.estimate
-    if found.counted:
-        return NOTHING
-    if verdict != "undecided":
-        return str(found.seeds)
-    more = further_seeds(found, comparison.expects, comparison.matters, parts)
+    return (
+        NOTHING if found.counted else f"{found.seeds} {found.replicate if found.seeds != 1 else found.replicate[:-1]}"
+    )
+
+
+def advice(comparison: Comparison, parts: int) -> str:
+    """What would decide an undecided comparison, as one of ``parts`` of a claim.
+
+    More seeds, or worlds, are advised only where they make the interval: never where the test images do.
+    """
+    found = comparison.estimate
+    asked = (found, comparison.expects, comparison.matters, parts)
+    more, times, unit = further_seeds(*asked), further_images(*asked), found.replicate
     if more is None:
-        return f"{found.seeds}; how many more is not known"
-    if math.isinf(more):
-        return f"{found.seeds}; more than {MOST_SEEDS:,} needed"
-    return f"{found.seeds}; {'at least' if found.seeds < SEEDS_FOR_A_CLAIM else 'about'} {more} more needed"
+        return f"how many more {unit} is not known"
+    if math.isfinite(more):
+        return f"{'at least' if more and math.isnan(found.error) else 'about'} {more:.0f} more {unit}"
+    if math.isfinite(times):
+        return f"not more {unit}, but about {times:.0f} times as many test images"
+    seeds_alone = replace(found, error=math.sqrt(max(0.0, found.error**2 - found.images**2)), images=0.0)
+    if found.images > 0 and math.isfinite(further_seeds(seeds_alone, *asked[1:]) or 0):
+        return f"more {unit} and more test images together"
+    return f"more than {MOST_SEEDS:,} more {unit}, as the effect lies at the border"
+
+
+SUMMARY: Mapping[Verdict, str] = {
+    "holds": "held up",
+    "fails": "failed",
+    "undecided": "undecided",
+    "not learnt": "not learnt",
+}
 
 
 def _how_to_read(claims: Sequence[DecidedClaim]) -> str:
     estimated = [claim for claim in claims if not claim.counted]
-    by_chance = 2 * TAIL * len(estimated)
-    decided = sum(claim.verdict != "undecided" for claim in estimated)
     return HOW_TO_READ.format(
-        least=SEEDS_FOR_A_CLAIM, estimated=len(estimated), claims=len(claims), chance=by_chance, decided=decided
+        seeds=SEEDS_FOR_A_CLAIM,
+        worlds=WORLDS_FOR_A_CLAIM,
+        estimated=len(estimated),
+        chance=2 * TAIL * len(estimated),
+        decided=sum(claim.verdict in ("holds", "fails") for claim in estimated),
     )
 
 
 def _row(claim: DecidedClaim) -> list[str]:
     first = claim.deciding
-    return [
-        *(f"[{claim.sentence}](#{claim.name})", str(claim.chapter), f"**{claim.verdict}**"),
-        *(first.effect(), first.asked(), first.unit),
-        *(claim.published, seeds_told(first, claim.verdict, len(claim.counting))),
-    ]
+    link = f"[{claim.name}](#{claim.name})"
+    return [link, str(claim.chapter), f"**{claim.verdict}**", claim.status, f"{first.effect()} {first.unit}"]
 
 
 def _section(claim: DecidedClaim, pictures: str, again: DecidedClaim | None) -> str:
-    count = len(claim.counting)
-    rows = []
-    for each in claim.comparisons:
-        verdict = each.verdict(count)
-        told = "beside" if each.beside else verdict
-        seeds = str(each.estimate.seeds) if each.beside else seeds_told(each, verdict, count)
-        rows.append([each.label, each.effect(), each.unit, each.asked(), seeds, told, each.note])
-    table = TextTable(["comparison", "effect in its favour, 95 %", "unit", "asked", "seeds", "verdict", "note"], rows)
+    asked = f"{REQUIRES[claim.counting[0].expects]} {claim.matters:g} {claim.unit} ({claim.reason})"
+    published = "" if claim.published.startswith("claimed;") else f" Published: {claim.published}."
+    quick = "" if again is None else f" Runs cut short: {again.verdict}."
     commands = "\n".join(claim.commands)
     return (
         f'## <a name="{claim.name}"></a>`{claim.name}`: {claim.verdict}\n\n{claim.sentence} '
-        f"(Chapter {claim.chapter}, [{claim.page}]({claim.page}).)\n\n"
-        f"- Published: {claim.published}.\n"
-        f"- Smallest effect that matters: {claim.matters:g} {claim.unit}: {claim.reason}.\n"
-        f"- Measured: {claim.runs}.\n{'' if again is None else _cut_short(again)}\n"
-        f"![intervals of the comparisons]({pictures}/{claim.name}.svg)\n\n{table.markdown()}\n"
+        f"([{claim.page}]({claim.page}))\n\n"
+        f"- **Asked**: {asked}.{published}\n"
+        f"- **Answer**: {_answer(claim)}\n"
+        f"- **How sure**: {_how_sure(claim)}{quick}\n"
+        f"- **Not covered**: {claim.not_covered}\n\n"
+        f"![intervals of the comparisons]({pictures}/{claim.name}.svg)\n{_table(claim)}\n"
         f"```bash\n{commands}\n```\n"
     )
 
 
-def _cut_short(claim: DecidedClaim) -> str:
+def _table(claim: DecidedClaim) -> str:
+    """The worst condition of each contrast that counts; nothing for a single one, which the answer names."""
+    groups: dict[tuple[str, str, float, str], list[Comparison]] = {}
+    for each in claim.counting:
+        name = each.label.partition(", ")[0]
+        groups.setdefault((name, each.unit, each.matters, each.note), []).append(each)
+    notes = {note for *_, note in groups}
+    shared = notes.pop() if len(notes) == 1 else ""
+    told = f"\n{shared[0].upper()}{shared[1:]}.\n" if shared else ""
+    if len(groups) == 1:
+        return told
+    rows = []
+    for (name, *_), alike in groups.items():
+        worst = min(alike, key=lambda each: (ORDER.index(each.verdict(len(claim.counting))), _distance(each)))
+        label = worst.label if len(alike) == 1 else f"{name}, worst of {len(alike)}"
+        unit = "" if worst.unit == claim.unit else f" {worst.unit}"
+        asked = "" if worst.matters == claim.matters else f", asked: {worst.matters:g}"
+        note = f" ({worst.note})" if worst.note != shared else ""
+        rows.append([label + note, worst.effect() + unit + asked, worst.verdict(len(claim.counting))])
+    return "\n" + TextTable(["comparison", "effect in its favour", "verdict"], rows).markdown() + told
+
+
+def _answer(claim: DecidedClaim) -> str:
+    """The verdict in words, with the figure that decides it."""
+    first, total, alike = claim.deciding, len(claim.counting), claim.verdicts.count(claim.verdict)
+    if claim.verdict == "not learnt":
+        where = "" if total == 1 else f"in {alike} of {total} comparisons "
+        return f"none: {where}an arm is no better than a constant or a method that learns nothing."
+    some = f"{alike} of {total} comparisons {'is' if alike == 1 else 'are'}"
+    parts = {
+        "holds": ("yes", f"{'both' if total == 2 else f'all {total}'} comparisons hold, the closest"),
+        "fails": ("no", f"{some} ruled out,"),
+        "undecided": ("open", f"{some} undecided,"),
+    }
+    answer, which = parts[claim.verdict]
+    figure = f"{first.effect()} {first.unit} ({first.label})"
+    return f"{answer}: {figure}." if total == 1 else f"{answer}: {which} with {figure}."
+
+
+def _how_sure(claim: DecidedClaim) -> str:
+    """What the interval is over, whether the claim is older than the runs, and what would decide it."""
+    if claim.counted:
+        return f"{claim.runs}."
     first = claim.deciding
-    seeds = seeds_told(first, claim.verdict, len(claim.counting))
-    return (
-        f"- Cut short (`sextant claims claim={claim.name} preset=quick`): {claim.verdict}; {first.label}: "
-        f"{first.effect()} {first.unit}{'' if seeds == NOTHING else f', seeds: {seeds}'}.\n"
-    )
+    images = " and a sample of images" if first.estimate.images > 0 else ""
+    text = f"{claim.status}, over {replicates_told(first)}{images}."
+    if claim.verdict == "undecided":
+        text += f" To decide: {advice(first, len(claim.counting))}."
+    return text
 
 
 def _needed(comparison: Comparison, parts: int) -> float:
+    """Further replicates that a comparison needs; infinite if they would not decide it, or if nobody knows."""
     more = further_seeds(comparison.estimate, comparison.expects, comparison.matters, parts)
     return math.inf if more is None else more
 

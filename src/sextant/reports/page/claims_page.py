@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 from sextant.figures.charts import Spec
 from sextant.figures.interval_chart import IntervalRow, interval_chart
-from sextant.reports.claims_board import Comparison, DecidedClaim, seeds_told
+from sextant.reports.claims_board import Comparison, DecidedClaim, advice, replicates_told
 from sextant.reports.page.html_page import html_page
 
-VERDICTS = ("holds", "fails", "undecided")
+VERDICTS = ("holds", "fails", "undecided", "not learnt")
 BESIDE = "beside"
 
 
@@ -64,6 +64,7 @@ def _row(
 
 
 def _tip(found: Comparison, parts: int) -> dict[str, str]:
-    seeds = str(found.estimate.seeds) if found.beside else seeds_told(found, found.verdict(parts), parts)
-    told = {"effect": f"{found.effect()} {found.unit}", "asked": found.asked(), "seeds": seeds}
+    told = {"effect": f"{found.effect()} {found.unit}", "asked": found.asked(), "rests on": replicates_told(found)}
+    if not found.beside and found.verdict(parts) == "undecided":
+        told["to decide"] = advice(found, parts)
     return told | ({"note": found.note} if found.note else {})
