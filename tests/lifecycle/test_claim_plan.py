@@ -24,7 +24,8 @@ CLAIM = {
     "unit": "points of accuracy", "matters": 1.0, "reason": "one image in a hundred", "not_covered": "all but digits",
     "runs": "none",
     "design": {
-        "replicate": "seeds", "overrides": ["backbone=lenet_a", "seed=0,1,2,3,4,5,6,7"], "core_hours": 0.5, "effect": 3.0,
+        "replicate": "seeds", "core_hours": 0.5, "effect": 3.0,
+        "overrides": ["backbone=lenet_a", "seed=0,1,2,3,4,5,6,7"],
     },
     "parts": [
         {"sweep": "demo", "stored": "demo", "names": ["effect"], "settings": ["lenet_a"], "conditions": ["clean"]}

@@ -1,6 +1,6 @@
 """Rendered worlds."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -23,7 +23,7 @@ class World(Part):
             of the test lends nothing but its map; None fits in the map and the validation drives of the tested world.
     """
 
-    later = ("world", "fit_world")
+    later: ClassVar[tuple[str, ...]] = ("world", "fit_world")
     seed: Seed = Field(examples=[0])
     world: Seed | None = Field(None, examples=[3])
     fit_world: Seed | None = Field(None, examples=[0])
