@@ -102,7 +102,7 @@ def test_the_plan_is_printed_with_its_command_and_its_date(capsys, monkeypatch):
     cli.run("claims", ["plan", "claim=localization_start"])
     said = capsys.readouterr().out
     assert all(each in said for each in ("8 worlds", "core-hours", "0.94 at 40"))
-    assert "python train.py -m sweep=laser_vs_vision" in said
+    assert "sextant train -m sweep=laser_vs_vision" in said
     assert CLAIMS["localization_start"].date in said
 
 

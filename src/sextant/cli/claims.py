@@ -1,6 +1,5 @@
 """``sextant claims``: which claims of the thesis hold."""
 
-import shlex
 from collections.abc import Sequence
 from typing import Literal
 
@@ -10,7 +9,7 @@ from rich.table import Table
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console
 from sextant.cli.output_folder import make_output
-from sextant.errors import UserError
+from sextant.errors import UserError, command
 
 USAGE = """\
 sextant claims plan [claim=<name>|all]
@@ -105,8 +104,8 @@ def _plan(options: ClaimsOptions) -> None:
     for plan in plans:
         each = f" x {plan.seeds} seeds" * (plan.seeds > 1)
         table.add_row(
-            *(plan.name, f"{plan.number} {plan.claim.design.replicate}{each}", f"{plan.spread:.3g}"),
-            *(f"{plan.detectable:.3g} {plan.claim.unit}", f"{plan.power:.2f} at {plan.claim.design.effect:g}"),
+            *(plan.name, f"{plan.number} {plan.design.replicate}{each}", f"{plan.spread:.3g}"),
+            *(f"{plan.detectable:.3g} {plan.claim.unit}", f"{plan.power:.2f} at {plan.design.effect:g}"),
             *(f"{plan.needed:g}", str(plan.runs), f"{plan.core_hours:.1f}"),
         )
     console.print(table)
@@ -115,4 +114,4 @@ def _plan(options: ClaimsOptions) -> None:
     for plan in plans if options.claim != "all" else []:
         said = f"fixed {plan.claim.date}; at least {plan.claim.matters:g} {plan.claim.unit}: {plan.claim.reason}"
         console.print(said, markup=False)
-        console.print(f"python train.py -m {shlex.join(plan.arguments)}", markup=False, soft_wrap=True)
+        console.print(command("train", "-m", *plan.arguments), markup=False, soft_wrap=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from scipy import stats
 
-from sextant.config.schema.claims import Claim
+from sextant.config.schema.claims import Claim, Design
 from sextant.evaluation.verdict import MOST_SEEDS, POWER, TAIL, Estimate, detectable, power
 from sextant.lifecycle.claim_files import Claims
 from sextant.lifecycle.claims import Tables, decide_claims, design_arguments
@@ -32,6 +32,7 @@ class ClaimPlan:
 
     name: str
     claim: Claim
+    design: Design
     arguments: list[str]
     number: int
     seeds: int
@@ -77,6 +78,7 @@ def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
     return ClaimPlan(
         decided.name,
         claim,
+        design,
         arguments,
         number,
         seeds,
