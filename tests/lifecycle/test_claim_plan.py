@@ -55,7 +55,7 @@ def claim(**changes):
 
 def test_a_plan_is_what_theory_says(tmp_path):
     (plan,) = plan_claims(claim(), Tables(stored(tmp_path)))
-    runs = 2 * 8  # conv and push_pull at eight seeds
+    runs = 3 * 8  # conv, the same for the noise floor, and push_pull, at eight seeds
     assert (plan.number, plan.seeds, plan.runs, plan.core_hours) == (8, 1, runs, 0.5 * runs)
     assert plan.spread == pytest.approx(1.0)
     assert plan.power == pytest.approx(stats.nct.sf(stats.t.ppf(0.975, 7), 7, 2.0 * math.sqrt(8)))
