@@ -168,6 +168,7 @@ def _report(command: Command, words: list[str]) -> None:
 
 
 def _claims(command: Command, words: list[str]) -> None:
+    words = words[1:] if words[:1] == ["plan"] else words
     given = parse_arguments(words, claims.ClaimsOptions.meanings(), command.text)
     read_claims(given.get("claim", "all"))
 

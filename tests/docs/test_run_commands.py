@@ -72,7 +72,7 @@ NOT_RUN = {
     r"^python -m benchmarks": "times an otherwise idle machine for minutes",
     r"^python (train|report)\.py .*sweep=": "a sweep of hours; every cell is composed by tests/configs",
     r"^sextant (train|report) .*sweep=search_": "a search of a quarter of an hour; tests/lifecycle",
-    r"^python train\.py -m ": "eight runs of minutes",
+    r"^(python train\.py|sextant train) -m ": "eight runs of minutes",
     r"^python train\.py .*(mnist|nordland|cold|cifar10|places|folder|photos|alexnet)": "needs data that is not shipped",
     r"^python train\.py .*descriptor=landmarks": "needs a photo of the map; tests/applications/detection",
     r"^python train\.py .*descriptor=run": "needs a trained run of place recognition; smaller in tests/cli",

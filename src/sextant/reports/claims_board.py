@@ -50,7 +50,7 @@ stand beside the claim in grey.
 
 Runs that are older than the claim *explore* it, later ones *confirm* or *refute* it. Unless worlds are named, all runs
 are in one office, town or city, or on one set of real images. `sextant claims plan` has the next runs, their power and
-cost; `sextant claims claim=<name>` decides one claim. If all {estimated} estimated effects were exactly at their
+cost; `sextant claims claim=places_mining` decides one claim. If all {estimated} estimated effects were exactly at their
 borders, at most {chance:.1f} would be decided by chance; {decided} are.
 """
 
