@@ -129,7 +129,7 @@ def _train(command: Command, words: list[str]) -> None:
     setting = {key: values[0] for key, values in design.factors.items()}
     stored = any(word.startswith("sweep=") for word in words)  # all of its arms are tested with the config
     for arm in list(design.arms)[: 1 if stored else None]:
-        cell_config(design, setting, arm)
+        cell_config(design, setting, arm, design.worlds[0])
 
 
 def _evaluate(command: Command, words: list[str]) -> None:
