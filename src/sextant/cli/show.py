@@ -78,6 +78,8 @@ def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
         console.print(table, width=WIDTH)
     if results.get("table"):
         console.print(rows_table("On the test split", results["table"]), width=WIDTH)
+    if results.get("by_corruption"):
+        console.print(rows_table("By corruption", results["by_corruption"]), width=WIDTH)
     if not metrics:
         console.print(
             f"metrics    {len(results['metrics'])} in {_shorter(directory.path)}/metrics.json", soft_wrap=True

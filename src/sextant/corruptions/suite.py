@@ -4,12 +4,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from jaxtyping import Float, Int64
+import numpy as np
+import torch
+from jaxtyping import Float, Int64, UInt8
+from numpy import ndarray
 from torch import Tensor
 
 from sextant.corruptions.contract import Indices
 from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.protocol import Protocol
+
+#: images of bytes corrupted at a time
+BATCH = 256
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,30 @@ class CorruptionSuite:
         if condition.corruption is None or condition.level is None:
             return images
         return self.corruptions[condition.corruption](images, condition.level, indices, self.seed)
+
+    def corrupt_bytes(
+        self, images: UInt8[ndarray, "n h w c"], indices: Int64[ndarray, "n"], condition: Condition
+    ) -> UInt8[ndarray, "n h w c"]:
+        """Images of bytes under ``condition``, at their own size, rounded to the nearest byte.
+
+        >>> from sextant.corruptions import BenchmarkSuite
+        >>> grey = np.full((2, 64, 96, 3), 128, np.uint8)
+        >>> BenchmarkSuite(names=["fog"]).corrupt_bytes(grey, np.arange(2), Condition("fog", 3)).shape
+        (2, 64, 96, 3)
+
+        Args:
+            images: with one or three channels.
+            indices: positions of the images in their dataset, which seed the draws.
+            condition: one of :meth:`conditions`.
+        """
+        found = images.copy()
+        if condition.corruption is None:
+            return found
+        for some in np.split(np.arange(len(images)), range(BATCH, len(images), BATCH)):
+            clean = torch.from_numpy(images[some]).permute(0, 3, 1, 2).float() / 255
+            now = self.corrupt(clean, torch.from_numpy(indices[some]), condition).clamp(0, 1)
+            found[some] = (now * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
+        return found
 
     def check_labels(self, labels: Int64[Tensor, "b"], indices: Int64[Tensor, "b"]) -> None:
         """For stored images, raise a ``UserError`` if the images at ``indices`` cannot be those with ``labels``."""

@@ -40,13 +40,16 @@ class ExampleData(ImageData):
         settings: which images are considered.
         other arguments: as for :class:`ImageData`.
 
+    Attributes:
+        test_positions: positions of the tested images in the source's test split, known once it is read.
+
     Raises:
         UserError: on setup, if there are fewer images than requested.
     """
 
     def __init__(self, *args: object, settings: ExampleSettings, **keywords: object):
         super().__init__(*args, **keywords)  # type: ignore[arg-type]
-        self.settings = settings
+        self.settings, self.test_positions = settings, np.zeros(0, np.int64)
 
     @property
     def tested(self) -> list[int]:
@@ -71,7 +74,9 @@ class ExampleData(ImageData):
         if stage != "test" and "examples" not in self._splits:
             self._setup_examples(self.source.read("train"))
         if stage == "test" and "test" not in self._splits:
-            self._splits["test"] = in_memory(_of(self.source.read("test"), self.tested))
+            found = self.source.read("test")
+            self.test_positions = np.flatnonzero(np.isin(found.labels, self.tested))
+            self._splits["test"] = in_memory(_of(found, self.tested))
 
     def _setup_examples(self, data: LabelledImages) -> None:
         settings = self.settings

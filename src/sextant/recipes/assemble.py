@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.config import Config
 from sextant.config.building import build, part_name
+from sextant.config.schema.classification.corruptions import CorruptionSuite as CorruptionSuiteNode
 from sextant.errors import UserError
+from sextant.evaluation.headline import Headline
 
 if TYPE_CHECKING:
     from sextant.corruptions import CorruptionSuite
@@ -59,6 +61,11 @@ def build_suite(config: Config) -> "CorruptionSuite":
     return build(config.plain, "corruption")  # type: ignore[no-any-return]
 
 
+def is_corrupted(config: Config) -> bool:
+    """Whether there is a test condition beside clean images."""
+    return not isinstance(config.corruption, CorruptionSuiteNode) or bool(config.corruption.corruptions)
+
+
 def build_training(config: Config, *, training: bool) -> dict[str, Any]:
     """A module's training arguments: ``optimizer`` and ``schedule`` (None unless ``training``), and ``log_every``."""
     settings: dict[str, Any] = {"optimizer": None, "schedule": None, "log_every": config.trainer.log_every}
@@ -73,6 +80,11 @@ def conditions_name(node: Mapping[str, Any]) -> str:
     if "corruptions" in node:
         return ", ".join(["clean", *node["corruptions"]])
     return f"clean, {node.get('set') or part_name(node)}"
+
+
+def about_headline(config: Config, headline: Headline, size: tuple[int, int]) -> dict[str, Any]:
+    """What a headline is, with the conditions and the height and width of the images that were corrupted."""
+    return headline.facts(test=conditions_name(config.plain["corruption"]), image_size=list(size))
 
 
 def _try_optimizer(config: Config, optimizer: Any) -> None:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import CalibrationTask
-from sextant.recipes.assemble import build_dataset, build_suite, build_training, conditions_name
+from sextant.evaluation.headline import Headline
+from sextant.recipes.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ class CalibrationRecipe(Recipe):
         """The dataset as a source of panoramas; invalid camera distributions are refused too."""
         from sextant.data.calibration.panoramas import as_panorama_source, rendered_sources
 
+        self.check_parts(config)
         for group in ("sampling", "test_sampling"):
             if getattr(config, group) is not None:
                 build(config.plain, group)
@@ -140,11 +142,14 @@ class CalibrationRecipe(Recipe):
         assert module.result is not None
         with self.reporter.progress("looking at lines", "crops") as progress:
             report = compare(module, data, geometric=config.task.geometric_baselines, progress=progress)
+        bearing = {key: float(errors.median()) for key, errors in module.bearing_errors_deg().items()}
+        headline = Headline("bearing error (deg)", "", "lower", bearing)
         return TestRecord(
             arrays(module, report),
             figures(module, data, report),
-            metrics(module, report),
+            metrics(module, report) | headline.metrics(),
             table(report, module.result.panoramas),
+            facts=about_headline(config, headline, (config.task.height, config.task.width)),
         )
 
     def measured(

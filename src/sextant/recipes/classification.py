@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import ClassificationTask
+from sextant.config.schema.classification.corruptions import PerturbationSuite
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
-from sextant.recipes.assemble import build_dataset, build_suite, build_training, conditions_name
+from sextant.evaluation.headline import Headline
+from sextant.recipes.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 from sextant.trained.image_spec import image_spec
 
@@ -27,6 +29,7 @@ class ClassificationRecipe(Recipe):
     evaluation_example = ("corruption=gaussian",)
     monitor = ("val/accuracy", "max")
     sweep_example = ("inhibition", ("none", "push_pull"))
+    cannot_test = ()
     test_settings = ("test_every",)
 
     def source(self, config: Config) -> ImageSource:
@@ -118,7 +121,10 @@ class ClassificationRecipe(Recipe):
         pictures = result_figures(
             module.result, module.suite, module.network, module.spec.classes, data.split("test").images
         )
-        return TestRecord(module.arrays(), pictures, facts=module.facts())
+        accuracy = {} if isinstance(config.corruption, PerturbationSuite) else module.result.accuracy()
+        headline = Headline("accuracy", "%", "higher", {"clean": 1.0} | accuracy)
+        told = about_headline(config, headline, (module.spec.height, module.spec.width))
+        return TestRecord(module.arrays(), pictures, headline.metrics(), facts=module.facts() | told)
 
     def measured(
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None

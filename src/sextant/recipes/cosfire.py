@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import CosfireTask
+from sextant.config.schema.classification.corruptions import PerturbationSuite
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
-from sextant.recipes.assemble import build_dataset, build_training
+from sextant.evaluation.headline import Headline
+from sextant.recipes.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
 from sextant.recipes.cosfire_checks import answering_with_parts, check_parts
 from sextant.recipes.cosfire_parts import describing, features_of_run, make_filters, scenes_of
 from sextant.recipes.descriptors import descriptor_identity
@@ -33,12 +35,12 @@ class CosfireRecipe(Recipe):
     evaluation_example = ("task.test_every=2",)
     monitor = ("val/accuracy", "max")
     sweep_example = ("task.filters_per_class", ("20", "5"))
-    uncorrupted = "images as they are"
+    cannot_test = (PerturbationSuite,)
     alone = "configures filters from a few images, which one process does"
     test_settings = ("test_every",)
 
     def check_parts(self, config: Config) -> None:
-        """Raise a ``UserError`` if bank, strategy and network are incompatible, or images are to be corrupted."""
+        """Raise a ``UserError`` if bank, strategy and network are incompatible, or the test conditions are."""
         check_parts(config, _task(config))
         super().check_parts(config)
 
@@ -90,6 +92,7 @@ class CosfireRecipe(Recipe):
             "strategy": part_name(config.plain["strategy"]),
             "filters": f"{task.filters_per_class} a class",
             "methods": ", ".join(task.methods),
+            "test": conditions_name(config.plain["corruption"]),
         }
 
     def data(self, config: Config, source: ImageSource) -> "ExampleData":
@@ -174,7 +177,9 @@ class CosfireRecipe(Recipe):
             show=partial(self.reporter.progress, unit="images"),
         )
         return CosfireRecognition(
-            estimator, **(build_training(config, training=training) if network is not None else {})
+            estimator,
+            build_suite(config),
+            **(build_training(config, training=training) if network is not None else {}),
         )
 
     def require_fit(self, config: Config, spec: Mapping[str, Any], source: ImageSource) -> None:
@@ -200,7 +205,15 @@ class CosfireRecipe(Recipe):
         assert module.result is not None
         estimator, result = module.estimator, module.result
         figures = recognition_figures(estimator, result, data)
-        return TestRecord(result.arrays(), figures, table=method_table(result), facts=estimator.facts())
+        headline = Headline("accuracy", "%", "higher", result.headline(estimator.methods[0]))
+        height, width = data.split("test").images.shape[-2:]
+        return TestRecord(
+            result.arrays(),
+            figures,
+            headline.metrics(),
+            method_table(result),
+            estimator.facts() | about_headline(config, headline, (height, width)),
+        )
 
     def measured(
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None

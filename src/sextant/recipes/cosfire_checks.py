@@ -2,6 +2,7 @@
 
 from sextant.config import Config
 from sextant.config.schema import CosfireTask
+from sextant.config.schema.classification.corruptions import StoredSuite
 from sextant.config.schema.cosfire.parts import FeatureBank, VectorBank, VectorKeypoints
 from sextant.errors import UserError
 
@@ -15,7 +16,7 @@ def check_parts(config: Config, task: CosfireTask) -> None:
         )
     trained_before = _trained_before(config)
     if task.scenes is not None:
-        _check_scenes(task, trains=config.backbone is not None and not trained_before)
+        _check_scenes(config, task, trains=config.backbone is not None and not trained_before)
     if isinstance(config.bank, (VectorBank, FeatureBank)) and config.backbone is None and not trained_before:
         raise UserError(
             "no backbone and no features.run: bank looks at the feature map of a network",
@@ -45,7 +46,7 @@ def _trained_before(config: Config) -> bool:
     return config.features is not None and config.features.run is not None
 
 
-def _check_scenes(task: CosfireTask, *, trains: bool) -> None:
+def _check_scenes(config: Config, task: CosfireTask, *, trains: bool) -> None:
     """Raise a ``UserError`` if an option is incompatible with places as classes."""
     if trains:
         raise UserError(
@@ -57,6 +58,11 @@ def _check_scenes(task: CosfireTask, *, trains: bool) -> None:
             raise UserError(
                 f"task.{name}={values}: scenes leave no image to choose one by", f"For example task.{name}={example}"
             )
+    if isinstance(config.corruption, StoredSuite):
+        raise UserError(
+            "corruption: files of corrupted images have classes, and scenes are places",
+            "corruption=cifar10_c, corruption=imagenet_c, or corruption=none",
+        )
     if task.test_every > 1:
         raise UserError(
             f"task.test_every={task.test_every}: of scenes it would test some conditions alone",

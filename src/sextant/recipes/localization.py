@@ -1,5 +1,6 @@
 """Recipe of localization."""
 
+import json
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -12,7 +13,16 @@ from sextant.config.building import build, part_name
 from sextant.config.schema import LocalizationTask
 from sextant.config.schema.localization.parts import LASERS, ExponentialMotion, SpacingMotion
 from sextant.errors import UserError
-from sextant.recipes.assemble import build_dataset, build_training, fit_dataset
+from sextant.evaluation.headline import Headline
+from sextant.recipes.assemble import (
+    about_headline,
+    build_dataset,
+    build_suite,
+    build_training,
+    conditions_name,
+    fit_dataset,
+    is_corrupted,
+)
 from sextant.recipes.descriptors import describer, descriptor_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 
@@ -43,7 +53,6 @@ class LocalizationRecipe(Recipe):
     on_cpu = "learns a few hyper-parameters and weighs a few thousand particles, which one core does in milliseconds"
     sweep_example = ("recovery", ("none", "bayes_restart"))
     prediction_example = ("input=<folder of photos>", "odometry=<table>")
-    uncorrupted = "drives as they are, under fault and faults"
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
 
     def identity(self, config: Config) -> dict[str, Any]:
@@ -69,6 +78,9 @@ class LocalizationRecipe(Recipe):
                 "consists of walls",
                 "Leave filter.support out, or filter.support=map",
             )
+        if is_corrupted(config) and (_is_laser(config) or "folder" in config.plain["descriptor"]):
+            blind = "observation: a laser" if _is_laser(config) else "descriptor=files: what was worked out elsewhere"
+            raise UserError(f"corruption changes images. {blind} sees none", "corruption=none")
         task = _task(config)
         outputs = Path(config.paths.outputs)
         descriptor_identity(config.plain["descriptor"], outputs)  # reports a missing run at once
@@ -79,7 +91,12 @@ class LocalizationRecipe(Recipe):
         for source in (tested, *fitted):
             if hasattr(source, "showing"):
                 source.showing = partial(self.reporter.progress, f"rendering {source.name}, once", "images")
-        return FittedElsewhere(tested, fitted[0], config.plain["dataset"]["fit_world"]) if fitted else tested
+        whole = FittedElsewhere(tested, fitted[0], config.plain["dataset"]["fit_world"]) if fitted else tested
+        if not is_corrupted(config):
+            return whole
+        from sextant.data.localization.corrupted_drives import CorruptedDrives
+
+        return CorruptedDrives(whole, build_suite(config), json.dumps(config.plain["corruption"], sort_keys=True))
 
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files are missing; a world that is not yet rendered has none."""
@@ -94,6 +111,7 @@ class LocalizationRecipe(Recipe):
         assert config.filter is not None
         particles = _task(config).particle_counts or [config.filter.particles]
         told["filter"] = f"{', '.join(map(str, particles))} particles, start={config.filter.start}"
+        told["test"] = conditions_name(config.plain["corruption"])
         told["faults"] = ", ".join(config.plain["faults"]["faults"]) if faults is None else part_name(faults)
         return told
 
@@ -184,7 +202,7 @@ class LocalizationRecipe(Recipe):
 
     def record(self, module: Any, data: "LocalizationDataModule", config: Config) -> TestRecord:
         """Localize along the test drives, with each fault and each number of particles."""
-        from sextant.tasks.localization import report
+        from sextant.tasks.localization import report, under_corruption
         from sextant.tasks.localization.judged import judge
         from sextant.tasks.localization.regions import widened
         from sextant.tasks.localization.test import run_trials, short_drives
@@ -196,8 +214,11 @@ class LocalizationRecipe(Recipe):
             trials_of = run_trials(data.drives, faults, settings, partial(module.observers, data), progress, kernel)
             outcomes = list(widened(trials_of, region_scale(module, config)))
         trials = [outcome.trial for outcome in outcomes]
-        found = {report.name_of(o.trial, trials): judge(o, data.drives) for o in outcomes}
+        everything = {report.name_of(o.trial, trials): judge(o, data.drives) for o in outcomes}
+        found = {name: judged for name, judged in everything.items() if not judged.outcome.trial.corruption}
         told = report.metrics(found, data.drives)  # before separate measurements add to the peak memory
+        told |= under_corruption.metrics(everything)
+        headline = Headline("success", "%", "higher", under_corruption.success_by_condition(everything))
         told |= {f"test/{name}": value for name, value in module.sensor_measures(data).items() if value == value}
         files: dict[str, Callable[[Path], None]] = {"trajectories": partial(report.write_trajectories, found)}
         if settings.replay:
@@ -209,12 +230,14 @@ class LocalizationRecipe(Recipe):
                 run_localizer(module, data, settings, config, region_scale(module, config)), folder
             )
         return TestRecord(
-            report.arrays(found),
+            report.arrays(everything),
             report.figures(found, data.drives),
-            told,
+            told | headline.metrics(),
             report.table(found, data.drives),
             facts={
                 **report.facts(found, protocol_of(data.drives)),
+                **about_headline(config, headline, _image_size(data)),
+                **({"by_corruption": rows} if (rows := under_corruption.table(everything)) else {}),
                 "notes": [
                     *data.drives.notes,
                     *short_drives(data.drives.test, settings),
@@ -231,6 +254,12 @@ class LocalizationRecipe(Recipe):
         from sextant.reports.measure import localized
 
         return localized(arrays)
+
+
+def _image_size(data: "LocalizationDataModule") -> tuple[int, int]:
+    """Height and width of the test images; zeros without images."""
+    images = data.drives.test[0].images
+    return (0, 0) if images is None else (images.shape[1], images.shape[2])
 
 
 def region_scale(module: Any, config: Config) -> float:

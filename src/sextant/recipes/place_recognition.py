@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import PlaceRecognitionTask
-from sextant.config.schema.classification.corruptions import CorruptionSuite, PerturbationSuite, StoredSuite
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
-from sextant.recipes.assemble import build_dataset, build_training
+from sextant.evaluation.headline import Headline
+from sextant.recipes.assemble import about_headline, build_dataset, build_suite, build_training, is_corrupted
 from sextant.recipes.off_the_shelf import off_the_shelf, weights_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 from sextant.reporter import Reporter
@@ -64,7 +64,7 @@ class PlaceRecognitionRecipe(Recipe):
         task = _task(config)
         if task.off_the_shelf is not None:
             weights_identity(task.off_the_shelf, Path(config.paths.outputs))  # reports a missing file at once
-        corrupts = _corrupts(config)
+        corrupts = is_corrupted(config)
         if source.name == FACTORS:  # all its conditions belong to the test
             if corrupts:
                 raise UserError("corruption: dataset=town_factors changes one factor at a time", "corruption=none")
@@ -72,7 +72,7 @@ class PlaceRecognitionRecipe(Recipe):
         if task.train_conditions is not None or task.test_conditions is not None:
             train, test = (None if c is None else tuple(c) for c in (task.train_conditions, task.test_conditions))
             source = ConditionSplitSource(source, ConditionSplit(train, test, tuple(task.shared_conditions)))
-        return CorruptedQueries(source, build(config.plain, "corruption")) if corrupts else source
+        return CorruptedQueries(source, build_suite(config)) if corrupts else source
 
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files of a split are missing; a world that is not yet rendered has none."""
@@ -161,6 +161,7 @@ class PlaceRecognitionRecipe(Recipe):
 
     def record(self, module: "PlaceRecognition", data: "PlaceData", config: Config) -> TestRecord:
         """Compare the network with training-free and linear descriptors: table, hits per query, figures."""
+        from sextant.data.places.corrupted import CorruptedQueries
         from sextant.models import network_cost
         from sextant.tasks.places import report
         from sextant.tasks.places.condition_pairs import condition_pairs, pair_arrays, pair_metrics
@@ -199,10 +200,14 @@ class PlaceRecognitionRecipe(Recipe):
         spec = module.spec
         cost = network_cost(network, (spec.height, spec.width), spec.channels)
         pairs = condition_pairs(own, result.places, data.test_tolerance)
+        under = data.source.suite.conditions()[1:] if isinstance(data.source, CorruptedQueries) else []
+        headline = Headline(
+            "recall@1", "%", "higher", {"clean": 1.0} | report.recall_under(found, result.places.copies, under)
+        )
         return TestRecord(
             report.arrays(found) | pair_arrays(pairs, data.test_tolerance),
             report.figures(found, result.places, pairs),
-            report.metrics(found, posteriors) | pair_metrics(pairs, data.test_tolerance),
+            report.metrics(found, posteriors) | pair_metrics(pairs, data.test_tolerance) | headline.metrics(),
             report.table(found, task.sequence_length),
             facts={
                 "cost": {
@@ -213,6 +218,7 @@ class PlaceRecognitionRecipe(Recipe):
                 "skipped": {split: list(images.skipped) for split, images in data.splits.items()},
                 "ceiling": report.ceilings(found),
                 "baselines_left_out": {each.protocol.query: each.left_out | shelf_left_out for each in found},
+                **about_headline(config, headline, (spec.height, spec.width)),
             },
         )
 
@@ -235,23 +241,6 @@ def _split_beside(data: "PlaceData", split: "Split") -> "PlaceImages | None":
 def _seen_by_baselines(train: "PlaceImages | None", places: "PlaceImages") -> "PlaceImages":
     """The images that baselines learn from: the training images or, without any, those of the map, never queries."""
     return places.only_conditions(places.conditions[:1]) if train is None else train
-
-
-def _corrupts(config: Config) -> bool:
-    """Whether the test also has corrupted queries.
-
-    Raises:
-        UserError: the choice in the group ``corruption`` is meant for images of a classifier.
-    """
-    suite = config.corruption
-    if isinstance(suite, CorruptionSuite):
-        return bool(suite.corruptions)
-    if isinstance(suite, StoredSuite | PerturbationSuite):
-        raise UserError(
-            "corruption: task=place_recognition corrupts queries one by one, and has no use for files or sequences",
-            "corruption=cifar10_c for small images, corruption=imagenet_c, or corruption=none",
-        )
-    return True
 
 
 def _can_train_on(source: Source) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 import numpy as np
 
 from sextant.config import Config
-from sextant.config.schema.classification.corruptions import CorruptionSuite, StoredSuite
+from sextant.config.schema.classification.corruptions import PerturbationSuite, StoredSuite, TestConditions
 from sextant.config.schema.networks import TimmBackbone
 from sextant.data.source import file_sha256
 from sextant.errors import UserError
@@ -65,7 +65,8 @@ class Recipe(ABC):
         monitor: validation metric that selects checkpoints, and whether its "max" or "min" is best.
         sweep_example: a group or key and two values, compared in a sweep that a user may want next.
         prediction_example: arguments of ``predict.py`` that name its input.
-        uncorrupted: how images are tested, if the task does not use test conditions of the group ``corruption``.
+        cannot_test: kinds of the group ``corruption`` under which the task is not tested; most can only be tested under
+            corruptions that are drawn.
         alone: why it is trained in a single process and uncompiled, if it is.
         on_cpu: why a GPU would not help, if it computes only on the CPU.
         test_settings: keys of ``task`` that control testing and may change after training.
@@ -76,7 +77,7 @@ class Recipe(ABC):
     monitor: ClassVar[tuple[str, Literal["max", "min"]]]
     sweep_example: ClassVar[tuple[str, tuple[str, str]]]
     prediction_example: ClassVar[tuple[str, ...]] = ("input=<folder>",)
-    uncorrupted: ClassVar[str] = ""
+    cannot_test: ClassVar[tuple[type[TestConditions], ...]] = (StoredSuite, PerturbationSuite)
     alone: ClassVar[str] = ""
     on_cpu: ClassVar[str] = ""
     test_settings: ClassVar[tuple[str, ...]] = ()
@@ -96,8 +97,12 @@ class Recipe(ABC):
         if self.on_cpu and trainer.accelerator == "gpu":
             told = f"trainer.accelerator=gpu: task={config.task.name} {self.on_cpu}"
             raise UserError(told, "trainer.accelerator=cpu")
-        if self.uncorrupted and (not isinstance(suite, CorruptionSuite) or suite.corruptions):
-            raise UserError(f"corruption: task={config.task.name} tests {self.uncorrupted}", "corruption=none")
+        if isinstance(suite, self.cannot_test):
+            kind = "files of other images" if isinstance(suite, StoredSuite) else "sequences of perturbations"
+            raise UserError(
+                f"corruption: task={config.task.name} draws the corruptions of its test images, and has no use for {kind}",
+                "corruption=cifar10_c for small images, corruption=imagenet_c, or corruption=none",
+            )
 
     def identity(self, config: Config) -> dict[str, Any]:
         """The identity of a run: its config as plain values, with hashes of files in place of paths. Light.

@@ -1,7 +1,7 @@
 """The measure of a report: how images become one number per run, in which unit, and which direction is better."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -145,6 +145,11 @@ RECOGNITION = Measure(
     "higher",
     "the validation accuracy of its network after training is nearer to chance than to 1",
 )
+#: prefixes of the arrays of a classifier that hold its confidence and the negative log-likelihood of the true class
+BELIEVED = ("confidence/", "nll/")
+#: name of the mean over corruptions, and prefix of the arrays of corrupted images: answers by method and condition key,
+#: and whether runs along drives succeeded
+CORRUPTED = "corrupted"
 #: prefix of the arrays of recognition by filters that hold the answers of a method
 ANSWERS = "answer/"
 #: prefix of those that mark the test images of a condition
@@ -208,16 +213,15 @@ def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -
         KeyError: the arrays are not those of such a run.
     """
     if shared is None:
-        right = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in arrays if key != "labels"}
-        return RunValues(ACCURACY, right, metrics=_accuracies(right))
+        right = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in conditions_in(arrays)}
+        return RunValues(ACCURACY, right, metrics=_accuracies(right) | _trust(arrays))
     wrong = {key: np.asarray(arrays[key] != arrays["labels"]) for key in shared.keys}
     values = {"clean": 100.0 * wrong["clean"]}
     for title, names in summary_conditions(shared).items():
         values[title] = 100.0 * np.mean([_over_severities(wrong, shared, name) for name in names], axis=0)
     errors = CorruptionErrors.of_conditions({key: float(images.mean()) for key, images in wrong.items()})
-    return RunValues(
-        CORRUPTION_ERROR, values, errors, _accuracies({key: 100.0 * ~images for key, images in wrong.items()})
-    )
+    right = {key: 100.0 * ~images for key, images in wrong.items()}
+    return RunValues(CORRUPTION_ERROR, values, errors, _accuracies(right) | _trust(arrays))
 
 
 def calibrated(arrays: Mapping[str, ndarray]) -> RunValues:
@@ -241,18 +245,30 @@ def localized(arrays: Mapping[str, ndarray]) -> RunValues:
     """Success of localization: each "image" is one run along a test drive, and the conditions are the trials."""
     found = {key.removeprefix(LOCALIZED): 100.0 * arrays[key] for key in arrays if key.startswith(LOCALIZED)}
     success = {"test/success": float(np.mean([runs.mean() for runs in found.values()])) / 100} if found else {}
-    return RunValues(SUCCESS, found, metrics=success)
+    shares = {key: 100.0 * arrays[key] for key in arrays if key.startswith(f"{CORRUPTED}/")}
+    corrupted = {name: _corrupted(shares, name) for name in found}
+    under = {f"{name}, {CORRUPTED}": runs for name, runs in corrupted.items() if runs is not None}
+    return RunValues(SUCCESS, found | under, metrics=success)
 
 
 def recognised(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunValues:
     """Accuracy of each method, or of the method ``reads`` under each condition of the test."""
     answers = {key.removeprefix(ANSWERS): arrays[key] for key in arrays if key.startswith(ANSWERS)}
     right = {method: 100.0 * (found == arrays["labels"]) for method, found in answers.items()}
-    values = right
+    rights = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in arrays if key.startswith(f"{CORRUPTED}/")}
+    corrupted = {method: _corrupted(rights, method) for method in right}
+    values = right | {f"{method}, {CORRUPTED}": images for method, images in corrupted.items() if images is not None}
     if reads is not None:
         under = {key.removeprefix(UNDER): arrays[key] for key in arrays if key.startswith(UNDER)}
         values = {name: right[reads][rows] for name, rows in under.items()} or {"test": right[reads]}
+        if (images := corrupted.get(reads)) is not None:
+            values |= {f"{name}, {CORRUPTED}": images[rows] for name, rows in (under or {"test": slice(None)}).items()}
     return RunValues(RECOGNITION, values, metrics=_accuracies(right))
+
+
+def conditions_in(arrays: Iterable[str]) -> list[str]:
+    """The keys of the arrays of a classifier that hold predictions: all but labels and what it believed of them."""
+    return [key for key in arrays if key != "labels" and not key.startswith(BELIEVED)]
 
 
 def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:
@@ -267,6 +283,31 @@ def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:
 def _accuracies(right: Mapping[str, Images]) -> dict[str, float]:
     """Accuracies as metrics, from values of 0 or 100 per image."""
     return {f"test/accuracy/{name}": float(images.mean()) / 100 for name, images in right.items()}
+
+
+def _corrupted(values: Mapping[str, Images], of: str) -> Images | None:
+    """Per image, the mean of ``corrupted/<of>/<corruption>/<severity>`` over severities, then corruptions; or None."""
+    prefix = f"{CORRUPTED}/{of}/"
+    by_corruption: dict[str, list[Images]] = {}
+    for key, found in values.items():
+        if key.startswith(prefix) and key.count("/") == prefix.count("/") + 1:
+            by_corruption.setdefault(key.removeprefix(prefix).rpartition("/")[0], []).append(found)
+    each = [np.mean(severities, axis=0) for severities in by_corruption.values()]
+    return np.asarray(np.mean(each, axis=0)) if each else None
+
+
+def _trust(arrays: Mapping[str, ndarray]) -> dict[str, float]:
+    """ECE and NLL as metrics; empty for runs that are older than these."""
+    from sextant.evaluation.classification.confidence import trust
+
+    return {
+        name: value
+        for key in conditions_in(arrays)
+        if f"confidence/{key}" in arrays
+        for name, value in trust(
+            key, arrays[f"confidence/{key}"], arrays[f"nll/{key}"], arrays[key] == arrays["labels"]
+        ).items()
+    }
 
 
 def _over_severities(wrong: Mapping[str, Bool[ndarray, "images"]], shared: SharedSet, name: str) -> Images:

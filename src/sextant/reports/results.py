@@ -15,7 +15,7 @@ from numpy import ndarray
 from sextant.errors import UserError
 from sextant.evaluation import CorruptionErrors
 from sextant.evaluation.verdict import Replicate
-from sextant.reports.measure import ACCURACY, Measure, RunValues, require_answers
+from sextant.reports.measure import ACCURACY, Measure, RunValues, conditions_in, require_answers
 from sextant.reports.shared_set import SharedSet, shared_set
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
@@ -172,7 +172,7 @@ def read_results(directory: Path, outputs: Path, measured: Callable[[str], Measu
     plan = read_plan(directory)
     runs = [RunDirectory(outputs / cell.run) for cell in plan.cells]
     tested = [run for run in runs if run.results() is not None and run.arrays.exists()]
-    names = [_from_arrays(run, lambda arrays: [key for key in arrays if key != "labels"]) for run in tested]
+    names = [_from_arrays(run, conditions_in) for run in tested]
     shared = shared_set([(run.results() or {}).get("protocol") for run in tested], names)
     arms = plan.definition.get("arms", {})
     reads = {name: arm.get("reads") for name, arm in arms.items()}

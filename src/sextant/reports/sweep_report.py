@@ -14,6 +14,7 @@ from sextant.figures.classification.severity_curves import severity_curves
 from sextant.figures.contrast_forest import ForestRow, contrast_forest
 from sextant.figures.style import save_figure
 from sextant.reports.cell_tables import cells_legend, cells_table, diverged_table, runs_table, seed_rows
+from sextant.reports.confidence_report import confidence_section
 from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.cost_report import cost_section
@@ -37,8 +38,9 @@ def write_report(results: SweepResults) -> list[Path]:
     Returns:
         The files: ``report.md``, ``cells.csv``, ``seeds.csv`` (every run), ``contrasts.csv``, ``dates.csv``,
         ``cells.tex``, ``contrasts.tex``, ``cost.csv``, ``pooled.csv`` if there is a noise floor, those of a published
-        set of corruptions if the runs were tested under one, those of particle counts if several were tested,
-        ``metrics.csv`` if the runs have metrics beside their measure, and figures. For a search, see
+        set of corruptions if the runs were tested under one, ``confidence.csv`` if they are classifiers, those of
+        particle counts if several were tested, ``metrics.csv`` if the runs have metrics beside their measure, and
+        figures. For a search, see
         :func:`~sextant.reports.search_report.write_search_report`.
     """
     if results.plan.is_search:
@@ -53,7 +55,7 @@ def write_report(results: SweepResults) -> list[Path]:
         sections = [
             factor_section(results, summaries),
             pooled_section(results),
-            *(corruption_section(results), particles_section(results)),
+            *(corruption_section(results), confidence_section(results), particles_section(results)),
             *(metrics_section(results), *sections),
         ]
     texts = {

@@ -85,6 +85,7 @@ class DescribedDrives:
         assert drive.images is not None
         assert self._map.images is not None
         facts = [self.describer.identity, self.dataset, drive.name, drive.condition, drive.images.shape]
+        facts += [altered] if (altered := drive.images.altered) else []
         hashed = hashlib.sha256(json.dumps(facts).encode())
         for images in (self._map.images, drive.images):
             hashed.update(np.ascontiguousarray(images.rows).tobytes())

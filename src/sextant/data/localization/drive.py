@@ -32,6 +32,7 @@ class Drive:
         times_s: increasing times in seconds, or None.
         kidnaps: frames at which the robot was kidnapped: it is not where odometry says, and nothing reports it.
         odometry: where ``motion`` comes from.
+        corruption: key of the image corruption, such as ``fog/3``; empty for images as they are.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Drive:
     times_s: Float64[ndarray, "n"] | None = None
     kidnaps: tuple[int, ...] = ()
     odometry: Odometry = "none"
+    corruption: str = ""
 
     def __post_init__(self) -> None:
         columns = (self.poses, self.motion, self.images, self.seen, self.frames, self.laser, self.times_s)

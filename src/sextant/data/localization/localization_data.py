@@ -24,6 +24,7 @@ class LocalizationData:
         fit_map: images that the descriptor and the kernel are fitted to; None if those are ``map``.
         scanner: the one that made the laser scans, or None.
         other_maps: the route of ``map`` under other conditions. They may be the drives of ``test``.
+        corrupted: the drives of ``test`` under image corruptions, which are localized too.
         notes: what a reader of results should know: files left out, missing odometry.
     """
 
@@ -37,6 +38,7 @@ class LocalizationData:
     fit_map: Drive | None = None
     other_maps: tuple[Drive, ...] = ()
     notes: tuple[str, ...] = ()
+    corrupted: tuple[Drive, ...] = ()
 
     @property
     def fitted(self) -> Drive:
@@ -44,7 +46,7 @@ class LocalizationData:
         return self.map if self.fit_map is None else self.fit_map
 
     def __post_init__(self) -> None:
-        names = [drive.name for drive in (*self.test, *self.validation)]
+        names = [drive.name for drive in (*self.test, *self.corrupted, *self.validation)]
         if len(set(names)) < len(names):
             raise ValueError(f"drives need distinct names: {names}")
 

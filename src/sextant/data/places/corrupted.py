@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
@@ -15,8 +14,10 @@ from sextant.data.places.source import PlaceSource
 from sextant.data.places.split import Split
 from sextant.errors import UserError
 
-#: images corrupted at a time
-BATCH = 256
+
+def corrupted_name(condition: str) -> str:
+    """The name of the corrupted copy of a condition."""
+    return f"{condition}_corrupted"
 
 
 class CorruptedQueries:
@@ -48,7 +49,7 @@ class CorruptedQueries:
         clean = self.source.conditions(split)
         if split != "test":
             return clean
-        copies = tuple(f"{name}_corrupted" for name in clean[1:])
+        copies = tuple(corrupted_name(name) for name in clean[1:])
         if taken := set(copies) & set(clean):
             raise UserError(f"corruption: the dataset has a condition {min(taken)} of its own", "corruption=none")
         return (*clean, *copies)
@@ -99,9 +100,6 @@ class CorruptedQueries:
         """A drive with each image under the next condition; ``numbers``, of its images in the split, are the seeds."""
         found, under = images.copy(), self.suite.conditions()[1:]
         for first, condition in enumerate(under):
-            for some in np.split(mine := np.arange(first, len(images), len(under)), range(BATCH, len(mine), BATCH)):
-                if len(some):
-                    clean = torch.from_numpy(images[some]).permute(0, 3, 1, 2).float() / 255
-                    now = self.suite.corrupt(clean, torch.from_numpy(numbers[some]), condition).clamp(0, 1)
-                    found[some] = (now * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
+            mine = np.arange(first, len(images), len(under))
+            found[mine] = self.suite.corrupt_bytes(images[mine], numbers[mine], condition)
         return found

@@ -19,6 +19,14 @@ class ImageRows:
         self._images = np.asarray(images)  # a plain view of a memory map is quick to index
         self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
 
+    #: identifies what was done to the images since they were stored; empty if nothing was
+    altered: str = ""
+
+    @property
+    def store(self) -> UInt8[ndarray, "n h w c"]:
+        """The array that the images are some of."""
+        return self._images
+
     def __len__(self) -> int:
         return len(self._rows)
 

@@ -196,6 +196,14 @@ class Calibration(CameraNetwork, pl.LightningModule):
             predictions,
         )
         self._test, self._test_batches = {}, []
-        for key, prediction in predictions.items():
-            bearing = self.bearing_error_deg(prediction.parameters, truth, self.result.aspect)
+        for key, bearing in self.bearing_errors_deg().items():
             self.log(f"test/bearing_deg/{key}", bearing.median())
+
+    def bearing_errors_deg(self) -> dict[str, Float[Tensor, "n"]]:
+        """Bearing errors of the test crops by condition key, degrees."""
+        assert self.result is not None
+        truth, aspect = self.result.truth, self.result.aspect
+        return {
+            key: self.bearing_error_deg(prediction.parameters, truth, aspect)
+            for key, prediction in self.result.predictions.items()
+        }

@@ -8,10 +8,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from sextant.corruptions import Condition, CorruptionSuite
+from sextant.corruptions import Condition, CorruptionSuite, PerturbationSuite
 from sextant.data.batches import Batch
 from sextant.data.source import ImageSpec
 from sextant.evaluation import classification_converged
+from sextant.evaluation.classification.confidence import BINS, Confidence
 from sextant.layers import implementations, skipped
 from sextant.models import network_cost
 from sextant.tasks.classification.report import condition_metrics
@@ -51,6 +52,7 @@ class Classification(pl.LightningModule):
         self.result: ClassificationResult | None = None
         self._validation: list[Tensor] = []
         self._test: dict[Condition, list[Tensor]] = {}
+        self._beliefs: dict[Condition, list[Confidence]] = {}
         self._test_labels: list[Tensor] = []
         self._test_indices: list[Tensor] = []
 
@@ -90,6 +92,8 @@ class Classification(pl.LightningModule):
         for condition in self.suite.conditions():
             logits = self(self.suite.corrupt(images, batch.indices, condition))
             self._test.setdefault(condition, []).append(logits.argmax(1).cpu())
+            if condition.corruption is None or not isinstance(self.suite, PerturbationSuite):
+                self._beliefs.setdefault(condition, []).append(Confidence.of_logits(logits, batch.labels))
         self._test_labels.append(batch.labels.cpu())
         self._test_indices.append(batch.indices.cpu())
 
@@ -98,9 +102,10 @@ class Classification(pl.LightningModule):
         small = torch.uint8 if len(self.spec.classes) <= 256 else torch.int64
         predictions = {c.key: torch.cat(chosen).to(small).numpy() for c, chosen in self._test.items()}
         labels, indices = torch.cat(self._test_labels).numpy(), torch.cat(self._test_indices).numpy()
-        self.result = ClassificationResult(labels, indices, predictions)
-        self._test, self._test_labels, self._test_indices = {}, [], []
-        self.log_dict(condition_metrics(self.result, self.suite))
+        confidences = {c.key: Confidence.joined(parts) for c, parts in self._beliefs.items()}
+        self.result = ClassificationResult(labels, indices, predictions, confidences)
+        self._test, self._beliefs, self._test_labels, self._test_indices = {}, {}, [], []
+        self.log_dict(condition_metrics(self.result, self.suite) | self.result.trust())
 
     def predict_step(self, images: Tensor) -> Tensor:
         """Class probabilities ``(b, k)`` of images in [0, 1]."""
@@ -115,9 +120,9 @@ class Classification(pl.LightningModule):
         return classification_converged(validation["val/accuracy"], len(self.spec.classes))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The arrays kept besides the metrics: labels, and predictions by condition."""
+        """The arrays kept besides the metrics; see :meth:`ClassificationResult.arrays`."""
         assert self.result is not None
-        return {"labels": self.result.labels, **self.result.predictions}
+        return self.result.arrays()
 
     def facts(self) -> dict[str, Any]:
         """The network's multiplications per image, how its inhibition is computed, and the protocol of the test."""
@@ -130,4 +135,6 @@ class Classification(pl.LightningModule):
             "inhibition": implementations(self.network, image),
         } | ({"without_inhibition": left} if (left := skipped(self.network)) else {})
         protocol = self.suite.protocol
-        return {"cost": found} | ({} if protocol is None else {"protocol": protocol.as_dict()})
+        return {"cost": found, "confidence": {"ece_bins": BINS}} | (
+            {} if protocol is None else {"protocol": protocol.as_dict()}
+        )

@@ -7,6 +7,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from sextant.corruptions import CorruptionSuite
 from sextant.data.batches import Batch
 from sextant.data.examples import ExampleData
 from sextant.errors import UserError
@@ -23,6 +24,7 @@ class CosfireRecognition(pl.LightningModule):
 
     Args:
         estimator: its modules become this module's, so that checkpoints name arrays as its own ``state_dict`` does.
+        suite: the test conditions; None for clean images alone.
         optimizer, schedule, log_every: as for every task.
     """
 
@@ -32,6 +34,7 @@ class CosfireRecognition(pl.LightningModule):
     def __init__(
         self,
         estimator: CosfireEstimator,
+        suite: CorruptionSuite | None = None,
         *,
         optimizer: OptimizerFactory | None = None,
         schedule: Schedule | None = None,
@@ -42,6 +45,7 @@ class CosfireRecognition(pl.LightningModule):
         object.__setattr__(self, "estimator", estimator)  # its modules are registered, not the estimator itself
         for name, part in estimator.named_children():
             self.add_module(name, part)
+        self.suite = suite or CorruptionSuite()
         self.optimizer_factory, self.schedule = optimizer, schedule
         self.step_losses = StepLosses(log_every)
         self.result: RecognitionResult | None = None
@@ -99,16 +103,21 @@ class CosfireRecognition(pl.LightningModule):
         """Do nothing: methods process all test images at once when the test ends."""
 
     def on_test_epoch_end(self) -> None:
-        """Keep the answers as :attr:`result`; log ``test/accuracy/<method>``."""
+        """Keep the answers as :attr:`result`; log ``test/accuracy/<method>``, and by condition and corruption."""
         split = self._data.split("test")
         rows = torch.arange(0, len(split), self._data.test_every)
         conditions = {name: found[rows.numpy()] for name, found in self._data.test_conditions().items()}
-        answers = self.estimator.answers(split.images[rows])
-        self.result = RecognitionResult(split.labels[rows].numpy(), answers, conditions)
-        self.log_dict({f"test/accuracy/{method}": value for method, value in self.result.accuracy().items()})
-        for name in conditions:
-            accuracy = self.result.accuracy_under(name)
-            self.log_dict({f"test/accuracy/{method}/{name}": value for method, value in accuracy.items()})
+        images, labels, positions = split.images[rows], split.labels[rows], self._data.test_positions[rows.numpy()]
+        self.suite.check_labels(labels, torch.from_numpy(positions))
+        answers = self.estimator.answers(images)
+        pixels = images.permute(0, 2, 3, 1).numpy()
+        corrupted = {}
+        for under in self.suite.conditions()[1:]:
+            seen = torch.from_numpy(self.suite.corrupt_bytes(pixels, positions, under)).permute(0, 3, 1, 2)
+            corrupted[under.key] = self.estimator.answers(seen.contiguous())
+        self.result = RecognitionResult(labels.numpy(), answers, conditions, corrupted)
+        for name, accuracy in self.result.accuracies().items():
+            self.log_dict({f"test/accuracy/{method}{name}": value for method, value in accuracy.items()})
 
     def configure_optimizers(self) -> Any:
         """The optimiser of the network, with the schedule stepped once per epoch."""

@@ -35,19 +35,27 @@ DRAWN_WALLS_M = 0.1
 
 
 def name_of(trial: Trial, trials: Sequence[Trial]) -> str:
-    """A short name of a trial: its condition or drive, and its fault and particles where these differ among trials."""
-    parts = [trial.drive if len({t.drive for t in trials}) > len({t.condition for t in trials}) else trial.condition]
+    """A short name of a trial: its condition or drive, its fault and particles where these differ, its corruption."""
+    clean = [t for t in trials if not t.corruption]
+    several = len({t.drive for t in clean}) > len({t.condition for t in clean})
+    parts = [trial.drive.removesuffix(f", {trial.corruption}") if several else trial.condition]
     if len({t.fault for t in trials}) > 1 or trial.fault != "none":
         parts.append(trial.fault)
     if len({t.particles for t in trials}) > 1:
         parts.append(f"{trial.particles} particles")
+    if trial.corruption:
+        parts.append(trial.corruption)
     return ", ".join(parts)
 
 
 def arrays(found: Mapping[str, Judged]) -> dict[str, ndarray]:
-    """Results by run of every trial."""
+    """Results by run of every trial; of corrupted images the success alone, as ``corrupted/<trial>/<corruption>``."""
     result: dict[str, ndarray] = {}
     for name, judged in found.items():
+        if corruption := judged.outcome.trial.corruption:
+            of = name.removesuffix(f", {corruption}")
+            result[f"corrupted/{of}/{corruption}"] = judged.found.astype(np.float64)
+            continue
         result |= {
             f"success/{name}": judged.found.astype(np.float64),
             f"converged/{name}": judged.converged,

@@ -46,12 +46,14 @@ class Trial:
         drive: the drive that is localized.
         fault: name of the fault.
         particles: number of particles in each run.
+        corruption: key of the image corruption; empty for images as they are.
     """
 
     drive: str
     condition: str
     fault: str
     particles: int
+    corruption: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +147,7 @@ def run_trials(
     progress: Advance | None = None,
     kernel: PoseKernel | None = None,
 ) -> Iterator[Outcome]:
-    """Localize every test drive with every fault and number of particles.
+    """Localize every test drive, as it is and corrupted, with every fault and number of particles.
 
     Args:
         drives: data whose test drives are localized.
@@ -155,19 +157,20 @@ def run_trials(
         progress: called with the number of trials done and of all.
         kernel: the learnt kernel, for a camera.
     """
-    total = len(faults) * len(drives.test) * len(settings.particle_counts)
+    total = len(faults) * len((*drives.test, *drives.corrupted)) * len(settings.particle_counts)
     done = 0
     for number, (name, fault) in enumerate(faults.items()):
         changed = fault.data(drives)
         faulty = fault.map(changed.map, np.random.default_rng([settings.seed, 83, number]))
         observer_of = make_observers(changed.map, faulty)
         filter = settings.filter(torch.from_numpy(faulty.poses), kernel)
-        for drive in changed.test:
+        for drive in (*changed.test, *changed.corrupted):
             runs = _laid_out(drive, fault, settings, number)
             observer = observer_of(drive)
+            watched = replace(settings, replay=False) if drive.corruption else settings
             for particles in settings.particle_counts:
-                trial = Trial(drive.name, drive.condition, name, particles)
-                yield _one(trial, changed, runs, fault, observer, filter, settings)
+                trial = Trial(drive.name, drive.condition, name, particles, drive.corruption)
+                yield _one(trial, changed, runs, fault, observer, filter, watched)
                 done += 1
                 if progress:
                     progress(done, total)

@@ -1,7 +1,7 @@
 """The trained descriptor compared with all others on the test split: figures of merit, arrays, table, figures."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,9 @@ from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
 
 from sextant.baselines.descriptor import unit_norm
+from sextant.corruptions import Condition
 from sextant.data.places import PlaceImages, PlaceTolerance
+from sextant.data.places.corrupted import corrupted_name
 from sextant.evaluation.places.condition_recall import ConditionRecall
 from sextant.evaluation.places.positives import Positives
 from sextant.evaluation.places.posterior import PlacePosterior, fit_temperature, place_posterior
@@ -228,6 +230,23 @@ def arrays(reports: list[QueryReport]) -> dict[str, ndarray]:
                 kept[f"{sequence}/{method}"] = result.sequence_hit
         kept |= {report.protocol.name("flat"): report.flat, report.protocol.name("stopped"): report.stopped}
     return kept
+
+
+def recall_under(reports: list[QueryReport], copies: Sequence[str], under: Sequence[Condition]) -> dict[str, float]:
+    """Recall@1 of the network by condition key, over the queries of all drives that were corrupted, and of these clean.
+
+    Args:
+        reports: one per condition.
+        copies: conditions whose query k is under the corruption k modulo n.
+        under: the n corruptions, each at a severity.
+    """
+    hits: dict[str, list[bool]] = {condition.key: [] for condition in (Condition(), *under)}
+    originals = {corrupted_name(report.protocol.query): report for report in reports}
+    for report in (report for report in reports if report.protocol.query in copies):
+        for k, hit in enumerate(report.methods[NETWORK].hit):
+            hits[under[k % len(under)].key].append(bool(hit))
+        hits["clean"] += [bool(hit) for hit in originals[report.protocol.query].methods[NETWORK].hit]
+    return {key: float(np.mean(found)) for key, found in hits.items() if found}
 
 
 def table(reports: list[QueryReport], sequence_length: int) -> list[dict[str, str]]:

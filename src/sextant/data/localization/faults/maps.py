@@ -88,5 +88,6 @@ class WrongSeasonMap(Fault):
                 f"fault.condition={self.condition}: no drive of another condition is left to localize in that map",
                 "Give the dataset a third condition: conditions=[...]",
             )
+        corrupted = tuple(drive for drive in data.corrupted if drive.condition != self.condition)
         chosen = replace(others[self.condition], motion=None, odometry="none")
-        return replace(data, map=chosen, test=test, other_maps=(data.map,))
+        return replace(data, map=chosen, test=test, other_maps=(data.map,), corrupted=corrupted)
