@@ -23,11 +23,13 @@ from torch import Tensor
 
 from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.baselines import Hog, PatchNormalised, Pixels, PlaceDescriptor, WhitenedPCA
+from sextant.baselines.network_layer import NetworkLayer
 from sextant.errors import ArgumentError, UserError
 
 HEADER, ARRAYS = "descriptor.json", "descriptor.safetensors"
 FORMAT, VERSION = "sextant.map_descriptor", 1
 BASELINES: dict[str, type[PlaceDescriptor]] = {c.__name__: c for c in (Hog, PatchNormalised, Pixels, WhitenedPCA)}
+WEIGHTS = "network/"  # prefix of the weights of a network as it is
 WHITENER = "whitener of the map"  # the name of a module cannot contain spaces
 COMPONENTS = ("components_", "mean_", "explained_variance_")
 
@@ -45,7 +47,8 @@ class KeptDescriptor:
 
     Attributes:
         describer: the descriptor; None if vectors come from elsewhere.
-        facts: how it is recreated, as plain values; ``kind`` is baseline, network, or none if it cannot be.
+        facts: how it is recreated, as plain values; ``kind`` is baseline, network (of a run), layer (of a network as it
+            is), or none if it cannot be.
         arrays: what it learned.
         whitener: matrix by which vectors are multiplied before they are compared; None for none.
     """
@@ -98,6 +101,16 @@ def kept_baseline(descriptor: Describes) -> KeptDescriptor:
         descriptor = copy.copy(descriptor)  # in the same memory layout as when loaded, so that sums round alike
         descriptor.pca_ = _pca(arrays)
     return KeptDescriptor(descriptor, {"kind": "baseline", "class": name, "arguments": arguments}, arrays)
+
+
+def kept_layer(layer: NetworkLayer, nodes: Mapping[str, Any]) -> KeptDescriptor:
+    """A network as it is, fitted to the map, with the parts that it was built from."""
+    arrays = {f"{WEIGHTS}{name}": value for name, value in layer.features.state_dict().items()}
+    if layer.dimensions is not None:
+        arrays |= {key: torch.from_numpy(np.array(getattr(layer.pca_, key), order="C")) for key in COMPONENTS}
+        layer = copy.copy(layer)  # as above
+        layer.pca_ = _pca(arrays)
+    return KeptDescriptor(layer, {"kind": "layer", "nodes": dict(nodes)}, arrays)
 
 
 def baseline_names() -> str:
@@ -169,6 +182,8 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
             return KeptDescriptor(None, facts, arrays, whitener)
         if facts["kind"] == "network":
             return replace(_network(facts, arrays, folder / ARRAYS, trust), whitener=whitener)
+        if facts["kind"] == "layer":
+            return KeptDescriptor(_layer(facts["nodes"], arrays, trust), facts, arrays, whitener)
         descriptor = BASELINES[facts["class"]](**facts["arguments"])
         if isinstance(descriptor, WhitenedPCA):
             descriptor.pca_ = _pca(arrays)
@@ -184,6 +199,16 @@ def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], file: Path, t
     content = {KEY: facts, "state_dict": weights}
     network = trained_place_network(content, file, facts["checkpoint_sha256"], trust=trust)
     return KeptDescriptor(network, facts, dict(weights))
+
+
+def _layer(nodes: Mapping[str, Any], arrays: Mapping[str, Tensor], trust: bool) -> NetworkLayer:
+    from sextant.trained.backbone_layer import layer_of_file
+
+    weights = {name.removeprefix(WEIGHTS): value for name, value in arrays.items() if name.startswith(WEIGHTS)}
+    layer = layer_of_file(nodes, weights, trust=trust)
+    if layer.dimensions is not None:
+        layer.pca_ = _pca(arrays)
+    return layer
 
 
 def _pca(arrays: Mapping[str, Tensor]) -> Any:

@@ -86,6 +86,7 @@ class CosfireRecipe(Recipe):
         """Features, bank, strategy and methods."""
         task, features = _task(config), config.plain["features"]
         learnt = "none" if config.backbone is None else part_name(config.plain["backbone"])
+        learnt += ", as it is" if features.get("frozen") else ""
         return {
             "features": learnt if features["run"] is None else f"run {features['run']}",
             "bank": part_name(config.plain["bank"]),
@@ -133,6 +134,10 @@ class CosfireRecipe(Recipe):
             content = read_trained(found.checkpoint)[KEY]
             own_config(content, trust=found.is_own(outputs))
             told["features"] = {name: content[name] for name in ("task", "config", "spec")}
+        elif config.features is not None and config.features.frozen:
+            from sextant.trained.backbone_layer import brings_weights
+
+            told["brings_weights"] = brings_weights(config.plain["backbone"])
         return told
 
     def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "CosfireRecognition":
@@ -142,12 +147,16 @@ class CosfireRecipe(Recipe):
         from sextant.tasks.cosfire.filter_prototypes import PrototypeSettings
         from sextant.tasks.cosfire.fine_tuning import FineTuning
         from sextant.tasks.cosfire.module import CosfireRecognition
+        from sextant.trained.backbone_layer import untrained_map
 
         images, task = image_spec(spec), config.plain["task"]
         shape = (images.channels, images.height, images.width)
         network, features = None, None
+        layer = config.plain["features"]["layer"]
         if "features" in spec:
             features = features_of_run(config, spec["features"], shape, training=training)
+        elif "brings_weights" in spec:
+            features = untrained_map(config.plain, shape[0], shape[1:], layer, trained=spec["brings_weights"])
         elif config.backbone is not None:
             network = build(
                 config.plain, "backbone", in_channels=shape[0], image_size=shape[1:], num_classes=len(images.classes)
@@ -170,7 +179,7 @@ class CosfireRecipe(Recipe):
             ),
             image_shape=shape,
             network=network,
-            layer=config.plain["features"]["layer"],
+            layer=layer,
             features=features,
             describe=describing(config),
             seed=config.seed,

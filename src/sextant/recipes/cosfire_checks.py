@@ -15,6 +15,15 @@ def check_parts(config: Config, task: CosfireTask) -> None:
             "Choose both, or another bank with strategy=circles or channel_peaks.",
         )
     trained_before = _trained_before(config)
+    if config.features is not None and config.features.frozen:
+        if config.features.run is not None:
+            raise UserError(
+                "features.frozen=true: the network of features.run stays as it is anyway", "Leave out features.frozen."
+            )
+        if config.backbone is None:
+            raise UserError(
+                "features.frozen=true: there is no backbone", "backbone=efficientnet_lite0 backbone.stages=5"
+            )
     if task.scenes is not None:
         _check_scenes(config, task, trains=config.backbone is not None and not trained_before)
     if isinstance(config.bank, (VectorBank, FeatureBank)) and config.backbone is None and not trained_before:
@@ -42,8 +51,8 @@ def answering_with_parts(config: Config, task: CosfireTask) -> list[str]:
 
 
 def _trained_before(config: Config) -> bool:
-    """Whether the filters use the network of another run."""
-    return config.features is not None and config.features.run is not None
+    """Whether the filters use a network that is not trained here: of another run, or the backbone as it is."""
+    return config.features is not None and (config.features.run is not None or bool(config.features.frozen))
 
 
 def _check_scenes(config: Config, task: CosfireTask, *, trains: bool) -> None:
@@ -51,7 +60,7 @@ def _check_scenes(config: Config, task: CosfireTask, *, trains: bool) -> None:
     if trains:
         raise UserError(
             "task.scenes: places have too few images each to train a network on",
-            "Name one: features=run:<id>; or bank=gabor strategy=circles '~backbone'.",
+            "Name one: features=run:<id>; or backbone=efficientnet_lite0 features.frozen=true; or bank=gabor strategy=circles '~backbone'.",
         )
     for name, values, example in (("prices", task.prices, "[1.0]"), ("scalings", task.scalings, "[all]")):
         if len(values) > 1:

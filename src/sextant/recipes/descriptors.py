@@ -14,7 +14,11 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from sextant.config import Config
-from sextant.config.building import build
+from sextant.config.building import build, part_name
+from sextant.config.schema.localization.parts import NetworkDescriptor
+from sextant.config.schema.parts import CustomPart
+from sextant.config.schema.places.parts import Average, Flatten, GeM
+from sextant.config.trained import STARTS_FROM
 from sextant.data.photo_files import walk_folder
 from sextant.data.picture_files import open_picture, why_unreadable
 from sextant.data.source import file_sha256
@@ -159,6 +163,21 @@ class BaselineDescriber:
         return self.descriptor.describe(images)
 
 
+class LayerDescriber(BaselineDescriber):
+    """The network of the groups ``backbone``, ``inhibition`` and ``pooling``, as it is.
+
+    Args:
+        nodes: these groups and the descriptor's own, as plain values.
+    """
+
+    def __init__(self, nodes: Mapping[str, Any]):
+        from sextant.trained.backbone_layer import backbone_layer, layer_identity
+
+        self.nodes = nodes
+        layer = backbone_layer(nodes)
+        super().__init__(layer, layer_identity(layer, nodes))
+
+
 class NetworkDescriber:
     """A trained place-recognition network as descriptor."""
 
@@ -201,6 +220,41 @@ def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any
     return dict(node)
 
 
+def check_network_parts(config: Config) -> None:
+    """Check that ``backbone``, ``inhibition`` and ``pooling`` belong to a descriptor of such a network. Light.
+
+    Raises:
+        UserError: the descriptor has no network, or one of its own; or it is such a network and has no backbone, or a
+            pooling that would have to be trained.
+    """
+    groups = {name: getattr(config, name) for name in ("backbone", "inhibition", "pooling")}
+    if not isinstance(config.descriptor, NetworkDescriptor):
+        given = next((name for name, part in groups.items() if part is not None), None)
+        if given is None or config.descriptor is None:
+            return
+        kind = part_name({"_target_": config.descriptor.target}).removesuffix("()")
+        of = "has a network of its own" if "run" in config.plain["descriptor"] else f"({kind}) has no network"
+        raise UserError(
+            f"{given}={part_name(config.plain[given])}: the descriptor {of}",
+            f"descriptor=network for one of this {given}, or leave out {given}=",
+        )
+    if config.backbone is None:
+        raise UserError("descriptor=network: no backbone is chosen", "backbone=efficientnet_lite0 backbone.stages=5")
+    if config.pooling is not None and not isinstance(config.pooling, Average | GeM | Flatten | CustomPart):
+        raise UserError(
+            f"pooling={part_name(config.plain['pooling'])} has to be trained, and descriptor=network is not",
+            "pooling=gem, average or flatten; or descriptor=run:<a run of task=place_recognition with this pooling>",
+        )
+
+
+def about_weights(config: Config) -> list[str]:
+    """A note for the reader about a network without weights of its own."""
+    brings = any(config.plain["backbone"].get(key) for key in STARTS_FROM) if config.backbone is not None else True
+    if brings or not isinstance(config.descriptor, NetworkDescriptor):
+        return []
+    return [f"descriptor=network: the weights of the backbone are drawn by descriptor.seed={config.descriptor.seed}"]
+
+
 def _photo_identity(photo: str, points: Sequence[Sequence[float]]) -> str:
     """The hash of a photo; raises a ``UserError`` unless all points lie on it."""
     path = Path(photo).expanduser()
@@ -225,6 +279,10 @@ def describer(config: Config) -> "Describer | DescriptorFiles":
     Raises:
         UserError: the descriptor cannot be built.
     """
+    if isinstance(config.descriptor, NetworkDescriptor):
+        from sextant.trained.backbone_layer import layer_nodes
+
+        return LayerDescriber(layer_nodes(config.plain))
     node = dict(config.plain["descriptor"])
     if "photo" in node and node.get("network"):  # landmarks; in the user's own parts the key may mean anything
         node["network"] = str(resolve_run(node["network"], Path(config.paths.outputs), "descriptor.network").checkpoint)

@@ -23,7 +23,7 @@ from sextant.recipes.assemble import (
     fit_dataset,
     is_corrupted,
 )
-from sextant.recipes.descriptors import describer, descriptor_identity
+from sextant.recipes.descriptors import about_weights, check_network_parts, describer, descriptor_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 
 if TYPE_CHECKING:
@@ -54,6 +54,11 @@ class LocalizationRecipe(Recipe):
     sweep_example = ("recovery", ("none", "bayes_restart"))
     prediction_example = ("input=<folder of photos>", "odometry=<table>")
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
+
+    def check_parts(self, config: Config) -> None:
+        """Raise a ``UserError`` if the choices of several groups are incompatible."""
+        super().check_parts(config)
+        check_network_parts(config)
 
     def identity(self, config: Config) -> dict[str, Any]:
         """The base identity, with that of the descriptor."""
@@ -242,6 +247,7 @@ class LocalizationRecipe(Recipe):
                     *data.drives.notes,
                     *short_drives(data.drives.test, settings),
                     *_about_regions(module, config),
+                    *about_weights(config),
                 ],
             },
             files=files,

@@ -98,9 +98,9 @@ class Recipe(ABC):
             told = f"trainer.accelerator=gpu: task={config.task.name} {self.on_cpu}"
             raise UserError(told, "trainer.accelerator=cpu")
         if isinstance(suite, self.cannot_test):
-            kind = "files of other images" if isinstance(suite, StoredSuite) else "sequences of perturbations"
+            kind = "files" if isinstance(suite, StoredSuite) else "sequences"
             raise UserError(
-                f"corruption: task={config.task.name} draws the corruptions of its test images, and has no use for {kind}",
+                f"corruption: task={config.task.name} draws the corruptions of its images and has no use for {kind}",
                 "corruption=cifar10_c for small images, corruption=imagenet_c, or corruption=none",
             )
 

@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sextant.applications.kept_descriptor import KeptDescriptor, kept_baseline, kept_network
+from sextant.applications.kept_descriptor import KeptDescriptor, kept_baseline, kept_layer, kept_network
 from sextant.applications.localization.localizer import Localizer
 from sextant.applications.localization.map_pictures import map_pictures
 from sextant.config import Config
 from sextant.errors import UserError
-from sextant.recipes.descriptors import BaselineDescriber
+from sextant.recipes.descriptors import BaselineDescriber, LayerDescriber
 from sextant.runs.resolve import resolve_run
 from sextant.tasks.localization.validation import protocol_of
 
@@ -74,7 +74,10 @@ def _kept(data: "LocalizationDataModule", config: Config) -> KeptDescriptor:
     if not isinstance(describer, BaselineDescriber) or images is None:
         return KeptDescriptor()
     describer.fit(images)  # not yet fitted if all descriptors came from the cache
-    kept = kept_baseline(describer.descriptor)
+    if isinstance(describer, LayerDescriber):
+        kept = kept_layer(describer.descriptor, describer.nodes)
+    else:
+        kept = kept_baseline(describer.descriptor)
     known = np.asarray(data.descriptors(data.drives.fitted)[:COMPARED])
     found = describer.describe(images[:COMPARED])
     if np.abs(found - known).max() > SAME * np.abs(known).max():
@@ -82,7 +85,7 @@ def _kept(data: "LocalizationDataModule", config: Config) -> KeptDescriptor:
             f"the descriptors of the map in {data.cache} are not those that the descriptor gives now",
             f"They are of another version: delete {data.cache}/descriptors-*.npy and run again.",
         )
-    return kept if kept.facts["kind"] == "baseline" else KeptDescriptor()  # the user's own descriptors are not stored
+    return kept if kept.facts["kind"] != "none" else KeptDescriptor()  # the user's own descriptors are not stored
 
 
 def write_map(localizer: Localizer, folder: Path) -> None:

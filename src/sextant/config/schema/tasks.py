@@ -134,7 +134,7 @@ class LocalizationTask(TaskNode):
     """Localization in a map of images at known poses."""
 
     needs = ("kernel", "observation", "likelihood", "motion", "filter", "recovery", "fault", "descriptor")
-    takes = ("faults",)
+    takes = ("faults", "backbone", "inhibition", "pooling")
 
     name: Literal["localization"]
     objective: Literal["joint", "vecchia"]

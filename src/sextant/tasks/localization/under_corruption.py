@@ -1,8 +1,8 @@
-"""Localization by image corruption: success, tracking and errors, and whether the filter says rightly that it is lost.
+"""Localization by image corruption: success, tracking, errors, and whether the filter is right to call itself lost.
 
-The figures of a corruption are pooled over its severities, the drives, faults and numbers of particles. The filter calls
-itself *lost* where its heaviest mode holds less than ``MODE_MASS`` of the weight; it is *astray* where its estimate is
-not within the limits of the protocol.
+The figures of a corruption are pooled over its severities, the drives, faults and numbers of particles. The filter
+calls itself *lost* where its heaviest mode holds less than ``MODE_MASS`` of the weight; it is *astray* where its
+estimate is not within the limits of the protocol.
 """
 
 import math
@@ -78,7 +78,7 @@ def pooled(trials: Sequence[Judged]) -> dict[str, float]:
 
 
 def metrics(found: Mapping[str, Judged]) -> dict[str, float]:
-    """``test/under/<corruption>/<figure>`` of :func:`pooled`, with ``clean`` beside; those that are nan are left out."""
+    """``test/under/<corruption>/<figure>`` of :func:`pooled`, with ``clean`` beside; without those that are nan."""
     return {
         f"test/under/{name}/{figure}": value
         for name, trials in by_corruption(found).items()

@@ -13,8 +13,10 @@ Border = Literal["zeros", "replicate", "reflect", "circular"]
 class Features(Node):
     """The feature map that filters and SVMs use."""
 
+    later = ("frozen",)
     run: str | None = Field(examples=["3f9a1c2e-s0"])
     layer: str | None = Field(examples=["conv2"])
+    frozen: bool | None = None
 
 
 class Bank(Part):

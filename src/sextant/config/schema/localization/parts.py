@@ -72,6 +72,18 @@ class LandmarksDescriptor(Descriptor):
     network: str | None = Field(examples=["place_recognition/1a2b3c4d-s0"])
 
 
+class NetworkDescriptor(Descriptor):
+    """The network of the groups backbone and inhibition, as it is."""
+
+    target: Literal["sextant.baselines.network_layer.NetworkLayer"] = Field(alias="_target_")
+    layer: str | None = Field(examples=["layer3"])
+    height: ImageSide = Field(examples=[64])
+    width: ImageSide = Field(examples=[96])
+    grid: list[Count] = Field(min_length=2, max_length=2, examples=["[4,6]"])
+    dimensions: Count | None = Field(examples=[128])
+    seed: Seed = Field(examples=[0])
+
+
 class TrainedDescriptor(Descriptor):
     """The network of a run of place recognition."""
 
