@@ -4,6 +4,7 @@ from sextant.config import Config
 from sextant.config.schema import CosfireTask
 from sextant.config.schema.classification.corruptions import StoredSuite
 from sextant.config.schema.cosfire.parts import FeatureBank, VectorBank, VectorKeypoints
+from sextant.config.schema.localization.parts import NetworkDescriptor, WhitenedPCADescriptor
 from sextant.errors import UserError
 
 
@@ -24,6 +25,7 @@ def check_parts(config: Config, task: CosfireTask) -> None:
             raise UserError(
                 "features.frozen=true: there is no backbone", "backbone=efficientnet_lite0 backbone.stages=5"
             )
+    _check_descriptor(config)
     if task.scenes is not None:
         _check_scenes(config, task, trains=config.backbone is not None and not trained_before)
     if isinstance(config.bank, (VectorBank, FeatureBank)) and config.backbone is None and not trained_before:
@@ -36,6 +38,23 @@ def check_parts(config: Config, task: CosfireTask) -> None:
             f"task.methods=[{', '.join(task.methods)}]: this run has none of what these need: a network (of its own "
             "and of the classes that are tested for method network), or a descriptor",
             "Add cosfire_svm or strongest_filter.",
+        )
+
+
+def _check_descriptor(config: Config) -> None:
+    """Raise a ``UserError`` for a descriptor that learns from a map, or that is a backbone which is trained here."""
+    of = config.descriptor
+    if isinstance(of, WhitenedPCADescriptor) or (isinstance(of, NetworkDescriptor) and of.dimensions is not None):
+        fix = (
+            "descriptor.dimensions=null"
+            if isinstance(of, NetworkDescriptor)
+            else "descriptor=hog, or descriptor=run:<id>"
+        )
+        raise UserError(f"descriptor.dimensions={of.dimensions} are learnt from a map, and task=cosfire has none", fix)
+    if isinstance(of, NetworkDescriptor) and (config.features is None or not config.features.frozen):
+        raise UserError(
+            "descriptor=network is the backbone as it is, not as it is trained here",
+            "features.frozen=true with a backbone that brings weights; or descriptor=run:<id>",
         )
 
 
@@ -60,7 +79,8 @@ def _check_scenes(config: Config, task: CosfireTask, *, trains: bool) -> None:
     if trains:
         raise UserError(
             "task.scenes: places have too few images each to train a network on",
-            "Name one: features=run:<id>; or backbone=efficientnet_lite0 features.frozen=true; or bank=gabor strategy=circles '~backbone'.",
+            "Name one: features=run:<id>; or backbone=efficientnet_lite0 features.frozen=true; or bank=gabor "
+            "strategy=circles '~backbone'.",
         )
     for name, values, example in (("prices", task.prices, "[1.0]"), ("scalings", task.scalings, "[all]")):
         if len(values) > 1:

@@ -173,9 +173,8 @@ class LayerDescriber(BaselineDescriber):
     def __init__(self, nodes: Mapping[str, Any]):
         from sextant.trained.backbone_layer import backbone_layer, layer_identity
 
-        self.nodes = nodes
-        layer = backbone_layer(nodes)
-        super().__init__(layer, layer_identity(layer, nodes))
+        self.nodes, self.layer = nodes, backbone_layer(nodes)
+        super().__init__(self.layer, layer_identity(self.layer, nodes))
 
 
 class NetworkDescriber:

@@ -75,7 +75,7 @@ def _kept(data: "LocalizationDataModule", config: Config) -> KeptDescriptor:
         return KeptDescriptor()
     describer.fit(images)  # not yet fitted if all descriptors came from the cache
     if isinstance(describer, LayerDescriber):
-        kept = kept_layer(describer.descriptor, describer.nodes)
+        kept = kept_layer(describer.layer, describer.nodes)
     else:
         kept = kept_baseline(describer.descriptor)
     known = np.asarray(data.descriptors(data.drives.fitted)[:COMPARED])

@@ -262,7 +262,8 @@ def recognised(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunVa
         under = {key.removeprefix(UNDER): arrays[key] for key in arrays if key.startswith(UNDER)}
         values = {name: right[reads][rows] for name, rows in under.items()} or {"test": right[reads]}
         if (images := corrupted.get(reads)) is not None:
-            values |= {f"{name}, {CORRUPTED}": images[rows] for name, rows in (under or {"test": slice(None)}).items()}
+            each = under or {"test": np.ones(len(images), bool)}
+            values |= {f"{name}, {CORRUPTED}": images[rows] for name, rows in each.items()}
     return RunValues(RECOGNITION, values, metrics=_accuracies(right))
 
 

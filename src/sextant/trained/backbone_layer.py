@@ -137,7 +137,7 @@ def layer_of_file(nodes: Mapping[str, Any], weights: Mapping[str, Tensor], *, tr
         if nodes.get(group) is None:
             continue
         try:
-            part = TypeAdapter(Choice[kind]).validate_python(nodes[group])  # type: ignore[valid-type]
+            part = TypeAdapter(Choice[kind]).validate_python(nodes[group])  # type: ignore[misc,valid-type]
         except ValidationError as error:
             raise ValueError(f"{group} is none: {error.errors()[0]['msg']}") from None
         if isinstance(part, CustomPart) and not trust:

@@ -19,8 +19,10 @@ class ImageRows:
         self._images = np.asarray(images)  # a plain view of a memory map is quick to index
         self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
 
-    #: identifies what was done to the images since they were stored; empty if nothing was
-    altered: str = ""
+    @property
+    def altered(self) -> str:
+        """Identifies what was done to the images since they were stored; empty if nothing was."""
+        return ""
 
     @property
     def store(self) -> UInt8[ndarray, "n h w c"]:
