@@ -22,6 +22,7 @@ from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.recipes.assemble import build_dataset
 from sextant.recipes.cosfire_checks import check_parts
 from sextant.runs.outputs_folder import conf_dir
+from sextant.trained.backbone_layer import backbone_layer
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import occupancy_from_scans
 
@@ -66,6 +67,7 @@ NEEDED |= {
     "dataset=pose_folder": ["dataset.folder=/nowhere"],
     "descriptor=files": ["task=localization", "descriptor.folder=/nowhere"],
     "descriptor=landmarks": ["task=localization", "descriptor.photo=gone.png", "descriptor.points=[[3,4]]"],
+    "descriptor=network": ["task=localization", "backbone=place_cnn"],
     "descriptor=run": ["task=localization", "descriptor.run=gone"],
     "fault=wrong_season_map": ["task=localization", "fault.condition=winter_snow"],
 }
@@ -115,6 +117,8 @@ def test_composes_validates_and_builds(group, option):
         assert all(isinstance(build(raw["faults"]["faults"], name), Fault) for name in raw["faults"]["faults"])
     elif choice in ("observation=laser_field", "observation=laser_beam"):
         assert build(raw, group, grid=GRID, scanner=SCANNER, tempering=0.5).tempering == 0.5
+    elif choice == "descriptor=network":
+        assert backbone_layer(raw).grid == (4, 6)
     elif choice == "motion=spacing":
         assert build(raw, group, spacing=2.0).if_unknown()[0] == 4.0
     elif choice == "corruption=files":

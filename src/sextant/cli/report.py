@@ -49,6 +49,7 @@ def main(arguments: Sequence[str]) -> None:
     from sextant.cli.terminal import TERMINAL
     from sextant.lifecycle.results import sweep_results
     from sextant.reports.sweep_report import write_report
+    from sextant.reports.tasks_report import of_several_tasks
 
     results = sweep_results(options.sweep, options.outputs, TERMINAL)
     paths = write_report(results)
@@ -56,7 +57,8 @@ def main(arguments: Sequence[str]) -> None:
         from sextant.reports.page.report_page import write_report_page
 
         paths.append(write_report_page(results, options.html))
-    (_show_search if results.plan.is_search else _show)(results)
+    shows = _show_search if results.plan.is_search else _show_tasks if of_several_tasks(results) else _show
+    shows(results)
     console.print("\n".join(str(path) for path in paths))
     if options.tracking is None and results.plan.mlflow_runs:
         from sextant.tracking.sweep_parent import log_report
@@ -79,6 +81,17 @@ def _show_search(results: "SweepResults") -> None:
     table = Table(
         *told.columns, title=f"trial {found.winner.number}: {setting}", title_justify="left", title_style="bold"
     )
+    for row in told.rows:
+        table.add_row(*row)
+    console.print(table)
+
+
+def _show_tasks(results: "SweepResults") -> None:
+    """Show what each task loses under corruptions."""
+    from sextant.reports.tasks_report import overview_table, task_rows
+
+    told = overview_table(task_rows(results))
+    table = Table(*told.columns, title=results.plan.name, title_justify="left", title_style="bold")
     for row in told.rows:
         table.add_row(*row)
     console.print(table)

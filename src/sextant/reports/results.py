@@ -50,6 +50,7 @@ class CellResult:
         cost: cost of the network from the run's ``metrics.json``; empty if it has none.
         metrics: all finite metrics of the run, by name.
         started: when the run was first started, in seconds since 1970; nan if its record does not say.
+        headline: what the headline figure of a run under corruptions is; see :mod:`sextant.evaluation.headline`.
     """
 
     cell: Cell
@@ -62,6 +63,7 @@ class CellResult:
     cost: Mapping[str, Any] = field(default_factory=dict)
     metrics: Mapping[str, float] = field(default_factory=dict)
     started: float = math.nan
+    headline: Mapping[str, Any] = field(default_factory=dict)
 
     def value(self, condition: str) -> float:
         """The measure of this run under a condition."""
@@ -218,6 +220,7 @@ def _load(
         cost=results.get("cost") or {},
         metrics={name: value for name, value in (results.get("metrics") or {}).items() if value is not None},
         started=float(run.state().get("started") or math.nan),
+        headline=results.get("headline") or {},
     )
 
 

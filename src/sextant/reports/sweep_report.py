@@ -29,6 +29,7 @@ from sextant.reports.search_report import write_search_report
 from sextant.reports.section import Section
 from sextant.reports.summary import Summary, summarise
 from sextant.reports.tables import TextTable, counted, interval, is_number, number, slug
+from sextant.reports.tasks_report import of_several_tasks, write_tasks_report
 from sextant.runs.sweep_directory import report_command
 
 
@@ -41,10 +42,13 @@ def write_report(results: SweepResults) -> list[Path]:
         set of corruptions if the runs were tested under one, ``confidence.csv`` if they are classifiers, those of
         particle counts if several were tested, ``metrics.csv`` if the runs have metrics beside their measure, and
         figures. For a search, see
-        :func:`~sextant.reports.search_report.write_search_report`.
+        :func:`~sextant.reports.search_report.write_search_report`; for a sweep over tasks,
+        :func:`~sextant.reports.tasks_report.write_tasks_report`.
     """
     if results.plan.is_search:
         return write_search_report(results)
+    if of_several_tasks(results):
+        return write_tasks_report(results)
     folder = results.directory / "report"
     folder.mkdir(parents=True, exist_ok=True)
     summaries, rows = summarise(results), contrasts(results)

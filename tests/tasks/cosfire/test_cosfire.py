@@ -185,7 +185,7 @@ def test_a_finished_run_is_tested_again_with_the_same_answers(usual, tmp_path):
         (["task.methods=[nearest]"], "belongs to the trained weights"),
         (["dataset=cifar10"], "cifar10"),
         (["dataset.size=20"], "images of 1x20x20, the filters were configured from 10 of 1x28x28"),
-        (["corruption=gaussian"], "corruption: task=cosfire tests images as they are"),
+        (["corruption=cifar10_p"], "corruption: task=cosfire draws the corruptions of its images and has no use for"),
     ],
 )
 def test_what_does_not_fit_a_finished_run_is_told(usual, tmp_path, overrides, says):
@@ -203,6 +203,44 @@ def test_filters_that_look_at_images_need_no_network(outputs):
     assert accuracy(found)["strongest_filter"] > 0.2
     assert not any(name.startswith(("network", "features")) for name in weights(found))
     assert found.results()["metrics"]["val/accuracy"] > 0.5  # of the filters, on images that neither was made of
+
+
+def test_corrupted_images_are_those_of_the_suite_and_the_same_when_tested_again(outputs, tmp_path):
+    under = ("corruption=cifar10_c", "corruption.names=[contrast,gaussian_noise]", "corruption.severities=[1,5]")
+    found = digits_run(outputs, *PLAIN, "task.prices=[10]", "task.methods=[strongest_filter,cosfire_svm]", *under)
+    clean, told = digits_run(outputs, *PLAIN, "task.prices=[10]"), found.results()
+    for method in ("strongest_filter", "cosfire_svm"):  # what is fitted never sees a corrupted image
+        np.testing.assert_array_equal(answers(found)[method], answers(clean)[method])
+    kept, metrics = arrays(found), told["metrics"]
+    right = kept["corrupted/strongest_filter/contrast/5"] == kept["labels"]
+    assert metrics["test/accuracy/strongest_filter/contrast/5"] == pytest.approx(right.mean())
+    assert metrics["test/headline/clean"] == pytest.approx(metrics["test/accuracy/strongest_filter"])  # the first
+    each = [metrics[f"test/accuracy/strongest_filter/contrast/{severity}"] for severity in (1, 5)]
+    assert metrics["test/headline/under/contrast"] == pytest.approx(np.mean(each))
+    assert each[1] < each[0]
+    assert [row["images"] for row in told["by_corruption"]] == ["clean", "gaussian noise", "contrast", "mean"]
+    assert told["headline"] == {
+        "name": "accuracy", "unit": "%", "better": "higher", "test": "clean, cifar10_c", "image_size": [28, 28]
+    }  # fmt: skip
+    evaluate.main([f"run={clean.path}", f"paths.outputs={tmp_path}", "tracking=none", *under])
+    (path,) = tmp_path.glob("runs/evaluation/*/metrics.json")
+    assert json.loads(path.read_text())["metrics"]["test/headline/corrupted"] == metrics["test/headline/corrupted"]
+
+
+@pytest.mark.slow
+def test_a_backbone_as_it_is_serves_filters(outputs):
+    """Its weights are neither trained nor lost when the run is tested again."""
+    choices = ("backbone=efficientnet_lite0", "backbone.stages=3", "features.frozen=true", "features.layer=stages")
+    found = digits_run(outputs, *choices, "inhibition=push_pull", "task.images=120", "trainer.max_epochs=1")
+    assert "network" not in accuracy(found)
+    assert accuracy(found)["full_svm"] > 0.6
+    from sextant.models import EfficientNetLite0
+
+    fresh = EfficientNetLite0(1, (28, 28), 2, stages=3, weights="imagenet").state_dict()
+    kept = weights(found)
+    torch.testing.assert_close(
+        kept["features.network.stages.2.1.layers.2.0.weight"], fresh["stages.2.1.layers.2.0.weight"]
+    )
 
 
 @pytest.mark.slow
@@ -363,6 +401,11 @@ def test_places_seen_through_the_network_of_another_run(street, outputs, tmp_pat
     [
         (["bank=gabor"], "bank=vectors and strategy=vector_keypoints belong together"),
         (["strategy=circles"], "bank=vectors and strategy=vector_keypoints belong together"),
+        (["features.frozen=true", "~backbone"], "features.frozen=true: there is no backbone"),
+        (["features.frozen=true", "features.run=x"], "the network of features.run stays as it is anyway"),
+        (["descriptor=whitened_pca"], "descriptor.dimensions=128 are learnt from a map"),
+        (["descriptor=network"], "descriptor.dimensions=128 are learnt from a map"),
+        (["descriptor=network", "descriptor.dimensions=null"], "descriptor=network is the backbone as it is"),
         (["~backbone"], "no backbone and no features.run: bank looks at the feature map of a network"),
         (["backbone=null"], "Leave it out: '~backbone'"),
         (["task.novel_classes=1"], "Choose 0, or a number from 2 to 8"),
@@ -377,7 +420,7 @@ def test_places_seen_through_the_network_of_another_run(street, outputs, tmp_pat
         (["task.methods=[cosfire_svm,cosfire_svm]"], "task.methods"),
         (["task.methods=[cosfire]"], "cosfire_svm"),
         (["task.fine_tune.epochs=-1"], "task.fine_tune.epochs"),
-        (["corruption=gaussian"], "corruption: task=cosfire tests images as they are"),
+        (["corruption=cifar10_p"], "corruption: task=cosfire draws the corruptions of its images and has no use for"),
         (["dataset=town_seasons"], "of places it needs task.scenes"),
         (["task.least_parts=50", "task.images=120", "trainer.max_epochs=1"], "Lower task.least_parts"),
         (

@@ -17,6 +17,8 @@ def corruption_heatmap(
     levels: Sequence[str] | None = None,
     title: str = "",
     highest: float = 1.0,
+    label: str = "severity, error (%)",
+    mean: bool = True,
 ) -> Figure:
     """One row per corruption, one column per severity, and the mean over several severities beside; cells in per cent.
 
@@ -26,6 +28,8 @@ def corruption_heatmap(
         families: groups of corruptions, named on the right and separated by lines; those in no group come last.
         levels: names of the severities; 1, 2, ... by default.
         title: name of the model.
+        label: what the columns are.
+        mean: whether to add the mean of the columns, if there are several.
         highest: error at the dark end of the colour scale; 1 in all figures makes models comparable.
 
     Raises:
@@ -49,14 +53,14 @@ def corruption_heatmap(
     for row, name in enumerate(names):
         table[row, : len(errors[name])] = errors[name]
     names_of_levels = list(levels) if levels is not None else [str(i + 1) for i in range(columns)]
-    if columns > 1:  # the mean of a single severity would only repeat it
+    if mean and columns > 1:  # the mean of a single severity would only repeat it
         table, names_of_levels = np.column_stack([table, means]), [*names_of_levels, "mean"]
     figure, (axes,) = new_figure(0.62 * table.shape[1] + 2.6, 0.27 * len(names) + 1.3)
     axes.imshow(table, cmap="YlOrRd", vmin=0, vmax=highest, aspect="auto")
     for (row, column), value in np.ndenumerate(table):
         if not np.isnan(value):
             colour = "white" if value > 0.62 * highest else "black"
-            weight = "bold" if column == columns else "normal"
+            weight = "bold" if mean and column == columns else "normal"
             axes.text(
                 column, row, f"{100 * value:.1f}", ha="center", va="center", color=colour, fontsize=7, fontweight=weight
             )
@@ -73,5 +77,5 @@ def corruption_heatmap(
         start += len(members)
     told = "" if clean is None else f"\nclean {100 * clean:.2f} %, mean {100 * means.mean():.2f} %"
     axes.set_title(f"{title}{told}".strip(), fontsize=9)
-    axes.set_xlabel("severity, error (%)", fontsize=8)
+    axes.set_xlabel(label, fontsize=8)
     return figure
