@@ -11,6 +11,7 @@ from sextant.evaluation.headline import Headline, relative_loss
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.confidence_report import confidence_section
 from sextant.reports.measure import classified, localized, recognised
+from sextant.reports.page.report_page import write_report_page
 from sextant.reports.sweep_report import write_report
 from sextant.reports.tasks_report import loss_table, of_several_tasks, overview_table, task_rows
 from sextant.runs.directory import RunDirectory
@@ -73,6 +74,9 @@ def test_the_report_has_a_table_files_and_a_heat_map(sweep):
     text = paths["report.md"].read_text()
     assert "5 finished, 0 diverged, 0 failed, 1 missing" in text
     assert "| digits | accuracy, % | 32x24 | 2 of 2 |" in text
+    page = write_report_page(sweep, sweep.directory / "page").read_text()
+    assert "data:image/png;base64" in page
+    assert "bearing error (deg)" in page
     rows = list(csv.DictReader(paths["tasks.csv"].open()))
     (fog,) = [row for row in rows if (row["task"], row["corruption"]) == ("camera", "fog")]
     assert (float(fog["mean"]), float(fog["loss"])) == pytest.approx((12.0, 200.0))

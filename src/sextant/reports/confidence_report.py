@@ -23,7 +23,7 @@ def confidence_section(results: SweepResults) -> Section:
         for setting in results.settings
         for arm in results.arms
     }
-    told = {key: [figures for figures in runs if figures] for key, runs in told.items()}
+    told = {key: kept for key, runs in told.items() if (kept := [figures for figures in runs if figures])}
     runs = sum(map(len, told.values()))
     if not runs:
         return Section()
@@ -73,8 +73,6 @@ def _over(runs: Sequence[Mapping[str, Mapping[str, float]]], figure: str, name: 
 def _table(told: Told, names: Sequence[str], *, rows: bool = False) -> TextTable:
     entries = []
     for (setting, arm), runs in told.items():
-        if not runs:
-            continue
         cells = {
             (name, figure): _cell(_over(runs, figure, name), FIGURES[figure][1]) for name in names for figure in FIGURES
         }

@@ -13,6 +13,7 @@ from sextant.reports.results import SweepResults
 from sextant.reports.search_results import search_results
 from sextant.reports.summary import Summary, summarise
 from sextant.reports.tables import interval, number
+from sextant.reports.tasks_report import of_several_tasks
 
 
 def write_report_page(results: SweepResults, folder: Path) -> Path:
@@ -36,6 +37,8 @@ def _page(results: SweepResults, report: Path) -> str:
     head, between, rest = text.partition("\n## ")
     if results.plan.is_search:
         return html_page(results.plan.title, text, {"history": [_search(results)]}, report)
+    if of_several_tasks(results):
+        return html_page(results.plan.title, text, {}, report)
     charts = {"arms": list(_arms(results, summarise(results))), "contrasts": list(_contrasts(results))}
     shown = "".join(f"\n![{name}]({name}.svg)\n" for name, specs in charts.items() if specs)
     return html_page(results.plan.title, head + shown + between + rest, charts, report)
