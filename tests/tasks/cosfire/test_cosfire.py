@@ -224,7 +224,9 @@ def test_corrupted_images_are_those_of_the_suite_and_the_same_when_tested_again(
     }  # fmt: skip
     evaluate.main([f"run={clean.path}", f"paths.outputs={tmp_path}", "tracking=none", *under])
     (path,) = tmp_path.glob("runs/evaluation/*/metrics.json")
-    assert json.loads(path.read_text())["metrics"]["test/headline/corrupted"] == metrics["test/headline/corrupted"]
+    again = json.loads(path.read_text())["metrics"]
+    for name in ("test/accuracy/strongest_filter/contrast/5", "test/accuracy/cosfire_svm/gaussian_noise/1"):
+        assert again[name] == metrics[name]
 
 
 @pytest.mark.slow
