@@ -4,7 +4,6 @@ Their figures have different units, so that arms are compared by what each loses
 contrast.
 """
 
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -158,10 +157,10 @@ def _markdown(results: SweepResults, rows: Sequence[TaskRow], table: TextTable) 
     plan = results.plan
     counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
     seeds = len({result.cell.pair for result in results.cells})
-    yield f"# {plan.name}\n"
+    yield f"# {plan.title}\n"
     if plan.definition.get("question"):
         yield f"{plan.definition['question']}\n"
-    yield f"`sextant train -m {shlex.join(plan.command)}`, then `{report_command(results.directory)}`\n"
+    yield f"`{plan.train_command}`, then `{report_command(results.directory)}`\n"
     few = "" if seeds >= SEEDS_FOR_A_CLAIM else f" **Exploratory**: a claim needs {SEEDS_FOR_A_CLAIM} seeds."
     yield f"{counted(len(results.cells), 'run')} planned: {counts}. {counted(seeds, 'seed')} a task.{few}\n"
     tests = sorted({str(row.about["test"]) for row in rows if "test" in row.about})
