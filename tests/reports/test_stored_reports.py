@@ -49,13 +49,28 @@ def named(paths):
     return pytest.mark.parametrize("folder", paths, ids=lambda path: path.relative_to(DOCS).as_posix())
 
 
-@named([path.parent for path in REPORTS])
+@named([path.parent for path in REPORTS if (path.parent / "cells.csv").exists()])
 def test_no_share_leaves_its_range_and_no_table_has_too_many_columns(folder):
     text = (folder / "report.md").read_text(encoding="utf-8")
     assert max(line.count("|") - 1 for line in text.splitlines() if line.startswith("| ---")) <= 15
     if folder.parent.name != "calibration":
         ends = [float(row[end]) for row in rows_of(folder / "cells.csv") for end in ("low", "high")]
         assert all(end != end or 0 <= end <= 100 for end in ends)
+
+
+@named(sorted(path.parent for path in DOCS.glob("*/**/tasks.csv")))
+def test_figures_and_losses_of_tasks_follow_from_the_values_of_each_run(folder):
+    runs = defaultdict(dict)
+    for row in rows_of(folder / "task_seeds.csv"):
+        runs[row["task"], row["corruption"]][row["seed"]] = float(row["value"])
+    rows = rows_of(folder / "tasks.csv")
+    assert len(rows) == len(runs) > 0
+    for row in rows:
+        values, clean = runs[row["task"], row["corruption"]], runs[row["task"], "clean"]
+        assert statistics.fmean(values.values()) == pytest.approx(float(row["mean"]))
+        sign = 1 if row["better"] == "higher" else -1
+        losses = [100 * sign * (clean[seed] - value) / clean[seed] for seed, value in values.items()]
+        assert statistics.fmean(losses) == pytest.approx(float(row["loss"]), abs=1e-9)
 
 
 @named(OF_SHARES)

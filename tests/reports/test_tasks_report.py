@@ -70,7 +70,7 @@ def test_each_task_has_a_row_with_its_own_figure_and_what_it_loses(sweep):
 
 def test_the_report_has_a_table_files_and_a_heat_map(sweep):
     paths = {path.name: path for path in write_report(sweep)}
-    assert {"report.md", "tasks.csv", "seeds.csv", "tasks.tex", "task_corruption_loss.png"} <= set(paths)
+    assert {"report.md", "tasks.csv", "task_seeds.csv", "tasks.tex", "task_corruption_loss.png"} <= set(paths)
     text = paths["report.md"].read_text()
     assert "5 finished, 0 diverged, 0 failed, 1 missing" in text
     assert "| digits | accuracy, % | 32x24 | 2 of 2 |" in text
