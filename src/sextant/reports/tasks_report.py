@@ -92,7 +92,7 @@ def task_rows(results: SweepResults) -> list[TaskRow]:
 
 
 def write_tasks_report(results: SweepResults) -> list[Path]:
-    """Write ``report/``: ``report.md``, ``tasks.csv``, ``task_seeds.csv``, ``tasks.tex`` and a heat map of the losses."""
+    """Write ``report/``: ``report.md``, ``tasks.csv``, ``task_seeds.csv``, ``tasks.tex``, a heat map of the losses."""
     folder = results.directory / "report"
     folder.mkdir(parents=True, exist_ok=True)
     rows = task_rows(results)
