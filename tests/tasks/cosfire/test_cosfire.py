@@ -233,12 +233,13 @@ def test_corrupted_images_are_those_of_the_suite_and_the_same_when_tested_again(
 def test_a_backbone_as_it_is_serves_filters(outputs):
     """Its weights are neither trained nor lost when the run is tested again."""
     choices = ("backbone=efficientnet_lite0", "backbone.stages=3", "features.frozen=true", "features.layer=stages")
-    found = digits_run(outputs, *choices, "inhibition=push_pull", "task.images=120", "trainer.max_epochs=1")
+    few = ("dataset.size=32", "inhibition=push_pull", "task.images=120", "trainer.max_epochs=1")
+    found = digits_run(outputs, *choices, *few)
     assert "network" not in accuracy(found)
     assert accuracy(found)["full_svm"] > 0.6
     from sextant.models import EfficientNetLite0
 
-    fresh = EfficientNetLite0(1, (28, 28), 2, stages=3, weights="imagenet").state_dict()
+    fresh = EfficientNetLite0(1, (32, 32), 2, stages=3, weights="imagenet").state_dict()
     kept = weights(found)
     torch.testing.assert_close(
         kept["features.network.stages.2.1.layers.2.0.weight"], fresh["stages.2.1.layers.2.0.weight"]
