@@ -7,11 +7,18 @@ set of one's own; config files of one's own with parts outside Sextant; another 
 
 import re
 import shlex
+import sys
 
 import docs_commands
+import numpy as np
 import pytest
 from docs_commands import Command, check
+from PIL import Image
+from support import QUICK as QUICK_CLASSIFIER
+from tiny_office import OFFICE
+from tiny_office import QUICK as QUICK_LOCALIZER
 
+from sextant import cli
 from sextant.cli.next_commands import next_commands
 from sextant.composing.compose import compose, composing_many, to_plain
 from sextant.composing.config_files import own_configs, without_folder
@@ -42,6 +49,13 @@ TYPED = {
     "a device": ["trainer.devices=2", "trainer=ddp"],
     "a part of one's own": ["backbone=mine", "--config-dir={}"],
 }
+#: half a second each; the others are for the slow tests
+QUICK = ("nothing", "a key of the other option", "one's own images", "another folder", "a part of one's own")
+
+
+def quick(cases, names):
+    """The cases as parameters, of which only those with these names are run by the suite without its slow tests."""
+    return [pytest.param(case, id=n, marks=[] if n in names else pytest.mark.slow) for n, case in cases.items()]
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -58,7 +72,7 @@ def own(tmp_path):
     return folder
 
 
-@pytest.mark.parametrize("typed", TYPED.values(), ids=TYPED)
+@pytest.mark.parametrize("typed", quick(TYPED, QUICK))
 def test_what_follows_a_run_can_be_pasted(typed, own, tmp_path, monkeypatch):
     typed, folder = without_folder([word.format(own) if word.startswith("--") else word for word in typed])
     with own_configs(folder):
@@ -90,12 +104,15 @@ def test_an_option_of_ones_own_is_compared_with_the_default(tmp_path):
 
 @pytest.mark.parametrize(
     "overrides",
-    [
-        ["sweep=demo", "trainer.progress=false"],
-        ["seed=0,1", "dataset=image_folder", "dataset.folder='my photos'"],
-        ["launcher=joblib", "task=localization", "dataset.size_m=[14, 12]"],
-        ["optimizer.lr=0.1,0.2", "backbone=lenet_b"],
-    ],
+    quick(
+        {
+            "a sweep": ["sweep=demo", "trainer.progress=false"],
+            "a quoted folder": ["seed=0,1", "dataset=image_folder", "dataset.folder='my photos'"],
+            "a launcher": ["launcher=joblib", "task=localization", "dataset.size_m=[14, 12]"],
+            "several rates": ["optimizer.lr=0.1,0.2", "backbone=lenet_b"],
+        },
+        ["a quoted folder"],
+    ),
 )
 def test_a_remedy_can_be_pasted(overrides):
     with pytest.raises(UserError) as found:
@@ -110,3 +127,40 @@ def test_a_command_is_quoted_for_a_shell_except_its_placeholders():
     line = command(*words, outputs="/x y")
     assert "d=<folder of photos>" in line
     assert shlex.split(line.replace("d=<folder of photos>", "'d=<folder of photos>'"))[1:] == [*words, "outputs=/x y"]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    "typed",
+    [
+        ["trainer=fast", *QUICK_CLASSIFIER, "trainer.max_epochs=1", "tracking=none"],
+        ["task=localization", *OFFICE, *QUICK_LOCALIZER],
+    ],
+    ids=["a classifier", "a robot in the office of the tutorial"],
+)
+def test_what_is_printed_after_a_run_runs_as_it_is_printed(typed, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path / "outputs"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "photos").mkdir()
+    for k in range(3):
+        picture = np.random.default_rng(k).integers(0, 256, (32, 48, 3), np.uint8)
+        Image.fromarray(picture).save(tmp_path / "photos" / f"{k}.png")
+    (tmp_path / "odometry.csv").write_text("x,y,theta\n" + "".join(f"{k / 10},0,0\n" for k in range(3)))
+    monkeypatch.setattr(sys, "argv", ["train.py"])
+    cli.run("train", typed)
+    lines = re.findall(r"^(evaluate|predict|sweep) +sextant (.*)$", capsys.readouterr().out, re.MULTILINE)
+    assert [what for what, _ in lines] == ["evaluate", "predict", "sweep"]
+    own = {"<folder of photos>": "photos", "<table>": "odometry.csv", "<folder>": "photos"}
+    printed = {
+        "evaluate": "Result",
+        "predict": "photos" if "task=localization" in typed else "3 images",
+        "sweep": "6 planned, ",
+    }
+    for what, line in lines:
+        text = line.replace("output=<folder>", "output=found")
+        for placeholder, path in own.items():
+            text = text.replace(placeholder, path)
+        verb, *words = shlex.split(text)
+        cli.run(verb, words)
+        assert printed[what] in capsys.readouterr().out

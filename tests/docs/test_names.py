@@ -1,4 +1,4 @@
-"""Files that pages and config files name exist."""
+"""Files, modules and what is in them that pages, config files and docstrings name exist."""
 
 import re
 from pathlib import Path
@@ -12,6 +12,13 @@ PAGES = sorted(
 #: a file of the checkout, not a pattern, and not one that a user has yet to write (``mine``, ``my_..``)
 NAMED = re.compile(r"(?<![\w/.<])((?:conf|docs|examples|benchmarks|tests)/[\w/.-]+\.(?:py|md|yaml|geojson|jpg))\b")
 OWN = re.compile(r"\bmine\b|/my_|/x\.")
+#: in a docstring a reference; the parts that config files name are built by tests/configs
+REFERENCE, MENTIONED = (
+    re.compile(r":\w+:`~?sextant((?:\.\w+)+)`"),
+    re.compile(r"(?<![\w/.@-])sextant((?:\.[A-Za-z_]\w*)+)"),
+)
+#: written by the reader of docs/adding.md
+YET_TO_WRITE = "sextant.losses.circle.CircleLoss"
 #: written on the user's machine: by make gpu-check, by sextant claims
 WRITTEN = ("docs/benchmarks_gpu.md",)
 
@@ -26,3 +33,33 @@ def test_a_file_that_is_named_exists(folder):
         if not (ROOT / name).exists() and name not in WRITTEN and not OWN.search(name)
     ]
     assert not gone
+
+
+def is_there(dotted):
+    """Whether the module of a dotted name exists, and holds the word that follows it."""
+    place = ROOT / "src" / "sextant"
+    for part in dotted.split(".")[1:]:
+        inner = next((path for path in (place / part, place / f"{part}.py") if path.exists()), None)
+        if inner is None:
+            source = place if place.is_file() else place / "__init__.py"
+            return source.is_file() and bool(re.search(rf"\b{part}\b", source.read_text(encoding="utf-8")))
+        place = inner
+    return True
+
+
+@pytest.mark.parametrize(("folder", "pattern"), [("README.md", MENTIONED), ("docs", MENTIONED), ("src", REFERENCE)])
+def test_a_module_that_is_named_exists_with_what_is_named_in_it(folder, pattern):
+    named = [
+        (page.relative_to(ROOT), f"sextant{found}")
+        for page in PAGES
+        if page.relative_to(ROOT).parts[0] == folder
+        for found in pattern.findall(page.read_text(encoding="utf-8"))
+    ]
+    assert named
+    assert not [(str(page), name) for page, name in named if name != YET_TO_WRITE and not is_there(name)]
+
+
+def test_a_module_that_is_gone_is_noticed():
+    assert is_there("sextant.layers.PushPullInhibition")
+    assert not is_there("sextant.cli.place_matching.gallery_pages")
+    assert not is_there("sextant.layers.PushPullInhibitor")

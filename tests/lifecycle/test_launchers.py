@@ -85,7 +85,7 @@ def test_a_launcher_without_its_package_is_told(tmp_path, monkeypatch, launcher,
     monkeypatch.setattr(
         launchers, "find_spec", lambda name: None if name == package else importlib.util.find_spec(name)
     )
-    with pytest.raises(UserError, match=rf"needs {package}, .*\npip install 'sextant\[{launcher}\]'"):
+    with pytest.raises(UserError, match=rf"needs {package}, .*\npip install 'sextant-vision\[{launcher}\]'"):
         require_launcher(config(tmp_path, f"launcher={launcher}", "tracking=none"))
 
 

@@ -200,6 +200,29 @@ def test_a_sweep_that_was_not_tracked_has_its_parent_once_a_store_is_filled(tmp_
     assert fill_store(store, tmp_path, SILENT_RUN) == 0
 
 
+@pytest.mark.parametrize(
+    ("diverged", "status", "outcome", "told"),
+    [
+        (4, "FAILED", "4 diverged", "None of the runs learnt"),
+        (1, "FINISHED", "3 finished, 1 diverged", "1 of 4 runs did not learn"),
+        (0, "FINISHED", "4 finished", None),
+    ],
+)
+def test_runs_that_did_not_learn_are_seen_in_the_store(tmp_path, diverged, status, outcome, told):
+    runs = [MadeUpRun({"clean": 2}, "diverged" if k < diverged else "finished", protocol=None) for k in range(4)]
+    plan = made_up_sweep(tmp_path, {"conv": runs[:2], "push_pull": runs[2:]}).plan
+    plan = replace(plan, tracking={"kind": "none", "uri": None}, began=90.0, ended=300.0)
+    plan.write(tmp_path)
+    end_runs(tmp_path, plan, tracking=None)
+    store = open_store("sqlite", None, tmp_path)
+    assert fill_store(store, tmp_path, SILENT_RUN) == 4 + 1
+    parent, children = parent_and_children(store, tmp_path, plan)
+    page = parent.data.tags["mlflow.note.content"]
+    assert (parent.info.status, parent.data.tags["sextant.outcome"]) == (status, outcome)
+    assert (told is None or f"**{told}.**" in page) and ("did not learn" in page or "learnt" in page) == bool(told)
+    assert sum(run.data.tags["sextant.outcome"] == "diverged" for run in children) == diverged
+
+
 @pytest.mark.slow
 def test_a_run_of_two_sweeps_that_were_not_tracked_is_a_child_of_the_first(tmp_path):
     later = replace(sweep_in(tmp_path).plan, began=90.0, ended=300.0, tracking={"kind": "none"})

@@ -61,3 +61,9 @@ def test_a_missing_file_is_named(tmp_path):
 def test_a_config_without_a_file_is_identified_as_before():
     config = validate(to_plain(compose(["backbone=timm"])))
     assert "weights" not in config.model_dump(by_alias=True)["backbone"]
+
+
+@pytest.mark.parametrize("name", ["levit_128s", "xcit_nano_12_p16_224"])  # seen when it is run, when it is made
+def test_a_network_that_cannot_take_images_of_this_size_is_refused(name):
+    with pytest.raises(UserError, match=rf"name={name} cannot take images of 100x130: (?s:.*)of another size"):
+        timm_backbone(name, 3, (100, 130), 4)

@@ -73,7 +73,8 @@ def _list(arguments: list[str]) -> None:
     if stores:
         console.print(table)
     else:
-        console.print(f"nothing is rendered in {escape(str(cache))}; sextant data render dataset=<name> does")
+        render = command("data", "render", "dataset=<name>")
+        console.print(f"nothing is rendered in {cache}; {render} does", markup=False, soft_wrap=True)
 
 
 # --------------------------------------------------------------------------------------------------------------- render
@@ -144,10 +145,12 @@ def _verify(arguments: list[str]) -> None:
         console.print(f"{told} forgets what is damaged", markup=False, soft_wrap=True)
         raise SystemExit(1)
     repair_store(report)
-    dataset = report.manifest.name if report.manifest else "<name>"
+    render = command("data", "render", f"dataset={report.manifest.name if report.manifest else '<name>'}")
     console.print(
         "what is damaged is forgotten, nothing else is lost; it is not rendered again yet:\n"
-        f"sextant data render dataset={escape(dataset)} with the keys it was rendered with does"
+        f"{render} with the keys it was rendered with does",
+        markup=False,
+        soft_wrap=True,
     )
 
 

@@ -65,7 +65,7 @@ class FeatureMap(nn.Module):
         try:
             with evaluating(network), torch.no_grad():
                 features = self._run(torch.zeros(1, in_channels, *image_size))
-        except RuntimeError as error:
+        except (AssertionError, RuntimeError) as error:
             raise UserError(
                 f"{type(network).__name__} cannot take images of {image_size[0]}x{image_size[1]} to {layer!r}: {error}",
                 "Choose larger images, or an earlier layer.",
@@ -73,10 +73,12 @@ class FeatureMap(nn.Module):
         finally:
             for hook in hooks:
                 hook.remove()
-        if features.ndim != 4:
+        last = getattr(network, "output_fmt", "NCHW")  # of timm: Swin transformers keep channels last
+        if features.ndim != 4 or last != "NCHW":
             raise UserError(
                 f"layer={layer!r} of {type(network).__name__} gives {tuple(features.shape)}, not (b, c, h, w)",
-                "Choose an earlier layer, or a network of convolutions.",
+                "A vision transformer has no map with height and width: choose a network of convolutions, such as "
+                "mobilenetv3_small_100, or an earlier layer.",
             )
         _drop(network, layer, reached)
         self.channels = features.shape[1]

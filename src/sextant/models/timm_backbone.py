@@ -3,9 +3,11 @@
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import nn
 
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, how_to_install
+from sextant.layers.network_stages import evaluating
 from sextant.models.torchvision_backbone import widen_first
 from sextant.models.weights_file import load_weights
 
@@ -30,7 +32,8 @@ def timm_backbone(
         weights: a safetensors or ``weights_only`` file of the network with timm's own classes, for colour images.
 
     Raises:
-        UserError: timm is not installed, the network does not exist, or its weights cannot be fetched.
+        UserError: timm is not installed, the network does not exist, its weights cannot be fetched, or it cannot take
+            images of this size, as one of patches of 16 pixels may only take sides that are multiples of 16.
 
     >>> import torch
     >>> network = timm_backbone("mobilenetv3_small_050", in_channels=1, image_size=(32, 32), num_classes=7).eval()
@@ -40,7 +43,7 @@ def timm_backbone(
     try:
         import timm
     except ImportError:
-        raise UserError("timm networks need the package timm", "pip install timm") from None
+        raise UserError("timm networks need the package timm", how_to_install("timm")) from None
     if not timm.is_model(name):
         near = timm.list_models(f"{name[:6]}*")[:5] or timm.list_models("resnet1*")[:5]
         raise ArgumentError(f"name={name!r} is not a timm network", f"For example {', '.join(near)}")
@@ -53,9 +56,24 @@ def timm_backbone(
     except (OSError, RuntimeError) as error:
         reason = str(error).splitlines()[0]
         raise ArgumentError(f"the weights of {name} could not be fetched: {reason}", "Use pretrained=false") from None
+    except (AssertionError, ValueError) as error:
+        raise _cannot_take(name, image_size, error) from None
     if weights is not None:
         load_weights(network, Path(weights).expanduser())
         network.reset_classifier(num_classes)  # type: ignore[operator]
         if in_channels != 3:
             widen_first(network, in_channels)
+    try:
+        with evaluating(network), torch.no_grad():
+            network(torch.zeros(1, in_channels, *image_size))
+    except (AssertionError, RuntimeError, ValueError) as error:
+        raise _cannot_take(name, image_size, error) from None
     return network
+
+
+def _cannot_take(name: str, image_size: tuple[int, int], error: Exception) -> ArgumentError:
+    reason = " ".join(str(error).split())
+    return ArgumentError(
+        f"name={name} cannot take images of {image_size[0]}x{image_size[1]}: {reason}",
+        "Choose a network of convolutions, such as mobilenetv3_small_100, or images of another size.",
+    )

@@ -5,9 +5,10 @@ from pathlib import Path
 
 from sextant.config import Config
 from sextant.config.schema.launchers import JoblibLauncher, RayLauncher, SlurmLauncher
-from sextant.errors import UserError, how_to_install
+from sextant.errors import UserError, command, how_to_install
 from sextant.lifecycle.launchers.cells import Cells, CellTask, Outcomes, run_here
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
+from sextant.runs.outputs_folder import other_than_default
 
 __all__ = ["CellTask", "launch", "require_launcher", "require_store"]
 
@@ -75,7 +76,7 @@ def require_store(config: Config) -> None:
             f"launcher={launcher.kind} tracking=sqlite: hosts cannot share an sqlite database",
             "Start an MLflow server on PostgreSQL (docker compose up, or the commands in docs/clusters.md) and add "
             "tracking=server tracking.uri=http://<host>:5000; or run with tracking=none, and fill a store afterwards: "
-            "sextant dashboard",
+            + command("dashboard", outputs=other_than_default(Path(config.paths.outputs))),
         )
 
 
