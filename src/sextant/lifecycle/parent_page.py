@@ -98,7 +98,14 @@ def write_page(plan: SweepPlan, outputs: Path, *, left_s: float = float("nan"), 
     failures = {cell.run: cell.message for cell in plan.cells if cell.message}
     page, tags = sweep_page(plan, Progress(done, len(runs), failures, left_s), results, outputs, pictures), _tags(plan)
     own = {} if results is None else {"sextant.outcome": outcomes_told(results)}
-    kept = {"text": page.text, "tags": tags | own, "params": _params(plan), "metrics": page.metrics, "step": done}
+    kept = {
+        "text": page.text,
+        "tags": tags,
+        "own_tags": own,
+        "params": _params(plan),
+        "metrics": page.metrics,
+        "step": done,
+    }
     write_json(directory / PAGE, kept)
     return tags
 

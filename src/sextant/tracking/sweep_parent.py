@@ -62,7 +62,7 @@ def send_page(parent: MirroredRun, directory: Path) -> None:
     if page is None:
         return
     text = str(page["text"]).replace(PARENT_ID, parent.run_id)
-    parent.tags({"mlflow.note.content": text, **page["tags"]})
+    parent.tags({"mlflow.note.content": text, **page["tags"], **page.get("own_tags", {})})  # a page of before has none
     parent.params(page["params"])
     parent.log(page["metrics"], page["step"], milliseconds(time.time()))
     parent.flush()
