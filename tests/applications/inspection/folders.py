@@ -277,6 +277,11 @@ def _classes(folder):
         write_pictures(folder / name, [f"{name}{i}.png" for i in range(6)], first=20 * k)
 
 
+def _numbered_classes(folder):
+    for k in range(3):
+        write_pictures(folder / f"digit {k}", [f"{i:03d}.png" for i in range(6)], first=20 * k)
+
+
 def _split_classes(folder):
     for k, split in enumerate(("train", "test")):
         _classes(folder / split)
@@ -359,6 +364,9 @@ FOLDERS = {
     "names with UTM": (_utm, ["2 folders, database as the map; their names say", "places=utm"]),
     "two rides": (_rides, ["2 folders, reference as the map; equal names", "places=name"]),
     "classes": (_classes, ["2 folders of images, cat to dog: if each is a class", "dataset=image_folder"]),
+    "classes numbered alike": (
+        _numbered_classes, ["equal names are taken for equal places", "3 folders of images, digit 0 to digit 2: if each"]
+    ),
     "classes with splits": (_split_classes, ["2 folders of images, cat to dog"]),
     "known cameras": (_known, ["the truth lies beside: known.csv", "sextant benchmark calibration"]),
     "a published set": (_published, ["sextant train dataset=mnist paths.data="]),

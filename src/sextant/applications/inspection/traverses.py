@@ -25,7 +25,8 @@ class ImageFolders:
         base: the folder around them.
         traverses: traverses, the map first; empty if the folders are not traverses.
         places: source of the ground truth, i.e. which of their images show the same place.
-        classes: number of images by class; empty if the folders are traverses.
+        classes: number of images by class; empty if the folders are traverses, unless equal names alone say so: images
+            of classes are often numbered as well.
     """
 
     base: Path
@@ -50,13 +51,15 @@ def image_folders(seen: Seen) -> ImageFolders:
         inner = {name: _children(by_child[base / name], base / name) for name in splits}
         if len(inner["train"]) > 1 and inner["train"].keys() == inner["test"].keys():
             return ImageFolders(base, (), "none", inner["train"])
+    classes = {folder.name: len(inside) for folder, inside in by_child.items()}
     places = _places(seen, by_child)
     rides = [folder for folder in by_child if folder.name.lower().split("_")[0].split("-")[0] in RIDES]
     known = places not in ("none", "gps")  # photos of classes may have GPS positions too
     if len(by_child) <= MOST and (known or len(rides) == len(by_child)):
         ordered = sorted(by_child, key=lambda folder: not folder.name.lower().startswith(MAPS))
-        return ImageFolders(base, tuple(ordered), places, {})
-    return ImageFolders(base, (), "none", {folder.name: len(inside) for folder, inside in by_child.items()})
+        either = places == "name" and len(rides) < len(by_child)
+        return ImageFolders(base, tuple(ordered), places, classes if either else {})
+    return ImageFolders(base, (), "none", classes)
 
 
 def _common(files: Sequence[Path]) -> Path:
