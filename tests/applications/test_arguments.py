@@ -111,6 +111,75 @@ def test_commands_refuse_it_before_they_begin(rides, words, capsys):
     assert sorted(rides.rglob("*")) == before
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "inspect {map} json={map}/transforms.json",
+        "inspect {map}/transforms.json json={map}/transforms.json",
+        "inspect {map}/transforms.json json={link}/transforms.json",
+        "inspect {map} json={map}/a.json",
+        "inspect {map} json={map}/a.png",
+        "inspect {map} json={map}",
+        "trajectory {map}/poses.json {map}/transforms.json json={map}/transforms.json",
+        "trajectory {map}/poses.json {map}/transforms.json json={link}/poses.json",
+        "trajectory {map}/poses.png {map}/poses.json figure={link}/poses.png",
+        "trajectory {map}/poses.json {map}/poses.json figure={map}/poses.json",
+        "trajectory {map}/poses.json {map}/poses.json figure={map}/folder.png",
+        "train task=place_recognition dataset=place_folders {places} paths.outputs={map}",
+        "train task=place_recognition dataset=place_folders {places} paths.outputs={map}/runs",
+        "train task=place_recognition dataset=place_folders {places} paths.outputs={link}/runs",
+        "train task=place_recognition dataset=place_folders {places} paths.cache={queries}/cache",
+        "train task=localization dataset=pose_folder {drives} paths.outputs={queries}",
+        "train task=localization dataset=pose_folder {drives} paths.cache={map}/x",
+        "train task=calibration dataset=panorama_folder dataset.folder={map} paths.outputs={map}",
+        "train task=calibration dataset=panorama_folder dataset.folder={map} paths.outputs={map}/runs",
+        "evaluate run=zoo:places dataset=place_folders {places} paths.outputs={map}/runs",
+    ],
+)
+def test_files_and_runs_are_kept_apart_too(rides, words, capsys):
+    for name in ("transforms.json", "a.json", "poses.json", "poses.png"):
+        (rides / "map" / name).write_text("[1]")
+    (rides / "map" / "folder.png").mkdir()
+    before = {path: path.is_file() and path.read_bytes() for path in rides.rglob("*")}
+    verb, *given = words.format(
+        map=rides / "map",
+        queries=rides / "queries",
+        link=rides / "link",
+        places=f"dataset.folder={rides} dataset.test={{reference:map,query:queries}}",
+        drives=f"dataset.folder={rides} dataset.map=map dataset.test={{run:queries}} dataset.poses=csv",
+    ).split()
+    with pytest.raises(SystemExit, match="2"):
+        cli.run(verb, given)
+    said = " ".join(capsys.readouterr().err.split())
+    assert "a file of its own" in said or "it would be replaced" in said or "a folder of its own: paths." in said
+    assert {path: path.is_file() and path.read_bytes() for path in rides.rglob("*")} == before
+
+
+def test_an_export_does_not_go_among_the_files_of_its_run(tmp_path, monkeypatch):
+    from sextant.lifecycle import exporting
+    from sextant.runs.directory import RunDirectory
+    from sextant.runs.resolve import FoundRun
+
+    run = tmp_path / "runs" / "cosfire" / "1a2b3c4d-s0"
+    run.mkdir(parents=True)
+    monkeypatch.setattr(exporting, "resolve_run", lambda *_: FoundRun(run / "last.ckpt", RunDirectory(run)))
+    monkeypatch.setattr(exporting, "read_trained", lambda *_: {exporting.KEY: {"task": "cosfire"}})
+    monkeypatch.setattr(exporting, "exportable", lambda *_, **__: None)
+    for output in (run, run / "exported"):
+        with pytest.raises(UserError, match=r"run=.*"):
+            exporting.export_run("1a2b3c4d-s0", output=output)
+
+
+def test_what_inspect_wrote_may_be_written_again(rides, capsys):
+    words = [str(rides / "queries"), f"json={rides / 'queries' / 'inspection.json'}"]
+    cli.run("inspect", words)
+    first = (rides / "queries" / "inspection.json").read_text()
+    cli.run("inspect", words)
+    assert '"images": 1' in first
+    assert '"images": 1' in (rides / "queries" / "inspection.json").read_text()
+    print(capsys.readouterr().out)
+
+
 @pytest.mark.parametrize("value", [0.001, 0.5, 1, 1.0])
 def test_shares(value):
     check_share("threshold", value, "threshold=0.7")

@@ -94,6 +94,23 @@ def check_apart(output: Path, photos: Sequence[Path] = (), *, key: str = "output
             )
 
 
+def check_own_file(key: str, output: Path, read: Sequence[Path | str], endings: Sequence[str]) -> None:
+    """Check that a file of results is none of those that are read, and that its name ends as its content wants.
+
+    Raises:
+        ArgumentError: it is a folder, by any name one of the files or folders that are read, or ends otherwise.
+
+    Example:
+        >>> check_own_file("json", Path("errors.json"), ["reference.txt", "estimate.txt"], [".json"])
+    """
+    same = _identity(output) in {_identity(Path(each).expanduser()) for each in read}
+    if same or output.suffix not in endings or output.is_dir():
+        raise ArgumentError(
+            f"{key}={output} must be a file of its own that ends in {', '.join(endings)}",
+            f"For example {key}=found{endings[0]}",
+        )
+
+
 def _identity(path: Path) -> tuple[int, int] | str:
     """What two names of one folder have in common; a folder that does not exist has one name."""
     try:

@@ -1,15 +1,17 @@
 """``sextant inspect``: what the user's folder or video holds, which tasks fit, and the commands for them."""
 
+import json
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pydantic import Field
 from rich.markup import escape
 
+from sextant.applications.arguments import check_own_file
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console, print_key_values
-from sextant.cli.output_folder import refuse_to_lose
 from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress
 from sextant.errors import UserError
@@ -34,7 +36,9 @@ def main(arguments: Sequence[str]) -> None:
     bare = [word for word in arguments if ("=" not in word and not word.startswith("-")) or os.path.lexists(word)]
     words = [f"input={word}" if word in bare[:1] else word for word in arguments]
     options = InspectOptions.parse(words, USAGE)
-    refuse_to_lose("json", options.json_file, [options.input])
+    if options.json_file is not None:
+        check_own_file("json", options.json_file, [options.input], [".json"])
+        _keep(options.json_file, options.input)
     from sextant.applications.inspection import inspect, summary
     from sextant.atomic_files import write_json
 
@@ -50,6 +54,18 @@ def main(arguments: Sequence[str]) -> None:
         except OSError as error:
             raise UserError(f"json={options.json_file} cannot be written: {error.strerror}") from None
         console.print(escape(str(options.json_file)))
+
+
+def _keep(file: Path, folder: Path) -> None:
+    """Raise a ``UserError`` if a file is there within a folder that is read, such as one of poses, unless it is ours."""
+    if not file.is_file() or not file.resolve().is_relative_to(folder.resolve()):
+        return
+    try:
+        ours = "suggestions" in json.loads(file.read_bytes())
+    except (ValueError, TypeError):
+        ours = False
+    if not ours:
+        raise UserError(f"json={file} is a file of {folder}: it would be replaced", "For example json=inspection.json")
 
 
 def _tell_suggestions(found: "Inspection") -> None:

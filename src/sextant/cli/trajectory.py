@@ -10,9 +10,9 @@ from typing import Literal
 from pydantic import Field
 from rich.table import Table
 
+from sextant.applications.arguments import check_own_file
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console
-from sextant.cli.output_folder import refuse_to_lose
 from sextant.errors import UserError
 
 USAGE = (
@@ -42,9 +42,9 @@ def main(arguments: Sequence[str]) -> None:
         raise UserError(f"trajectory needs two files, got {len(files)}", USAGE)
     if options.figure is None and "alignment" in options.model_fields_set:
         raise UserError(f"alignment={options.alignment} is of the picture, and figure= is missing", USAGE)
-    if options.figure is not None and options.figure.suffix not in PICTURES:
-        raise UserError(f"figure={options.figure} must end in {', '.join(PICTURES)}", "For example figure=plan.png")
-    refuse_to_lose("json", options.json_file, files)
+    for key, path, endings in (("figure", options.figure, PICTURES), ("json", options.json_file, (".json",))):
+        if path is not None:
+            check_own_file(key, path, files, endings)
 
     from sextant.applications.localization.trajectories import compare_trajectories
     from sextant.atomic_files import write_json

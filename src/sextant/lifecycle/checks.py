@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from sextant.applications.arguments import check_apart
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import sweep_command
 from sextant.config import Config, validate
@@ -52,6 +53,7 @@ def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
     """Raise a ``UserError`` unless the data exist, outputs can be written, and the tracking store can be used."""
     from sextant.tracking.store import require_server, store_uri
 
+    require_apart(config)
     require_outputs(Path(config.paths.outputs))
     if config.tracking.kind == "sqlite":
         store_uri(Path(config.paths.outputs))
@@ -60,6 +62,23 @@ def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
         recipe.check(recipe.source(config))
     if config.tracking.kind == "server" and config.tracking.uri is not None:
         require_server(config.tracking.uri)
+
+
+def require_apart(config: Config) -> None:
+    """Raise a ``UserError`` if a run would write among images that its dataset reads, and the next would read those."""
+    dataset = config.plain["dataset"]
+    for part in (dataset, *(dataset.get("sources") or {}).values()):
+        folder = part.get("folder")
+        if not isinstance(folder, str) or part["_target_"].endswith(".ImageFolder"):  # which reads no folders below
+            continue
+        groups = [part.get(key) for key in ("train", "val", "test", "validation")]
+        drives = {part.get("map")} | {name for each in groups if isinstance(each, Mapping) for name in each.values()}
+        for root in (Path(), Path(config.paths.data)):
+            whole = root / Path(folder).expanduser()
+            inputs = [whole / name for name in drives if isinstance(name, str)] or [whole]
+            for key in ("outputs", "cache"):
+                for each in inputs:
+                    check_apart(Path(config.plain["paths"][key]), key=f"paths.{key}", **{"dataset.folder": each})
 
 
 def require_outputs(outputs: Path) -> None:

@@ -12,7 +12,7 @@ from sextant.config import Config, digest, nearest, validate
 from sextant.config.building import naming_groups
 from sextant.config.path_keys import from_where_it_ran
 from sextant.errors import UserError
-from sextant.lifecycle.checks import require_device, require_outputs
+from sextant.lifecycle.checks import require_apart, require_device, require_outputs
 from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.recipes import recipe_of
@@ -41,12 +41,13 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
         UserError: the run does not exist, an override is wrong, or the model does not fit the data.
     """
     outputs = _outputs(overrides)
-    require_outputs(outputs)
     found = resolve_run(run, outputs)
     from sextant.runs.checkpoint import KEY
 
     content = read_trained(found.checkpoint)
     config = checkpoint_config(content[KEY], overrides)
+    require_apart(config)
+    require_outputs(outputs)
     recipe = recipe_of(config.task.name, reporter)
     with naming_groups(config.plain):
         source = recipe.source(config)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from sextant.applications.arguments import check_apart
 from sextant.atomic_files import write_atomically
 from sextant.errors import command
 from sextant.recipes.export_formats import FILES, Format, write_network
@@ -64,6 +65,7 @@ def export_run(
     network = exportable(content, found.checkpoint, trust=trust)
     task, name = content[KEY]["task"], (found.directory.path if found.directory else found.checkpoint).name
     folder = output or outputs / "exported" / task / name
+    check_apart(folder, run=found.directory.path if found.directory else found.checkpoint)
     parity = write_network(network, form, folder / FILES[form])
     exported_by = command("export", f"run={run}", f"format={form}")
     note = (
