@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from sextant.errors import UserError
 from sextant.evaluation.protocols import NORDLAND_LOCALIZATION, OFFICE_LOCALIZATION
-from sextant.figures.localization.particle_map import ESTIMATE, TRUTH, ParticleFrame, draw_frame, draw_map
+from sextant.figures.localization.particle_map import ESTIMATE, TRUTH, ParticleFrame, draw_frame, draw_legend, draw_map
 from sextant.figures.localization.particle_replay import _Gif, particle_replay
 from sextant.figures.localization.particle_view import ParticleView
 from sextant.figures.localization.success_curves import SuccessCurve, success_curves
@@ -36,6 +36,7 @@ def particle_map(positions, frame, unit="m"):
     figure, (axes,) = new_figure(6.0, 4.0)
     draw_map(axes, positions, unit)
     draw_frame(axes, frame)
+    draw_legend(figure, truth=frame.truth is not None)
     return figure
 
 
@@ -51,11 +52,23 @@ def test_particles_are_coloured_by_weight_and_drawn_heaviest_last():
     dots = axes.collections[1]
     assert dots.get_offsets().tolist() == [[5, 6], [3, 4], [1, 2]]
     np.testing.assert_allclose(dots.get_array(), [1e-4, np.exp(-2), 1])
-    assert texts(figure) == ["map", "particles (dark: heavy)", "truth", "estimate"]
+    assert texts(figure) == ["map", "particles (dark: heavy)", "estimate"]
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_only_a_drive_with_true_poses_has_truth_in_its_legend(known):
+    frame = moment() if known else replace(moment(), truth=None)
+    view = ParticleView(MAP, width=3.0)
+    assert not view._figure.legends
+    view.draw(frame)
+    view.draw(replace(frame, truth=None))
+    assert ("truth" in texts(view._figure)) is known
+    assert len(view._figure.legends) == 1
 
 
 def test_truth_and_estimate_point_along_their_headings():
     frame = moment()
+    assert "truth" in texts(particle_map(MAP, frame))
     (axes,) = particle_map(MAP, frame).axes
     assert axes.get_title() == "frame 0"
     assert axes.get_xlabel() == "x (m)"

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from sextant.figures.style import COLOURS, new_figure, plain
@@ -45,11 +46,11 @@ def contrast_forest(panels: Sequence[tuple[str, Sequence[ForestRow]]], xlabel: s
         panel.set_yticks(range(len(entries)), [e.label if number == 0 else "" for e in entries], fontsize=8)
         panel.set(title=title, xlabel=xlabel)
         plain(panel)
-    handles = [
-        axes[0].plot([], [], "o-", color=COLOURS[0], label="mean over seeds, 95 % interval")[0],
-        axes[0].fill_betweenx([], [], [], color="0.85", label="one pair of runs, seeds alone (95 %)"),
-    ]
-    if any(entry.published == entry.published for _, entries in panels for entry in entries):
+    shown = [entry for _, entries in panels for entry in entries]
+    handles: list[Artist] = [*axes[0].plot([], [], "o-", color=COLOURS[0], label="mean over seeds, 95 % interval")]
+    if any(entry.floor_low == entry.floor_low for entry in shown):
+        handles.append(axes[0].fill_betweenx([], [], [], color="0.85", label="one pair of runs, seeds alone (95 %)"))
+    if any(entry.published == entry.published for entry in shown):
         published = axes[0].plot([], [], "D", color=COLOURS[1], linestyle="none", label="published, one run each")
         handles += published
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)

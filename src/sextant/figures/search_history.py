@@ -34,7 +34,8 @@ def search_history(trials: Sequence[TrialPoint], metric: str, *, maximize: bool)
     for full, face in ((True, COLOURS[0]), (False, "white")):
         some = [trial for trial in found if trial.full == full]
         label = "mean over all seeds" if full else "mean over the seeds it was given"
-        axes.plot([t.number for t in some], [t.mean for t in some], "o", color=COLOURS[0], mfc=face, label=label)
+        if some:
+            axes.plot([t.number for t in some], [t.mean for t in some], "o", color=COLOURS[0], mfc=face, label=label)
     for trial in found:
         axes.plot([trial.number] * len(trial.values), trial.values, ".", color="0.6", markersize=3, zorder=0)
     leading = [trial for trial in found if trial.full]
@@ -46,7 +47,9 @@ def search_history(trials: Sequence[TrialPoint], metric: str, *, maximize: bool)
         across = axes.get_xaxis_transform()
         axes.plot(none, [0.02] * len(none), "x", color="black", transform=across, label="no result", clip_on=False)
     axes.set(xlabel="trial", ylabel=metric)
-    plain(axes).legend(frameon=False, fontsize=8)
+    plain(axes)
+    if trials:
+        axes.legend(frameon=False, fontsize=8)
     return figure
 
 

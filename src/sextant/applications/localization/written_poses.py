@@ -152,14 +152,13 @@ def draw_trajectory(rows: Sequence[Row], positions: Float64[ndarray, "n 2"], out
 
     figure, (axes,) = new_figure(6.0, map_height(positions, 6.0))
     draw_map(axes, positions, unit)
-    figure.legends.clear()
     way = np.stack([row.told.pose[:2] for row in rows])
     lost = np.array([row.told.lost for row in rows])
     known = np.where(lost[:, None], np.nan, way)
-    axes.plot(known[:, 0], known[:, 1], "-", color=ESTIMATE, linewidth=1.4, marker=".", markersize=3, label="localized")
     if lost.any():
         axes.plot(way[lost, 0], way[lost, 1], "x", color=LOST, markersize=4, label=f"lost ({int(lost.sum()):,} images)")
     if (found := np.flatnonzero(~lost)).size:
+        axes.plot(*known.T, "-", color=ESTIMATE, linewidth=1.4, marker=".", markersize=3, label="localized")
         axes.plot(*way[found[0]], "o", color=ESTIMATE, markeredgecolor="white", markersize=7, label="first")
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=7)
     save_figure(figure, output, "trajectory")

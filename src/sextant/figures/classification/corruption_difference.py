@@ -122,6 +122,6 @@ def _counts(bars: Sequence[DifferenceBar], with_intervals: bool, interval: str) 
         Patch(color=BETTER, label=count("better", [bar for bar in bars if bar.difference < 0])),
         Patch(color=WORSE, label=count("worse", [bar for bar in bars if bar.difference > 0])),
     ]
-    if with_intervals:
+    if with_intervals and not all(bar.certain for bar in bars):
         handles.append(Patch(color="0.75", label=f"pale: interval contains 0 ({interval})"))
     return handles

@@ -9,6 +9,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, to_hex
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from numpy import ndarray
@@ -66,7 +67,7 @@ def map_height(map_positions: Float[ndarray, "n 2"], width: float) -> float:
 def draw_map(
     axes: Axes, map_positions: Float[ndarray, "n 2"], unit: str = "m", walls: Float[ndarray, "w 2"] | None = None
 ) -> None:
-    """Draw a map's positions, set the limits of the axes and explain the colours in a legend below.
+    """Draw a map's positions and set the limits of the axes.
 
     Args:
         axes: axes to draw on.
@@ -88,10 +89,22 @@ def draw_map(
     axes.scatter(some[:, 0], some[:, 1], s=3, color=MAP, linewidths=0, rasterized=True)
     names = {"xlabel": f"x ({unit})", "ylabel": f"y ({unit})"}
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", **names)
-    heavy = to_hex(colormaps[WEIGHTS](1.0))
-    marks = {"map": (MAP, 2), "particles (dark: heavy)": (heavy, 3), "truth": (TRUTH, 6), "estimate": (ESTIMATE, 6)}
+
+
+def draw_legend(figure: Figure, *, truth: bool) -> None:
+    """Explain the colours of frames over a map in a legend below; ``truth``: whether true poses are known.
+
+    >>> from sextant.figures.style import new_figure
+    >>> figure, _ = new_figure(4.0, 3.0)
+    >>> draw_legend(figure, truth=False)
+    >>> [text.get_text() for text in figure.legends[0].get_texts()]
+    ['map', 'particles (dark: heavy)', 'estimate']
+    """
+    marks = {"map": (MAP, 2), "particles (dark: heavy)": (to_hex(colormaps[WEIGHTS](1.0)), 3)}
+    marks |= {"truth": (TRUTH, 6)} if truth else {}
+    marks["estimate"] = (ESTIMATE, 6)
     handles = [Line2D([], [], color=c, marker="o", markersize=s, ls="", label=name) for name, (c, s) in marks.items()]
-    axes.figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=7)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=7)
 
 
 def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:

@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy import ndarray
 
-from sextant.figures.localization.particle_map import ParticleFrame, draw_frame, draw_map, map_height
+from sextant.figures.localization.particle_map import ParticleFrame, draw_frame, draw_legend, draw_map, map_height
 from sextant.figures.style import new_figure
 
 PIXELS_PER_INCH = 100
@@ -75,6 +75,7 @@ class ParticleView:
                 artists.append(axes.imshow(image[..., 0] if grey else image, cmap="gray" if grey else None))
                 axes.apply_aspect()  # of this image, if earlier ones had another aspect or there was none
         if self._below is None:
+            draw_legend(self._figure, truth=frame.truth is not None)
             self._place(artists)
         self._canvas.restore_region(self._below)
         renderer = self._canvas.get_renderer()

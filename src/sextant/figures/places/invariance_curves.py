@@ -59,7 +59,7 @@ def invariance_curves(
         panels[0].plot([], [], "o-", color=COLOURS[number % len(COLOURS)], markersize=3.5, label=method)[0]
         for number, method in enumerate(methods)
     ]
-    if reference:
+    if reference and not reference.keys().isdisjoint(factors):
         handles += panels[0].plot([], [], ":", color="0.4", label="in the reference images")
     if title:
         figure.suptitle(title, fontsize=10)

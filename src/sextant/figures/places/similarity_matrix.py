@@ -64,6 +64,7 @@ def similarity_matrix(
     handles = []
     if positives is not None:
         _outline(axes, positives)
+    if positives is not None and positives.matchable.any():
         handles.append(Line2D([], [], color=TRUTH, lw=1, label="same place"))
     if matches is not None and positives is not None:
         right = positives.hits(matches[:, None])[:, 0]
