@@ -11,12 +11,12 @@ import pytest
 
 from sextant.applications.localization.written_poses import draw_trajectory
 from sextant.evaluation.places.condition_recall import factor_recall
+from sextant.evaluation.places.positives import Positives
 from sextant.figures.classification.corruption_difference import DifferenceBar, corruption_difference
 from sextant.figures.contrast_forest import ForestRow, contrast_forest
 from sextant.figures.places.invariance_curves import invariance_curves
 from sextant.figures.places.similarity_matrix import similarity_matrix
 from sextant.figures.search_history import TrialPoint, search_history
-from sextant.evaluation.places.positives import Positives
 
 NAN = float("nan")
 MEAN, FLOOR, PUBLISHED = "mean over seeds, 95 % interval", "one pair of runs, seeds alone", "published, one run each"

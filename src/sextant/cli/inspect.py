@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _keep(file: Path, folder: Path) -> None:
-    """Raise a ``UserError`` if a file is there within a folder that is read, such as one of poses, unless it is ours."""
+    """Raise a ``UserError`` if the file is one of the folder, such as one of poses, unless it is by ``inspect``."""
     if not file.is_file() or not file.resolve().is_relative_to(folder.resolve()):
         return
     try:

@@ -1,10 +1,13 @@
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from cli.photo_calibration.fakes import Fake, calibrate, photo
 from PIL import Image
 
+from sextant.applications import PhotoCalibrator
 from sextant.errors import UserError
 
 
@@ -106,3 +109,72 @@ def test_cameras_by_exif(tmp_path, first, second, alike):
     assert all(found)
     assert (found[0] == found[1]) is alike
     assert _camera_of("array 3") == ""
+
+
+def taken(focal=None, model=None, serial=None):
+    """EXIF of a photo by a camera, with a focal length in 35 mm equivalents."""
+    block = Image.Exif()
+    if model:
+        block[0x010F], block[0x0110] = "Maker", model
+    inner = {0xA405: focal, 0xA431: serial}
+    block.get_ifd(0x8769).update({tag: value for tag, value in inner.items() if value})
+    return block
+
+
+#: photos as (size, grey value, EXIF), and what is said: "" for nothing; "refused: ..." or a doubt
+TOGETHER = {
+    "one photo": ([((80, 60), 70, None)], ""),
+    "of one size": ([((80, 60), 70, None)] * 1 + [((80, 60), 71, None)], ""),
+    "upright and lying": ([((80, 60), 70, None), ((60, 80), 70, None)], ""),
+    "of one model": ([((80, 60), g, taken(28, "X")) for g in (70, 71)], ""),
+    "of one model, told by one": ([((80, 60), 70, taken(28, "X")), ((80, 60), 71, None)], ""),
+    "of one model and number": ([((80, 60), g, taken(28, "X", "1")) for g in (70, 71)], ""),
+    "of two models": ([((80, 60), 70, taken(28, m)) for m in ("X", "Y")], "refused: 0.jpg is by Maker, X"),
+    "of two models, far apart": (
+        [((80, 60), 70, taken(28, m)) for m in ("X", "X", "X", "Y")], "refused: 3.jpg by Maker, Y, by EXIF"
+    ),
+    "of two models and sizes": (
+        [((80, 60), 70, taken(28, "X")), ((160, 120), 70, taken(28, "Y"))], "refused: not of one camera"
+    ),
+    "of two of one model": ([((80, 60), 70, taken(28, "X", s)) for s in ("1", "2")], "refused: is by Maker, X, 1 and 1.jpg by Maker, X, 2"),
+    "one of them smaller": ([((80, 60), 70, None), ((48, 36), 70, None)], "the photos are of 2 sizes (80x60, 48x36)"),
+    "one smaller and upright": ([((80, 60), 70, None), ((36, 48), 70, None)], "the photos are of 2 sizes"),
+    "three sizes": ([((s * 4, s * 3), 70, None) for s in (12, 20, 30)], "of 3 sizes (120x90, 80x60, 48x36)"),
+    "two sizes of one model": ([((s * 4, s * 3), 70, taken(28, "X")) for s in (12, 20)], "the photos are of 2 sizes"),
+    "of two sizes that disagree": ([((80, 60), 40, None), ((160, 120), 150, None)], "refused: of several cameras"),
+    "of one size that disagree": ([((80, 60), 40, None), ((80, 60), 150, None)], "disagree more than their intervals"),
+    "of two sizes and zooms": (
+        [((80, 60), 70, taken(28)), ((160, 120), 70, taken(50))], "refused: focal lengths of 0.81 and 1.44 longer"
+    ),
+    "two sizes, zooms just alike": ([((80, 60), 70, taken(40)), ((160, 120), 70, taken(42))], "are of 2 sizes"),
+    "two sizes, zooms just apart": ([((80, 60), 70, taken(40)), ((160, 120), 70, taken(43))], "refused: and lens"),
+    "two sizes, one with EXIF": ([((80, 60), 70, taken(28)), ((160, 120), 70, None)], "the photos are of 2 sizes"),
+    "of one size, two zooms": ([((80, 60), 70, taken(28)), ((80, 60), 71, taken(50))], "a zoom lens is another camera"),
+    "shapes just alike": ([((120, 90), 70, None), ((120, 91), 70, None)], "are of 2 sizes (120x91, 120x90)"),
+    "shapes just apart": ([((120, 90), 70, None), ((120, 87), 70, None)], "refused: 1:1.333 and 1:1.379"),
+    "one cropped": ([((80, 60), 70, taken(28, "X")), ((80, 80), 70, taken(28, "X"))], "refused: or one was cropped"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TOGETHER)
+def test_photos_are_of_one_camera_or_it_is_said(name, tmp_path, monkeypatch):
+    """Boundaries: sizes, shapes within 2 %, models and serial numbers, zooms within 5 %, agreement, EXIF of some."""
+    monkeypatch.chdir(tmp_path)
+    photos, said = TOGETHER[name]
+    paths = [
+        photo(Path(f"{k}.jpg"), size, grey, quality=95, **({"exif": exif} if exif is not None else {}))
+        for k, (size, grey, exif) in enumerate(photos)
+    ]
+    calibrator = PhotoCalibrator(Fake(), "network")
+    prior = "exif" if "zoom" in said else None
+    if said.startswith("refused: "):
+        with pytest.raises(UserError, match=re.escape(said.removeprefix("refused: "))) as raised:
+            calibrator.one_camera(paths, focal_prior=prior)
+        assert raised.value.fix
+        return
+    found = calibrator.one_camera(paths, focal_prior=prior)
+    doubts = "; ".join(found.doubts)
+    assert said in doubts
+    assert bool(said) is bool(doubts)
+    assert len(found.cameras) == len(photos)
+    assert len({round(camera.focal_px / max(camera.width, camera.height), 9) for camera in found.cameras}) == 1
