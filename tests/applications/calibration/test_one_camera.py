@@ -136,7 +136,7 @@ TOGETHER = {
     "of two models and sizes": (
         [((80, 60), 70, taken(28, "X")), ((160, 120), 70, taken(28, "Y"))], "refused: not of one camera"
     ),
-    "of two of one model": ([((80, 60), 70, taken(28, "X", s)) for s in ("1", "2")], "refused: is by Maker, X, 1 and 1.jpg by Maker, X, 2"),
+    "of two of one model": ([((80, 60), 70, taken(28, "X", s)) for s in ("1", "2")], "refused: is by Maker, X, 1 and"),
     "one of them smaller": ([((80, 60), 70, None), ((48, 36), 70, None)], "the photos are of 2 sizes (80x60, 48x36)"),
     "one smaller and upright": ([((80, 60), 70, None), ((36, 48), 70, None)], "the photos are of 2 sizes"),
     "three sizes": ([((s * 4, s * 3), 70, None) for s in (12, 20, 30)], "of 3 sizes (120x90, 80x60, 48x36)"),

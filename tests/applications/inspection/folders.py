@@ -282,6 +282,31 @@ def _numbered_classes(folder):
         write_pictures(folder / f"digit {k}", [f"{i:03d}.png" for i in range(6)], first=20 * k)
 
 
+def classes(folder, count, images, name="{c}_{k}", seconds=None):
+    """Folders of some images each, in which names, or times by EXIF, may be those of a video."""
+    for k in range(count):
+        for i in range(images):
+            taken = None if seconds is None else 1 + k * 60 + round(i * seconds)
+            photo(
+                folder / f"kind{k:02d}" / f"{name.format(c=k, k=i, t=100 * k + i)}.jpg", 20 * k + i, 48, 36, taken=taken
+            )
+
+
+def _with_odometry(folder, name, odometry, head="file,x,y,theta"):
+    """A map, and a drive without poses beside or around a table of odometry."""
+    _walk(folder)
+    (folder / "winter").mkdir(exist_ok=True)
+    rows = [",".join([each, *map(str, row)]) for each, row in zip(names(), odometry, strict=True)]
+    (folder / name).write_text("\n".join([head, *rows]))
+
+
+def spaced(folder, metres):
+    """Two drives with a table, of images some metres apart."""
+    drives(folder, "csv")
+    for drive in ("map", "evening run"):
+        (folder / drive / "poses.csv").write_text(csv(LINE * [metres, 1, 1]))
+
+
 def _split_classes(folder):
     for k, split in enumerate(("train", "test")):
         _classes(folder / split)
@@ -368,6 +393,22 @@ FOLDERS = {
         _numbered_classes, ["equal names are taken for equal places", "3 folders of images, digit 0 to digit 2: if each"]
     ),
     "classes with splits": (_split_classes, ["2 folders of images, cat to dog"]),
+    "classes of few": (lambda folder: classes(folder, 3, 5), ["3 folders of images", "dataset=image_folder"]),
+    "twelve classes": (lambda folder: classes(folder, 12, 12), ["12 folders of images", "dataset=image_folder"]),
+    "photos of classes, minutes apart": (
+        lambda folder: classes(folder, 2, 6, seconds=9), ["2 folders of images", "dataset=image_folder"]
+    ),
+    "copies of one second": (lambda folder: classes(folder, 2, 6, seconds=0), ["dataset=image_folder"]),
+    "drives a metre apart": (
+        lambda folder: spaced(folder, 1), ["images are 1 m apart, so within 5 m counts", " dataset.protocol=town"]
+    ),
+    "drives 20 m apart": (lambda folder: spaced(folder, 20), [" dataset.protocol=town", "few poses can be within it"]),
+    "odometry beside": (
+        lambda folder: _with_odometry(folder, "winter/odometry.csv", LINE), ["/winter/odometry.csv output=walk/winter"]
+    ),
+    "odometry among": (
+        lambda folder: _with_odometry(folder, "winter/images/Odom.csv", LINE), ["/winter/images/Odom.csv output=walk"]
+    ),
     "known cameras": (_known, ["the truth lies beside: known.csv", "sextant benchmark calibration"]),
     "a published set": (_published, ["sextant train dataset=mnist paths.data="]),
     "tags": (_tags, ["GPS: 1 images over 0 x 0 m, 0 with a direction", "gravity: 1 by accelerometer (Apple)"]),

@@ -6,7 +6,7 @@ import shlex
 from pathlib import Path
 
 import pytest
-from applications.inspection.folders import FOLDERS, apple_note, drives, photo, photos
+from applications.inspection.folders import FOLDERS, apple_note, classes, drives, photo, photos, spaced
 from docs_commands import Command, check
 from fuzzing import fuzz
 from hypothesis import given
@@ -76,6 +76,47 @@ def test_the_drives_that_a_command_names_can_be_read(form, tmp_path):
 def test_drives_in_two_towns_are_not_joined(tmp_path):
     FOLDERS["GPS of two towns"][0](tmp_path)
     assert not [each for each in inspect(tmp_path).suggestions if each.task.startswith("localize")]
+
+
+@pytest.mark.parametrize(
+    ("count", "images", "options"),
+    [
+        (25, 6, {}),  # floors
+        (25, 19, {}),
+        (12, 11, {}),
+        (6, 5, {}),
+        (2, 4, {}),
+        (2, 8, {"name": "clip{c}_frame_{k:06d}"}),
+        (2, 8, {"name": "frame{t}"}),
+        (2, 8, {"name": "{c} FRAME-{k:04d}"}),
+        (2, 8, {"seconds": 1}),
+        (2, 8, {"seconds": 2}),
+        (2, 8, {"name": "1714557{t:03d}000000000"}),  # nanoseconds in names
+        (3, 8, {"name": "1714557690.{t:03d}000"}),
+    ],
+)
+def test_no_classifier_is_proposed_for_what_cannot_be_learnt(count, images, options, tmp_path):
+    """Boundaries: few images for the number of folders; frames of videos by their names, times by EXIF or by names."""
+    classes(tmp_path, count, images, **options)
+    tasks = [each.task for each in inspect(tmp_path).suggestions]
+    assert "classify images" not in tasks
+    assert "recognise places" not in tasks  # which would be the reason
+
+
+@pytest.mark.parametrize(("metres", "town"), [(0.1, False), (0.5, False), (0.51, True), (1, True)])
+def test_a_coarse_map_is_scored_by_the_limits_of_a_town(metres, town, tmp_path):
+    spaced(tmp_path, metres)
+    (command,) = next(each.commands for each in inspect(tmp_path).suggestions if each.task.startswith("localize"))
+    assert ("dataset.protocol=town" in shlex.split(command)) is town
+
+
+@pytest.mark.parametrize(("name", "head"), [("odometry.csv", "left,right"), ("notes.csv", "file,x,y,theta")])
+def test_a_table_that_is_no_odometry_is_not_taken_for_it(name, head, tmp_path):
+    FOLDERS["odometry beside"][0](tmp_path)
+    text = (tmp_path / "winter/odometry.csv").read_text().replace("file,x,y,theta", head)
+    (tmp_path / "winter/odometry.csv").unlink()
+    (tmp_path / "winter" / name).write_text(text)
+    assert "odometry=" not in said_of(inspect(tmp_path))
 
 
 def test_no_suggestion_is_made_of_nothing(tmp_path):

@@ -1,14 +1,17 @@
 """Tasks that fit what was found, with commands to copy."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from sextant.applications.inspection.drives import localization
 from sextant.applications.inspection.known import known_cameras, level_panoramas, standard_sets
 from sextant.applications.inspection.photos import camera_groups, described
 from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.suggestion import Suggestion, command, override
+from sextant.applications.inspection.times import FolderOfPhotos
 from sextant.applications.inspection.trajectory_pairs import trajectory_pairs
 from sextant.applications.inspection.traverses import ImageFolders, image_folders
 from sextant.data.photos.header import PhotoHeader
@@ -19,8 +22,10 @@ SMALLEST_PHOTO = 200
 CAMERAS = 4
 #: least number of images of a class, panoramas and focal lengths that are worth a command
 LEAST_OF_A_CLASS, LEAST_PANORAMAS, LEAST_FOCALS = 5, 3, 5
-#: names of the frames of a video
-FRAME = re.compile(r"(?:^|[^a-z])frame[_-]?\d+$", re.IGNORECASE)
+#: of so many classes or more, each needs so many images
+MANY_CLASSES = 20
+#: names of the frames of a video; seconds between two images of one
+FRAME, BETWEEN_FRAMES = re.compile(r"(?:^|[^a-z])frame[_-]?\d+$", re.IGNORECASE), 2.0
 
 
 def suggestions(seen: Seen) -> Iterator[Suggestion]:
@@ -127,15 +132,25 @@ def _places(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
 
 
 def _classes(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
-    if len(folders.classes) < 2 or min(folders.classes.values()) < LEAST_OF_A_CLASS:
+    least = min(max(LEAST_OF_A_CLASS, len(folders.classes)), MANY_CLASSES)
+    if len(folders.classes) < 2 or min(folders.classes.values()) < least:
         return
-    frames = [bool(FRAME.search(file.stem)) for file in seen.headers if file.is_relative_to(folders.base)]
-    if sum(frames) > len(frames) / 2:
-        return  # places, by the frames of videos: neighbours of a frame would be in training and test alike
+    if _of_videos([each for each in seen.folders if each.folder.is_relative_to(folders.base)]):
+        return  # places, by their frames: neighbours of a frame would be in training and test alike
     words = ("dataset=image_folder", f"dataset.folder={override(seen.folder / folders.base)}")
     names = sorted(folders.classes)
     why = f"{len(names):,} folders of images, {names[0]} to {names[-1]}: if each is a class"
     yield Suggestion("classify images", why, (command("train", *words),))
+
+
+def _of_videos(folders: Sequence[FolderOfPhotos]) -> bool:
+    """Whether most images are frames of videos, by their names, or by times that follow each other closely."""
+    frames = 0
+    for each in folders:
+        steps = np.abs(np.diff(each.times_s or ()))
+        close = bool(steps.size) and 0 < np.median(steps) <= BETWEEN_FRAMES
+        frames += len(each.files) if close else sum(bool(FRAME.search(file.stem)) for file in each.files)
+    return frames > sum(len(each.files) for each in folders) / 2
 
 
 def _example(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Suggestion]:
