@@ -3,10 +3,12 @@
 import errno
 import logging
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -101,11 +103,26 @@ def print_key_values(title: str, rows: Mapping[str, str]) -> None:
     console.print(table)
 
 
-def rows_table(title: str, rows: Sequence[Mapping[str, str]]) -> Table:
-    """A table of rows with the same columns, of which the first holds names."""
+def rows_table(title: str, rows: Sequence[Mapping[str, str]], most: int | None = None) -> Table:
+    """A table of rows with the same columns, of which the first holds names.
+
+    If it is wider than ``most`` characters, it has no lines between columns, and the words of headings lie one below
+    the other, so that names alone have to be broken.
+    """
     table = Table(title=escape(title), title_justify="left", title_style="bold")
+    tight = most is not None and _width(rows) > most
+    if tight:
+        table.box, table.padding, table.show_edge = SIMPLE_HEAD, (0, 0, 0, 0), False
     for i, column in enumerate(rows[0]):
-        table.add_column(column, justify="left" if i == 0 else "right")
+        heading = re.sub(r"(/| )(?=\S)", r"\1\n", column) if tight else column
+        table.add_column(
+            escape(heading), justify="left" if i == 0 else "right", no_wrap=tight and i > 0, overflow="fold"
+        )
     for row in rows:
         table.add_row(*map(escape, row.values()))
     return table
+
+
+def _width(rows: Sequence[Mapping[str, str]]) -> int:
+    """The characters that rows take as a table with lines between the columns."""
+    return sum(3 + max(len(column), *(len(row[column]) for row in rows)) for column in rows[0]) + 1

@@ -77,9 +77,9 @@ def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
     if metrics:
         console.print(table, width=WIDTH)
     if results.get("table"):
-        console.print(rows_table("On the test split", results["table"]), width=WIDTH)
+        console.print(rows_table("On the test split", results["table"], min(WIDTH, console.width)), width=WIDTH)
     if results.get("by_corruption"):
-        console.print(rows_table("By corruption", results["by_corruption"]), width=WIDTH)
+        console.print(rows_table("By corruption", results["by_corruption"], min(WIDTH, console.width)), width=WIDTH)
     if not metrics:
         console.print(
             f"metrics    {len(results['metrics'])} in {_shorter(directory.path)}/metrics.json", soft_wrap=True
@@ -92,7 +92,7 @@ def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
     run, timing = _shorter(directory.path), results["timing"]
     trained = f"trained in {timing['fit_s']:.1f} s, " if timing["fit_s"] else ""
     console.print(f"{results['parameters']:,} parameters, {trained}tested in {timing['test_s']:.1f} s")
-    console.print(f"figures    {run}/figures")
+    console.print(f"figures    {run}/figures", markup=False, soft_wrap=True)
 
 
 def _show_divergence(directory: RunDirectory, typed: Sequence[str] | None) -> None:
