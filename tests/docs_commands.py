@@ -36,7 +36,7 @@ from sextant.lifecycle.checks import checked
 from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.evaluation import checkpoint_config
 from sextant.lifecycle.search.design import read_search
-from sextant.lifecycle.sweep_plan import cell_config, read_design
+from sextant.lifecycle.sweep_plan import cell_config, read_design, sweep_words
 from sextant.recipes import recipe_of
 from sextant.zoo import PREFIX, model_file, names, read_card
 
@@ -123,6 +123,7 @@ def _train(command: Command, words: list[str]) -> None:
         _among(command.text, "without -m", ["without -m"] if not any(w.startswith("sweep=") for w in words) else [])
         checked(to_plain(compose(overrides)))
         return
+    overrides = sweep_words(overrides)
     if read_search(overrides) is not None:  # and the middle and the ends of its space are right
         return
     design = read_design(overrides)

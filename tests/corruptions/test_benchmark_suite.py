@@ -4,7 +4,16 @@ import pytest
 import torch
 
 from sextant.config.building import build
-from sextant.corruptions import BenchmarkSuite, Condition, benchmark_set, cifar10_c, eight_bit, imagenet_c, mnist_c
+from sextant.corruptions import (
+    BenchmarkSuite,
+    Condition,
+    GaussianNoise,
+    benchmark_set,
+    cifar10_c,
+    eight_bit,
+    imagenet_c,
+    mnist_c,
+)
 from sextant.errors import UserError
 
 FIFTEEN = [
@@ -138,3 +147,18 @@ def test_a_config_names_the_key_of_a_choice_that_does_not_exist():
     node = {"_target_": "sextant.corruptions.BenchmarkSuite", "names": ["rain"]}
     with pytest.raises(UserError, match=r"^corruption.names=rain is not in the set"):
         build({"corruption": node}, "corruption")
+
+
+def test_corruptions_beside_a_set_are_not_rounded_and_not_of_its_protocol():
+    noise = GaussianNoise([0.1, 0.5], clip=False)
+    suite = BenchmarkSuite("cifar10_c", ["fog"], [1, 5], beside={"gaussian": noise})
+    alone = BenchmarkSuite("cifar10_c", ["fog"], [1, 5])
+    assert [c.key for c in suite.conditions()] == ["clean", "fog/1", "fog/5", "gaussian/0.1", "gaussian/0.5"]
+    assert suite.protocol == alone.protocol
+    for condition in alone.conditions():
+        assert torch.equal(suite.corrupt(IMAGES, INDICES, condition), alone.corrupt(IMAGES, INDICES, condition))
+    found = suite.corrupt(IMAGES, INDICES, Condition("gaussian", 0.5))
+    assert torch.equal(found, noise(IMAGES, 0.5, INDICES, 0))
+    assert found.min() < 0
+    with pytest.raises(UserError, match=r"beside=fog: CIFAR-10-C .* has that name"):
+        BenchmarkSuite("cifar10_c", ["snow"], beside={"fog": noise})

@@ -76,7 +76,7 @@ def test_huber_is_l2_near_0_and_linear_far_away_and_smooth_between():
     torch.testing.assert_close(huber(said, torch.zeros_like(said), torch.ones(4)), 2 * own)
 
 
-@pytest.mark.parametrize("units", ["raw", "range", "natural"])
+@pytest.mark.parametrize("units", ["raw", "range", "natural", "learned"])
 @pytest.mark.parametrize("penalty", ["l2", "huber"])
 def test_gradients_are_those_of_finite_differences(units, penalty):
     loss = ParameterLoss(space(), units=units, penalty=penalty, delta=0.3)
@@ -93,10 +93,35 @@ def test_half_precision_is_compared_in_single():
     assert loss.state_dict() == {}
 
 
+def test_learned_variances_settle_at_the_mean_squared_errors_and_weigh_each_number_by_them():
+    """Numbers whose errors differ by a factor of ten each, the smallest unit first."""
+    loss = ParameterLoss(space(), units="learned")
+    width, spread = loss.space.high - loss.space.low, torch.tensor([0.003, 0.03, 0.3, 0.03])
+    errors = spread * torch.randn(4000, 4, generator=torch.Generator().manual_seed(0))
+    errors_of = errors * width
+    optimizer = torch.optim.Adam(loss.parameters(), lr=0.01)
+    for _ in range(600):
+        optimizer.zero_grad()
+        loss(errors_of, torch.zeros(4000, 4), torch.ones(4000)).mean().backward()
+        optimizer.step()
+    torch.testing.assert_close(loss.log_variance.exp(), errors.square().mean(0), rtol=0.05, atol=0)
+    said = errors_of.clone().requires_grad_()
+    (slope,) = torch.autograd.grad(loss(said, torch.zeros(4000, 4), torch.ones(4000)).sum(), said)
+    pull = (slope * width).square().mean(0).sqrt() * errors.square().mean(0).sqrt()
+    torch.testing.assert_close(pull, torch.full((4,), 0.5), rtol=0.05, atol=0)  # all four count alike: 2 / 4
+
+
+def test_learned_variances_start_even_and_are_kept_with_the_loss():
+    loss = ParameterLoss(space(), units="learned")
+    assert loss.log_variance.exp().tolist() == pytest.approx([1 / 12] * 4)
+    assert list(loss.state_dict()) == ["paced"]
+    assert ParameterLoss(space(), units="range").log_variance.tolist() == [0.0] * 4
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"units": "px"}, "units='px' must be one of raw, range, natural"),
+        ({"units": "px"}, "units='px' must be one of raw, range, natural, learned"),
         ({"penalty": "l1"}, "penalty='l1' must be one of l2, huber"),
         ({"delta": 0.0}, "delta=0.0 must be above 0"),
         ({"delta": math.nan}, "delta=nan"),

@@ -34,8 +34,10 @@ SWEEPS = {
     "mnist": "cosfire_mnist",
     "mnist_full": "cosfire_mnist_full",
     "nordland": "localization_nordland",
+    "placement": "pushpull_placement",
     "places": "cosfire_places",
     "push_pull": "pushpull_lenet",
+    "strength": "pushpull_strength",
     "weather": "place_weather",
 }
 
@@ -43,6 +45,11 @@ SWEEPS = {
 def rows_of(path):
     with path.open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
+
+
+def sweep_of(folder):
+    """The config of the sweep whose results a folder holds."""
+    return read_config_file(conf_dir() / "sweep" / f"{SWEEPS.get(folder.name, folder.name)}.yaml")["sweep"]
 
 
 def named(paths):
@@ -91,7 +98,7 @@ def test_cells_and_contrasts_follow_from_the_values_of_each_run(folder):
         values = list(runs[row["setting"], row["arm"], row["condition"]].values())
         assert len(values) == int(row["seeds"])
         assert not values or statistics.fmean(values) == pytest.approx(float(row["mean"]), abs=1e-9)
-    sweep = read_config_file(conf_dir() / "sweep" / f"{SWEEPS.get(folder.name, folder.name)}.yaml")["sweep"]
+    sweep = sweep_of(folder)
     for row in rows_of(folder / "contrasts.csv"):
         arms = sweep["contrasts"][row["contrast"]]
         treated, control = (runs[row["setting"], arms[side], row["condition"]] for side in ("treatment", "control"))
@@ -109,12 +116,14 @@ def test_pooled_controls_follow_from_the_cells(folder):
         (r["setting"], r["arm"], r["condition"]): Sample(int(r["seeds"]), float(r["mean"]), float(r["spread"]))
         for r in rows
     }
-    settings = list(dict.fromkeys(row["setting"] for row in rows))
+    sweep = sweep_of(folder)
+    floor = sweep["contrasts"][sweep["noise_floor"]]
+    settings = list(dict.fromkeys(row["setting"] for row in rows if row["arm"] == floor["treatment"]))
     for row in rows_of(folder / "pooled.csv"):
         within = settings if row["setting"] == "together" else [row["setting"]]
-        at = row["condition"]
-        control = {s: cell[s, "conv", at].joined(cell[s, "twin", at]) for s in within}
-        found = stratified_difference([(cell[s, "push_pull", at], control[s]) for s in within], largest=100)
+        at, treatment = row["condition"], sweep["contrasts"][row["contrast"]]["treatment"]
+        control = {s: cell[s, floor["control"], at].joined(cell[s, floor["treatment"], at]) for s in within}
+        found = stratified_difference([(cell[s, treatment, at], control[s]) for s in within], largest=100)
         assert (found.mean, found.low, found.high) == pytest.approx([float(row[k]) for k in ("mean", "low", "high")])
         assert found.p_value == pytest.approx(float(row["p_value"]))
 

@@ -14,7 +14,9 @@ from sextant.tracking.environment import quiet_libraries
 if TYPE_CHECKING:
     from sextant.reports.results import SweepResults
 
-USAGE = "sextant report sweep=<name, directory or MLflow parent run> [html=<folder>]"
+USAGE = """\
+sextant report sweep=<name, directory or MLflow parent run> [html=<folder>] [cells=<folder>]
+sextant report sweep=<folder of cells>,<folder of cells>,... [html=<folder>]"""
 #: columns of the table of a contrast
 COLUMNS = (
     "setting",
@@ -31,11 +33,13 @@ class ReportOptions(Options):
     """What the user chose."""
 
     sweep: str
-    """the sweep's name, directory or MLflow parent run"""
+    """the sweep's name, directory or MLflow parent run; or the folders of cells of its blocks, which are joined"""
     outputs: str | None = None
     """output folder, if not the default"""
     tracking: Literal["none"] | None = Field(None, title="none, which keeps the report off the parent run")
     """none: do not log the report on the sweep's parent run"""
+    cells: UserPath | None = None
+    """folder for the finished cells as CSV, config and digests, to be joined with those of other blocks"""
     html: UserPath | None = None
     """folder for <sweep>.html: the report as one page with charts, without server or network"""
 
@@ -44,8 +48,9 @@ def main(arguments: Sequence[str]) -> None:
     """Write the report of a sweep into its directory and log it on its parent run."""
     quiet_libraries()
     options = ReportOptions.parse(arguments, USAGE)
-    if options.html is not None:
-        make_output(options.html, "html")
+    for key in ("html", "cells"):
+        if (folder := getattr(options, key)) is not None:
+            make_output(folder, key)
     from sextant.cli.terminal import TERMINAL
     from sextant.lifecycle.results import sweep_results
     from sextant.reports.sweep_report import write_report
@@ -57,6 +62,10 @@ def main(arguments: Sequence[str]) -> None:
         from sextant.reports.page.report_page import write_report_page
 
         paths.append(write_report_page(results, options.html))
+    if options.cells is not None:
+        from sextant.reports.stored_cells import write_cells
+
+        paths.append(write_cells(results, options.cells))
     shows = _show_search if results.plan.is_search else _show_tasks if of_several_tasks(results) else _show
     shows(results)
     console.print("\n".join(str(path) for path in paths))

@@ -44,7 +44,7 @@ def main(arguments: Sequence[str]) -> None:
 def _sweep(words: Sequence[str], folder: str | None) -> None:
     """Run a sweep, which uses Hydra only to compose configs."""
     from sextant.cli.sweep import run_sweep, show_dry_run
-    from sextant.lifecycle.sweep_plan import check_sweep_overrides
+    from sextant.lifecycle.sweep_plan import check_sweep_overrides, sweep_words
 
     flags = [word for word in words if word.startswith("-") and word not in (*MULTIRUN, DRY_RUN)]
     if flags:
@@ -52,6 +52,7 @@ def _sweep(words: Sequence[str], folder: str | None) -> None:
         raise UserError(f"{flags[0]} {told}", "Leave one of them out.")
     overrides = [word for word in words if not word.startswith("-")]
     with own_configs(folder):
+        overrides = sweep_words(overrides)
         check_sweep_overrides(overrides)
         (show_dry_run if DRY_RUN in words else run_sweep)(overrides)
 

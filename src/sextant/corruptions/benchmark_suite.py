@@ -1,6 +1,6 @@
 """A published benchmark set as a suite, with its protocol."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jaxtyping import Float
@@ -8,6 +8,7 @@ from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
 from sextant.corruptions.contract import Indices
+from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.eight_bit import eight_bit
 from sextant.corruptions.protocol import Protocol
 from sextant.corruptions.sets import CIFAR10_C, IMAGENET_C, MNIST_C
@@ -70,6 +71,13 @@ class BenchmarkSuite(CorruptionSuite):
     >>> [condition.key for condition in suite.conditions()]
     ['clean', 'fog/1', 'fog/5', 'contrast/1', 'contrast/5']
 
+    With others beside the set:
+
+    >>> from sextant.corruptions import GaussianNoise
+    >>> suite = BenchmarkSuite("cifar10_c", ["fog"], [3], beside={"gaussian": GaussianNoise([0.1], clip=False)})
+    >>> [condition.key for condition in suite.conditions()], list(suite.protocol.severities)
+    (['clean', 'fog/3', 'gaussian/0.1'], ['fog'])
+
     Args:
         set: ``cifar10_c``, ``mnist_c`` or ``imagenet_c``.
         names: corruptions to test: all (``None``), a group (``benchmark15``, ``extra4``), or a list of names.
@@ -77,10 +85,13 @@ class BenchmarkSuite(CorruptionSuite):
         mode: ``faithful`` to the authors' code, errors included, or ``corrected``.
         quantise: round corrupted images to 8 bits; see :mod:`.eight_bit`.
         seed: seed of all random draws.
+        beside: further corruptions by name, which are not of the set: not rounded, and in none of its means.
 
     Raises:
-        UserError: a set, name, severity or mode does not exist.
+        UserError: a set, name, severity or mode does not exist, or ``beside`` has a name of the set.
     """
+
+    protocol: Protocol
 
     def __init__(
         self,
@@ -90,16 +101,20 @@ class BenchmarkSuite(CorruptionSuite):
         mode: Mode = "faithful",
         quantise: bool = True,
         seed: int = 0,
+        beside: Mapping[str, Corruption[Any]] | None = None,
     ):
         chosen = benchmark_set(set)
-        super().__init__(chosen.build(names, severities, mode), seed)
+        of_set, beside = chosen.build(names, severities, mode), dict(beside or {})
+        if taken := [name for name in beside if name in chosen.families]:
+            raise ArgumentError(f"beside={','.join(taken)}: {chosen.title} has that name", "Choose another.")
+        super().__init__({**of_set, **beside}, seed)
         self.mode = mode
         self.quantise = quantise
         rounding = {"faithful": "8 bits, fraction dropped", "corrected": "8 bits, to the nearest"}[mode]
         self.protocol = Protocol(
             set=chosen.key,
             title=chosen.title,
-            severities={name: tuple(c.levels) for name, c in self.corruptions.items()},
+            severities={name: tuple(c.levels) for name, c in of_set.items()},
             mode=mode,
             rounding=rounding if quantise else "none",
             baseline=chosen.baseline,
@@ -112,6 +127,6 @@ class BenchmarkSuite(CorruptionSuite):
     ) -> Float[Tensor, "b c h w"]:
         """``images``, in [0, 1] and at positions ``indices`` of their dataset, under ``condition``."""
         corrupted = super().corrupt(images, indices, condition)
-        if condition.corruption is None or not self.quantise:
+        if condition.corruption not in self.protocol.severities or not self.quantise:
             return corrupted
         return eight_bit(corrupted, self.mode)

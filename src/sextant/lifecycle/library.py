@@ -11,7 +11,7 @@ from sextant.lifecycle.execute import Outcome, execute
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.lifecycle.search.run import sweep_or_search
 from sextant.lifecycle.sweep import SweepOutcome
-from sextant.lifecycle.sweep_plan import check_sweep_overrides
+from sextant.lifecycle.sweep_plan import check_sweep_overrides, sweep_words
 from sextant.tracking.environment import quiet_libraries
 
 
@@ -84,6 +84,7 @@ def sweep(
     if not any(override.startswith("launcher=") for override in overrides):
         arguments += ["launcher=local"] if workers == 1 else ["launcher=joblib", f"launcher.workers={workers}"]
     with own_configs(config_dir):
+        arguments = sweep_words(arguments)
         check_sweep_overrides(arguments)
         return sweep_or_search(arguments, reporter)
 

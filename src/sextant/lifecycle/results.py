@@ -20,8 +20,8 @@ def sweep_results(sweep: Reference, outputs: str | Path | None = None, reporter:
     """Read the results of the runs of a sweep.
 
     Args:
-        sweep: its name (the newest of that name), its directory, its MLflow parent run, or the return value of
-            :func:`sextant.sweep`.
+        sweep: its name (the newest of that name), its directory, its MLflow parent run, the return value of
+            :func:`sextant.sweep`, or folders of the cells of its blocks, separated by commas.
         outputs: output folder; by default the default one.
         reporter: is told of damaged plans that are skipped while looking for the newest.
 
@@ -29,10 +29,14 @@ def sweep_results(sweep: Reference, outputs: str | Path | None = None, reporter:
         UserError: the sweep does not exist, its files are damaged, or no run is finished yet.
     """
     from sextant.reports.results import read_results
+    from sextant.reports.stored_cells import is_stored, join_cells
 
     if isinstance(sweep, SweepOutcome):
         sweep = sweep.directory
     folder = default_outputs() if outputs is None else Path(outputs).expanduser().absolute()
+    blocks = [Path(name).expanduser() for name in str(sweep).split(",")]
+    if any(is_stored(block) for block in blocks):
+        return join_cells(blocks, folder)
     directory = find_sweep(str(sweep), folder, reporter)
     return read_results(directory, directory.parents[1], lambda task: recipe_of(task).measured)
 

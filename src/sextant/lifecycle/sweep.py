@@ -36,7 +36,7 @@ class SweepOutcome:
     Attributes:
         name: name of the sweep.
         directory: directory with its plan, and with its report once it is written.
-        cells: the planned cells.
+        cells: the planned cells, of the block that was run if there is one.
         outcomes: outcome of the run of each cell; arms that read different answers share runs.
     """
 
@@ -84,8 +84,10 @@ def run_sweep(
         plan, left = _run_planned(plan, planned, config, outputs, run_cells or launched, reporter)
     fill_if_behind(config, [RunDirectory(outputs / cell.run) for cell in plan.cells], reporter)
     before = {entry.cell.run for entry in planned if entry.finished}
-    outcomes = [cell_outcome(cell, outputs, reused=cell.run in before, left=cell.run in left) for cell in plan.cells]
-    return SweepOutcome(plan.name, directory, tuple(plan.cells), tuple(outcomes))
+    chosen = {entry.cell.run for entry in planned}
+    cells = [cell for cell in plan.cells if cell.run in chosen]
+    outcomes = [cell_outcome(cell, outputs, reused=cell.run in before, left=cell.run in left) for cell in cells]
+    return SweepOutcome(plan.name, directory, tuple(cells), tuple(outcomes))
 
 
 def dry_run(arguments: Sequence[str], reporter: RunReporter = SILENT_RUN) -> tuple[list[CellTask], str]:
@@ -120,7 +122,7 @@ def _run_planned(
     plan = plan.resumed(outputs)
     plan.write(outputs)
     missing = missing_cells(planned, outputs)
-    reporter.planned(plan, len({cell.run for cell in plan.cells}) - len(missing))
+    reporter.planned(plan, len({entry.cell.run for entry in planned if entry.finished}))
     closed = plan.ended or not plan.began
     return (plan, set()) if closed and not missing else run_missing(plan, missing, config, outputs, run_cells, reporter)
 

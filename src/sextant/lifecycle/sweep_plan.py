@@ -1,10 +1,9 @@
 """Planning a sweep: from overrides and the ``sweep`` config to the runs it consists of."""
 
-import itertools
-import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +42,11 @@ class Design:
     """The design of a sweep: factors x arms x worlds x seeds, with the overrides that all runs share.
 
     Attributes:
-        definition: the ``sweep`` node, with any arms defined by the command line.
+        definition: the ``sweep`` node without ``block``, with any arms defined by the command line.
         worlds: overrides that choose each world; a single empty one if seeds are the replicates.
+        only: for some arms, the values of factors to whose settings they are confined.
+        most: for some values of factors, the largest number of seeds of their settings.
+        block: the part of the design to run, ``k/n``; None for all.
     """
 
     name: str
@@ -54,20 +56,32 @@ class Design:
     arms: Arms
     seeds: list[int]
     worlds: list[str] = field(default_factory=lambda: [""])
+    only: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    most: Mapping[str, int] = field(default_factory=dict)
+    block: str | None = None
 
     @property
     def runs(self) -> int:
         """The number of different runs: arms that read different answers of the same runs share them."""
-        settings = math.prod(map(len, self.factors.values()))
-        arms = {(tuple(overrides), offset) for overrides, offset in self.arms.values()}
-        return settings * len(arms) * len(self.worlds) * len(self.seeds)
+        different = {(tuple(overrides), offset): arm for arm, (overrides, offset) in self.arms.items()}
+        settings = [dict(zip(self.factors, values, strict=True)) for values in product(*self.factors.values())]
+        return len(self.worlds) * sum(len(self.pairs(each, arm)) for each in settings for arm in different.values())
+
+    def pairs(self, setting: Mapping[str, str], arm: str) -> list[tuple[int, int]]:
+        """Index and seed of each pair of an arm in a setting; empty if the arm is confined to others."""
+        values = set(setting.values())
+        if (within := self.only.get(arm)) and not values.intersection(within):
+            return []
+        count = min([len(self.seeds), *(most for value, most in self.most.items() if value in values)])
+        return list(enumerate(self.seeds[:count]))
 
 
 def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[SweepPlan, list[Planned], Config]:
     """Expand overrides into cells, and compose, validate and look up each on disk.
 
     Returns:
-        The plan, its cells with their overrides, and the config of the first cell.
+        The plan of the whole design, the cells of the block to run with their overrides, and the config of the first
+        cell.
 
     Raises:
         UserError: a cell's config is wrong, the data are missing, or the sweep's keys contradict each other.
@@ -76,8 +90,10 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
     planned: list[Planned] = []
     first: Config | None = None
     with composing_many():
-        for values, arm in itertools.product(itertools.product(*design.factors.values()), design.arms):
+        for values, arm in product(product(*design.factors.values()), design.arms):
             setting = dict(zip(design.factors, values, strict=True))
+            if not design.pairs(setting, arm):
+                continue
             for number, world in enumerate(design.worlds):
                 overrides, config = cell_config(design, setting, arm, world)
                 if first is None:
@@ -85,11 +101,35 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
                     first = config
                 found = over_seeds(design, setting, arm, overrides, config, reporter)
                 planned += [_in_world(entry, world, number * len(design.seeds)) for entry in found]
-    assert first is not None
+    if first is None:
+        raise UserError(f"sweep={design.name}: no arm runs in any of its settings", "Correct sweep.arms.<arm>.only.")
     tracking = {"kind": first.tracking.kind, "uri": first.tracking.uri}
     cells = [entry.cell for entry in planned]
     plan = SweepPlan(design.name, design.definition, with_folders(arguments), cells, [], tracking, time.time())
-    return plan, planned, first
+    return plan, _of_block(planned, design.block), first
+
+
+def _of_block(planned: list[Planned], block: str | None) -> list[Planned]:
+    """The cells of the k-th of n blocks: settings and seeds in the order of the seeds, cut into n parts.
+
+    The arms of a setting and seed stay together, so that the pairs of a block are complete.
+
+    Raises:
+        UserError: there are more blocks than settings and seeds.
+    """
+    if block is None:
+        return planned
+    places = {(entry.cell.pair, entry.cell.setting) for entry in planned}
+    settings = list(dict.fromkeys(entry.cell.setting for entry in planned))
+    units = sorted(places, key=lambda place: (place[0], settings.index(place[1])))
+    number, count = map(int, block.split("/"))
+    if count > len(units):
+        raise UserError(
+            f"sweep.block={block}: the sweep has {len(units)} settings and seeds, too few for {count} blocks",
+            f"sweep.block={min(number, len(units))}/{len(units)}",
+        )
+    chosen = set(units[(number - 1) * len(units) // count : number * len(units) // count])
+    return [entry for entry in planned if (entry.cell.pair, entry.cell.setting) in chosen]
 
 
 def _in_world(planned: Planned, world: str, first_pair: int) -> Planned:
@@ -146,7 +186,7 @@ def over_seeds(
     with naming_groups(config.plain):
         source = recipe_of(config.task.name, reporter).source(config)
         key = run_key(config, source)
-    for pair, number in enumerate(design.seeds):
+    for pair, number in design.pairs(setting, arm):
         seed = number + design.arms[arm][1]
         if follows_seed:
             config = validate(to_plain(compose([*overrides, f"seed={seed}"])))
@@ -190,6 +230,8 @@ def read_design(arguments: Sequence[str]) -> Design:
         compared = list(factors)[-1]
         arms = {value: ([f"{compared}={value}"], 0) for value in factors.pop(compared)}
         definition |= {"arms": {name: {"overrides": overrides} for name, (overrides, _) in arms.items()}}
+    only = {name: arm.only for name, arm in sweep.arms.items()}
+    definition = {key: value for key, value in definition.items() if key != "block"}
     return Design(
         sweep.name,
         definition,
@@ -198,7 +240,37 @@ def read_design(arguments: Sequence[str]) -> Design:
         arms or {"run": ([], 0)},
         seeds,
         [f"{world}={value}" for value in named[world]] or [""],
+        only,
+        sweep.seeds_of,
+        sweep.block,
     )
+
+
+def sweep_words(arguments: Sequence[str]) -> list[str]:
+    """Rewrite the arguments of a sweep so that Hydra can compose them.
+
+    ``preset=quick`` becomes the sweep's small form, in which keys given beside it win. ``sweep.block`` is a key of
+    every sweep, whether its file names it or not.
+
+    Raises:
+        UserError: there is no such preset, no named sweep, or the sweep has no small form.
+    """
+    chosen = [word for word in arguments if word.startswith("preset=")]
+    rest = [f"++{word}" if word.startswith("sweep.block=") else word for word in arguments if word not in chosen]
+    if not chosen or chosen[-1] == "preset=full":
+        return rest
+    named = [word for word in rest if word.startswith("sweep=")]
+    if chosen[-1] != "preset=quick" or not named:
+        raise UserError(
+            f"{chosen[-1]} {' '.join(named)}: a preset is the size of a named sweep, quick or full",
+            "For example -m sweep=pushpull_placement preset=quick",
+        )
+    quick = (to_plain(compose(named[-1:])).get("sweep") or {}).get("quick")
+    if quick is None:
+        raise UserError(f"{named[-1]} has no quick form", "preset=full runs it; so does leaving the preset out.")
+    given = {override.key for override in parse(search_words(rest))}
+    at = rest.index(named[-1]) + 1
+    return [*rest[:at], *(each.text for each in parse(quick) if each.key not in given), *rest[at:]]
 
 
 def _check_read(arm: str, definition: Mapping[str, Any], config: Config) -> None:

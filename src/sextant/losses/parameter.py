@@ -3,22 +3,34 @@ r"""Losses on the parameters themselves: :math:`\frac14 \sum_a h(s_a(\hat a - a)
 The losses differ in the scale :math:`s_a`: in ``raw`` units (degrees, and the focal length in pixels of an image 224
 high) the large numbers drown the small ones; ``range`` divides by the width of each number's range; ``natural`` takes
 radians and image heights as they are.
+
+``learned`` starts from ``range`` and learns a variance :math:`\sigma_a^2` of each number with the network, so that no
+weight is set by hand: :math:`\frac14 \sum_a \big(e^{-v_a} h(s_a(\hat a - a)) + v_a\big)` with :math:`v_a = \ln
+\sigma_a^2`, twice the negative log-likelihood of normal errors but for a constant. It can be negative.
+
+Source of the learned variances: A. Kendall, Y. Gal, R. Cipolla, "Multi-task learning using uncertainty to weigh losses
+for scene geometry and semantics", CVPR 2018, section 3.2.
 """
 
+import math
 from typing import Literal, get_args
 
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
 from sextant.errors import ArgumentError
 from sextant.geometry import ParameterSpace
 from sextant.losses.camera_loss import CameraLoss, at_least_single
 
-Units = Literal["raw", "range", "natural"]
+Units = Literal["raw", "range", "natural", "learned"]
 Penalty = Literal["l2", "huber"]
 RAW_HEIGHT_PX = 224.0
 DEGREES = 180 / torch.pi
+#: log variances move so many times as far in a step as weights do, so that some hundred steps suffice
+PACE = 10.0
+#: variance of a number that is drawn evenly from its range, where learned variances start
+EVEN = 1 / 12
 #: raw units per natural unit
 RAW = {"focal": RAW_HEIGHT_PX, "k1": 1.0, "k1_hat": 1.0, "rho": RAW_HEIGHT_PX, "tau": RAW_HEIGHT_PX}
 
@@ -31,7 +43,7 @@ class ParameterLoss(CameraLoss):
 
     Args:
         space: the parameterization and its ranges.
-        units: ``raw``, ``range`` or ``natural``.
+        units: ``raw``, ``range``, ``natural`` or ``learned``.
         penalty: ``l2`` or ``huber``.
         delta: where Huber's penalty becomes linear, in these units.
 
@@ -58,7 +70,10 @@ class ParameterLoss(CameraLoss):
         if not delta > 0:
             raise ArgumentError(f"delta={delta} must be above 0", "For example delta=1.0")
         self.penalty, self.delta = penalty, delta
-        if units == "range":
+        self.paced: nn.Parameter | None = None
+        if units == "learned":
+            self.paced = nn.Parameter(torch.full((4,), math.log(EVEN) / PACE))
+        if units in ("range", "learned"):
             scale = 1 / (space.high - space.low)
         elif units == "raw":
             scale = torch.tensor([RAW.get(name, DEGREES) for name in space.parameterization.names])
@@ -71,8 +86,15 @@ class ParameterLoss(CameraLoss):
     ) -> Float[Tensor, "b"]:
         """Mean penalty over the four numbers; ``aspect`` plays no part."""
         predicted, truth = at_least_single(predicted, truth)
-        error = (predicted - truth) * self.scale
-        if self.penalty == "l2":
-            return error.square().mean(-1)
-        size = error.abs()
-        return torch.where(size <= self.delta, size.square(), self.delta * (2 * size - self.delta)).mean(-1)
+        size = ((predicted - truth) * self.scale).abs()
+        penalty = size.square()
+        if self.penalty == "huber":
+            penalty = torch.where(size <= self.delta, penalty, self.delta * (2 * size - self.delta))
+        if self.paced is not None:
+            penalty = torch.exp(-self.log_variance) * penalty + self.log_variance
+        return penalty.mean(-1)
+
+    @property
+    def log_variance(self) -> Float[Tensor, "4"]:
+        """The logarithms of the learned variances, in widths of the ranges squared; 0 unless they are learned."""
+        return torch.zeros_like(self.scale) if self.paced is None else PACE * self.paced

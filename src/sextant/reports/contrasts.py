@@ -69,7 +69,7 @@ def contrasts(results: SweepResults) -> list[ContrastRow]:
     floor_sides = named.get(noise_floor(results))
     rows: list[ContrastRow] = []
     for name, sides in named.items():
-        for setting in results.settings:
+        for setting in settings_of(results, sides):
             found = [_row(results, name, sides, floor_sides, setting, c) for c in results.conditions]
             adjusted = holm([float("nan") if row.paired is None else row.paired.p_value for row in found])
             rows += [replace(row, p_holm=p) for row, p in zip(found, adjusted, strict=True)]
@@ -81,6 +81,11 @@ def named_contrasts(results: SweepResults) -> Mapping[str, Sides]:
     arms = results.arms
     against_first = {f"{arm} - {arms[0]}": {"treatment": arm, "control": arms[0]} for arm in arms[1:]}
     return results.plan.definition.get("contrasts") or against_first
+
+
+def settings_of(results: SweepResults, sides: Sides) -> list[str]:
+    """The settings in which both arms are planned."""
+    return [setting for setting in results.settings if set(sides.values()) <= set(results.arms_of(setting))]
 
 
 def noise_floor(results: SweepResults) -> str:

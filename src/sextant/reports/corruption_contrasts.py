@@ -9,7 +9,14 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from sextant.evaluation import SEEDS_FOR_A_CLAIM, CorruptionDifferences, PairedDifference, corruption_differences
-from sextant.reports.contrasts import Sides, converged_pairs, dropped_pairs, named_contrasts, noise_floor
+from sextant.reports.contrasts import (
+    Sides,
+    converged_pairs,
+    dropped_pairs,
+    named_contrasts,
+    noise_floor,
+    settings_of,
+)
 from sextant.reports.results import CellResult, SweepResults
 
 Errors = Mapping[str, Float[ndarray, "pairs"]]
@@ -80,7 +87,7 @@ def corruption_contrasts(results: SweepResults) -> list[CorruptionContrast]:
     floor = noise_floor(results)
     found = []
     for name, sides in named.items():
-        for setting in results.settings:
+        for setting in settings_of(results, sides):
             treatment, control = _paired_errors(results, setting, sides)
             beside = named.get(floor) if name != floor else None
             found.append(

@@ -59,7 +59,7 @@ def arm_errors(results: SweepResults) -> list[ArmErrors]:
     """Errors of every arm in every setting, in the order of the plan."""
     found = []
     for setting in results.settings:
-        for arm in results.arms:
+        for arm in results.arms_of(setting):
             cells = [cell for cell in results.of(setting, arm) if cell.outcome == "finished"]
             found.append(ArmErrors(setting, arm, [cell.errors for cell in cells if cell.errors is not None]))
     return found

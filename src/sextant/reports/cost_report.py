@@ -41,12 +41,18 @@ def cost_table(results: SweepResults) -> TextTable:
     rows = []
     for setting in results.settings:
         beside = results.of(setting, reference_arm(results))
-        for arm in results.arms:
+        for arm in results.arms_of(setting):
             cells = results.of(setting, arm)
             parameters = next((cell.parameters for cell in cells if cell.parameters), None)
             row = [setting, arm, NOTHING if parameters is None else f"{parameters:,}"]
             rows.append(row + (_multiplications(cells, beside) if said else []) + _times(cells, beside))
     return TextTable(columns, rows)
+
+
+def multiplications(results: SweepResults, setting: str, arm: str) -> float:
+    """Multiplications of an arm relative to those of the reference arm; nan if the runs do not report them."""
+    count, beside = (_said(results.of(setting, each), "multiplications") for each in (arm, reference_arm(results)))
+    return _ratio(count, beside)
 
 
 def _multiplications(cells: Sequence[CellResult], beside: Sequence[CellResult]) -> list[str]:

@@ -53,7 +53,7 @@ def _figures(results: SweepResults, summaries: Sequence[Summary], factor: str) -
         levels = sorted(by_level)
         panels = {
             condition: {
-                arm: _curve([row_of[by_level[level], arm, condition] for level in levels]) for arm in results.arms
+                arm: _curve([row_of.get((by_level[level], arm, condition)) for level in levels]) for arm in results.arms
             }
             for condition in results.conditions
         }
@@ -63,9 +63,10 @@ def _figures(results: SweepResults, summaries: Sequence[Summary], factor: str) -
             yield name, others, figure
 
 
-def _curve(rows: Sequence[Summary]) -> FactorCurve:
-    mean, low, high = (np.array([getattr(row, name) for row in rows]) for name in ("mean", "low", "high"))
-    few = np.array([row.seeds for row in rows]) < LEAST_SEEDS
+def _curve(rows: Sequence[Summary | None]) -> FactorCurve:
+    """The curve of an arm; None stands for a setting without it."""
+    mean, low, high = (np.array([getattr(row, name, np.nan) for row in rows]) for name in ("mean", "low", "high"))
+    few = np.array([0 if row is None else row.seeds for row in rows]) < LEAST_SEEDS
     return FactorCurve(mean, np.where(few, np.nan, low), np.where(few, np.nan, high))
 
 

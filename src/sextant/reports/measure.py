@@ -202,8 +202,9 @@ def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -
     """Accuracy under each condition of the test, or errors under a published set of corruptions.
 
     Under a set the report has few conditions: ``clean``, ``corrupted`` (the mean over severities, then over all shared
-    corruptions) and, if more corruptions than those are shared, ``benchmark 15``. The value of an image is 100 times
-    the mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per cent.
+    corruptions), if more corruptions than those are shared ``benchmark 15``, and each corruption beside the set. The
+    value of an image is 100 times the mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per
+    cent.
 
     Args:
         arrays: arrays of the run's ``predictions.npz``.
@@ -215,11 +216,15 @@ def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -
     if shared is None:
         right = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in conditions_in(arrays)}
         return RunValues(ACCURACY, right, metrics=_accuracies(right) | _trust(arrays))
-    wrong = {key: np.asarray(arrays[key] != arrays["labels"]) for key in shared.keys}
+    wrong = {
+        key: np.asarray(arrays[key] != arrays["labels"]) for key in (*shared.keys, *sum(shared.beside.values(), ()))
+    }
     values = {"clean": 100.0 * wrong["clean"]}
     for title, names in summary_conditions(shared).items():
         values[title] = 100.0 * np.mean([_over_severities(wrong, shared, name) for name in names], axis=0)
-    errors = CorruptionErrors.of_conditions({key: float(images.mean()) for key, images in wrong.items()})
+    for name, keys in shared.beside.items():
+        values[name] = 100.0 * np.mean([wrong[key] for key in keys], axis=0)
+    errors = CorruptionErrors.of_conditions({key: float(wrong[key].mean()) for key in shared.keys})
     right = {key: 100.0 * ~images for key, images in wrong.items()}
     return RunValues(CORRUPTION_ERROR, values, errors, _accuracies(right) | _trust(arrays))
 

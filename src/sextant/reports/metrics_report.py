@@ -65,7 +65,7 @@ def metric_summaries(results: SweepResults, metrics: Sequence[Metric]) -> list[M
     """Every metric of every setting and arm, for all conditions together and then by condition."""
     rows = []
     for setting in results.settings:
-        for arm in results.arms:
+        for arm in results.arms_of(setting):
             cells = [cell for cell in results.of(setting, arm) if cell.outcome == "finished"]
             for metric in metrics:
                 rows += _of_arm(setting, arm, cells, metric, results.conditions)

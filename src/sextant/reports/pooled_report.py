@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sextant.evaluation import Sample, StratifiedDifference, holm, stratified_difference
-from sextant.reports.contrasts import named_contrasts, noise_floor
+from sextant.reports.contrasts import named_contrasts, noise_floor, settings_of
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Section
 from sextant.reports.tables import NOTHING, TextTable, interval, number, p_text
@@ -55,8 +55,9 @@ def pooled_section(results: SweepResults) -> Section:
 
 
 def pooled_rows(results: SweepResults) -> list[PooledRow]:
-    """Every such contrast under every condition, in each setting and in all settings together."""
+    """Every such contrast under every condition, in each setting with a noise floor and in all of them together."""
     arms = _control_arms(results)
+    settings = _settings(results)
     rows: list[PooledRow] = []
     for name, sides in named_contrasts(results).items():
         if sides["control"] not in arms or sides["treatment"] in arms:
@@ -66,15 +67,15 @@ def pooled_rows(results: SweepResults) -> list[PooledRow]:
                 _sample(results, setting, [sides["treatment"]], condition),
                 _sample(results, setting, arms, condition),
             )
-            for setting in results.settings
+            for setting in settings
             for condition in results.conditions
         }
-        families = {setting: [setting] for setting in results.settings}
+        families = {setting: [setting] for setting in settings}
         if len(families) > 1:
-            families[TOGETHER] = results.settings
-        for label, settings in families.items():
+            families[TOGETHER] = settings
+        for label, within in families.items():
             found = [
-                _row(name, label, c, [samples[setting, c] for setting in settings], results.measure.largest)
+                _row(name, label, c, [samples[setting, c] for setting in within], results.measure.largest)
                 for c in results.conditions
             ]
             adjusted = holm([math.nan if row.difference is None else row.difference.p_value for row in found])
@@ -112,6 +113,12 @@ def _control_arms(results: SweepResults) -> list[str]:
     return [] if sides is None or results.replicate == "worlds" else [sides["control"], sides["treatment"]]
 
 
+def _settings(results: SweepResults) -> list[str]:
+    """The settings with both arms of the noise floor."""
+    sides = named_contrasts(results).get(noise_floor(results))
+    return [] if sides is None else settings_of(results, sides)
+
+
 def _sample(results: SweepResults, setting: str, arms: Sequence[str], condition: str) -> Sample:
     cells = [cell for arm in arms for cell in results.of(setting, arm) if cell.outcome == "finished"]
     return Sample.of(np.array([cell.value(condition) for cell in cells], float))
@@ -131,7 +138,7 @@ def _legend(results: SweepResults) -> str:
         "and those that diverged are left out. Intervals and p are of Welch's t test over runs, two-sided; Holm's "
         "family is the conditions of one setting."
     )
-    if len(results.settings) > 1:
+    if len(_settings(results)) > 1:
         text += (
             f" *{TOGETHER.capitalize()}* is the mean of the settings' differences, each counting the same, with the "
             "spread within each (Satterthwaite's degrees of freedom)."

@@ -114,6 +114,10 @@ class SweepResults:
         """What is drawn anew in each replicate of a cell: worlds if the runs have some, otherwise seeds."""
         return "worlds" if any(result.cell.world for result in self.cells) else "seeds"
 
+    def arms_of(self, setting: str) -> list[str]:
+        """The arms that are planned in a setting."""
+        return list(dict.fromkeys(result.cell.arm for result in self.cells if result.cell.setting == setting))
+
     def of(self, setting: str, arm: str) -> list[CellResult]:
         """The replicates of one setting and arm, by pair: its runs, or the worlds with their runs averaged."""
         found = [r for r in self.cells if r.cell.setting == setting and r.cell.arm == arm]

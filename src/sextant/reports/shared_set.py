@@ -6,7 +6,7 @@ conditions are reported as accuracies.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 CLEAN = "clean"
@@ -21,11 +21,13 @@ class SharedSet:
             runs were tested on different images.
         severities: severities of the shared conditions, by corruption in the order of the test.
         left_out: number of conditions under which only some runs were tested.
+        beside: keys of shared conditions that are not of the set, by corruption.
     """
 
     tested: tuple[tuple[str, str], ...]
     severities: Mapping[str, tuple[int, ...]]
     left_out: int = 0
+    beside: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def of(self, corruption: str) -> list[str]:
         """The keys of the conditions of one corruption."""
@@ -58,15 +60,19 @@ def shared_set(protocols: Sequence[Mapping[str, Any] | None], conditions: Sequen
     if not known or len(known) < len(protocols):
         return None
     shared = [key for key in conditions[0] if all(key in keys for keys in conditions)]
+    of_sets = {name for protocol in protocols if protocol for name in protocol.get("severities", ())}
     severities: dict[str, tuple[int, ...]] = {}
+    beside: dict[str, tuple[str, ...]] = {}
     for key in shared:
         corruption, _, severity = key.rpartition("/")
-        if corruption:
+        if corruption and (corruption in of_sets or not of_sets):
             severities[corruption] = (*severities.get(corruption, ()), int(severity))
+        elif corruption:
+            beside[corruption] = (*beside.get(corruption, ()), key)
     if CLEAN not in shared or not severities:
         return None
     left_out = len({key for keys in conditions for key in keys} - set(shared))
-    return SharedSet(tuple(dict.fromkeys(known)), severities, left_out)
+    return SharedSet(tuple(dict.fromkeys(known)), severities, left_out, beside)
 
 
 def _description(protocol: Mapping[str, Any]) -> str:

@@ -34,7 +34,7 @@ def summarise(results: SweepResults) -> list[Summary]:
     """Summarise all cells under all conditions; nan where there is nothing to summarise."""
     rows = []
     for setting in results.settings:
-        for arm in results.arms:
+        for arm in results.arms_of(setting):
             cells = results.of(setting, arm)
             converged = [cell for cell in cells if cell.outcome == "finished"]
             diverged = [cell for cell in cells if cell.outcome == "diverged"]

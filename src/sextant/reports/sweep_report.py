@@ -19,6 +19,7 @@ from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.cost_report import cost_section
 from sextant.reports.divergence import divergence
+from sextant.reports.effects_report import effects_section
 from sextant.reports.factor_report import factor_section
 from sextant.reports.metrics_report import metrics_section
 from sextant.reports.particles_report import particles_section
@@ -57,6 +58,7 @@ def write_report(results: SweepResults) -> list[Path]:
     sections = [cost_section(results)]
     if results.learnt:
         sections = [
+            effects_section(results, rows, summaries),
             factor_section(results, summaries),
             pooled_section(results),
             *(corruption_section(results), confidence_section(results), particles_section(results)),
@@ -137,8 +139,9 @@ def figures(results: SweepResults, summaries: list[Summary], rows: list[Contrast
             of_setting = [s for s in summaries if s.setting == setting and s.seeds]
             if not of_setting:
                 continue
-            accuracy: dict[str, dict[str, float]] = {arm: {} for arm in results.arms}
-            bands: dict[str, dict[str, tuple[float, float]]] = {arm: {} for arm in results.arms}
+            arms = dict.fromkeys(s.arm for s in of_setting)
+            accuracy: dict[str, dict[str, float]] = {arm: {} for arm in arms}
+            bands: dict[str, dict[str, tuple[float, float]]] = {arm: {} for arm in arms}
             for s in of_setting:
                 accuracy[s.arm][s.condition] = s.mean / 100
                 bands[s.arm][s.condition] = (s.low / 100, s.high / 100)

@@ -104,8 +104,8 @@ class SweepPlan:
 
     @property
     def train_command(self) -> str:
-        """The command that it was called with."""
-        return command("train", "-m", *self.command)
+        """The command that runs it, with all of its blocks."""
+        return command("train", "-m", *(word for word in self.command if "sweep.block=" not in word))
 
     def directory(self, outputs: Path) -> Path:
         """``outputs/sweeps/<name>-<digest8>``."""

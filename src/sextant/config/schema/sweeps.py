@@ -2,10 +2,18 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from sextant.config.schema.parts import Node
+from sextant.config.schema.parts import Count, Node
 from sextant.config.schema.searches import Search, Seeds
+
+
+def _block(text: str) -> str:
+    """Refuse what is not ``k/n`` with 1 <= k <= n."""
+    number, _, of = text.partition("/")
+    if not (number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
+        raise ValueError(f"sweep.block={text}: must be k/n, the k-th of n blocks, such as 1/4")
+    return text
 
 
 class Arm(Node):
@@ -14,10 +22,12 @@ class Arm(Node):
     Attributes:
         reads: method whose answers are compared, if a run has several; arms with the same overrides share their
             runs.
+        only: values of factors; the arm runs in settings with one of them alone. Empty: in every setting.
     """
 
     overrides: list[str]
     reads: str | None = None
+    only: list[str] = Field(default_factory=list)
     seed_offset: int = Field(default=0, ge=0)
 
 
@@ -35,7 +45,9 @@ class Sweep(Node):
         worlds: the key that names the world of a run, with its values: ``{dataset.world: [1, 2, 3]}``, or ``{dataset:
             [gardens_point, sped]}`` of real data. Every arm runs in each of them at each of the seeds. The world is
             then the replicate: its seeds are averaged, and intervals are over worlds.
-        quick: overrides of its small form for ``sextant claims preset=quick``; empty if it is already small.
+        seeds_of: largest number of seeds of the settings with a value of a factor, by that value.
+        block: ``k/n``: run the k-th of n blocks alone, which are cut between settings and seeds; None runs all.
+        quick: overrides of its small form for ``preset=quick``; empty if it is already small.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", max_length=200, examples=["my_sweep"])
@@ -44,6 +56,8 @@ class Sweep(Node):
     arms: dict[str, Arm] = Field(default_factory=dict)
     seeds: Seeds = Field(default=[0], examples=[8])
     worlds: dict[str, Annotated[list[str | int], Field(min_length=2)]] = Field(default_factory=dict, max_length=1)
+    seeds_of: dict[str, Count] = Field(default_factory=dict)
+    block: Annotated[str, AfterValidator(_block)] | None = Field(default=None, examples=["1/4"])
     contrasts: dict[str, Contrast] = Field(default_factory=dict)
     noise_floor: str | None = None
     published: dict[str, dict[str, dict[str, float]]] = Field(default_factory=dict)
@@ -71,6 +85,16 @@ class Sweep(Node):
                 raise ValueError(f"sweep.worlds.{key}={values}: a world that is named twice is one")
             if key in self.factors:
                 raise ValueError(f"sweep.factors.{key}: {key} is the replicate of sweep.worlds")
+        return self
+
+    @model_validator(mode="after")
+    def _settings_are_of_factors(self) -> Self:
+        known = [str(value) for values in self.factors.values() for value in values]
+        told = f"factors have the values {', '.join(known)}" if known else "the sweep has no factors"
+        named = {f"arms.{name}.only": value for name, arm in self.arms.items() for value in arm.only}
+        for key, value in {**named, **{f"seeds_of.{value}": value for value in self.seeds_of}}.items():
+            if value not in known:
+                raise ValueError(f"sweep.{key} names {value}; {told}")
         return self
 
     @model_validator(mode="after")

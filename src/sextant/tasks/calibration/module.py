@@ -26,6 +26,8 @@ from sextant.tasks.calibration.network import CalibrationPrediction, Calibration
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, log_training_loss, optimizers
 from sextant.tasks.step_losses import StepLosses
 
+#: what is validated beside bearings
+QUANTITIES = ("tilt_deg", "roll_deg", "vfov_deg", "k1_hat", "k1")
 #: weight of the heads' own loss beside that of the camera fitted to the field
 START_WEIGHT = 0.5
 
@@ -140,25 +142,20 @@ class Calibration(CameraNetwork, pl.LightningModule):
         constant = CameraParameters(*(torch.full_like(batch.aspect, value) for value in self.spec.median))
         beside = self.bearing_error_deg(constant, batch.cameras, batch.aspect)
         looks = self.looks(batch.images_in_unit_range(), batch.aspect)
-        self._validation.append((error, error / scale, bearing, beside, looks, batch.panoramas))
+        errors = [_errors(found, batch.cameras) for found in (camera, constant)]
+        self._validation.append((*errors, error / scale, bearing, beside, looks, batch.panoramas))
 
     def on_validation_epoch_end(self) -> None:
-        """Log median errors, and keep the scores on which the intervals are based, and the looks of the images."""
+        """Log median errors beside those of a constant camera; keep the scores and the looks for the intervals."""
         columns = (torch.cat(column).cpu() for column in zip(*self._validation, strict=True))
-        error, scores, bearing, beside, looks, panoramas = columns
+        errors, of_constant, scores, bearing, beside, looks, panoramas = columns
         self._validation = []
         self.keep_validation(scores, looks, panoramas)
-        tilt, roll, vfov, k1_hat = error.median(0).values
-        self.log_dict(
-            {
-                "val/bearing_deg": bearing.median(),
-                "val/bearing_deg_constant": beside.median(),
-                "val/tilt_deg": torch.rad2deg(tilt),
-                "val/roll_deg": torch.rad2deg(roll),
-                "val/vfov_deg": torch.rad2deg(vfov),
-                "val/k1_hat": k1_hat,
-            }
-        )
+        medians = {"val/bearing_deg": bearing.median(), "val/bearing_deg_constant": beside.median()}
+        for number, name in enumerate(QUANTITIES):
+            medians[f"val/{name}"] = errors[:, number].median()
+            medians[f"val/{name}_constant"] = of_constant[:, number].median()
+        self.log_dict(medians)
 
     def converged(self, validation: dict[str, float]) -> bool:
         """Whether the run learnt at all, judged on the validation split by the rule in ``evaluation.protocols``."""
@@ -207,3 +204,9 @@ class Calibration(CameraNetwork, pl.LightningModule):
             key: self.bearing_error_deg(prediction.parameters, truth, aspect)
             for key, prediction in self.result.predictions.items()
         }
+
+
+def _errors(found: CameraParameters, truth: CameraParameters) -> Float[Tensor, "b 5"]:
+    """Errors in the quantities that are validated, in their order."""
+    error, k1 = (reported(found) - reported(truth)).abs(), (found.k1 - truth.k1).abs()
+    return torch.cat([torch.rad2deg(error[:, :3]), error[:, 3:], k1[:, None]], -1)

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import UInt8
 from torch import Tensor, nn
 
-from sextant.corruptions import Condition, CorruptionSuite, PerturbationSuite
+from sextant.corruptions import Condition, CorruptionSuite, PerturbationSuite, Protocol
 from sextant.evaluation import (
     ALEXNET_CIFAR10_C,
     ALEXNET_IMAGENET_C,
@@ -36,9 +36,12 @@ SHEET_IMAGES, SHEET_CONDITIONS = 10, 20
 SEVERITIES = 5
 
 
-def errors_of(accuracy: Mapping[str, float]) -> CorruptionErrors:
-    """Errors from accuracies by condition key."""
-    return CorruptionErrors.of_conditions({key: 1 - value for key, value in accuracy.items()})
+def errors_of(accuracy: Mapping[str, float], protocol: Protocol) -> CorruptionErrors:
+    """Errors under the corruptions of a published set, from accuracies by condition key."""
+    of_set = {
+        key: value for key, value in accuracy.items() if key == "clean" or key.rpartition("/")[0] in protocol.severities
+    }
+    return CorruptionErrors.of_conditions({key: 1 - value for key, value in of_set.items()})
 
 
 def condition_metrics(result: "ClassificationResult", suite: CorruptionSuite) -> dict[str, float]:
@@ -68,7 +71,7 @@ def corruption_metrics(accuracy: Mapping[str, float], suite: CorruptionSuite) ->
     """
     if suite.protocol is None:
         return {}
-    errors = errors_of(accuracy)
+    errors = errors_of(accuracy, suite.protocol)
     metrics = {"test/error/clean": errors.clean, "test/error/corrupted": errors.mean()}
     baseline = BASELINES.get(suite.protocol.set)
     whole = all(len(levels) == SEVERITIES for levels in errors.severities.values())
@@ -103,7 +106,7 @@ def result_figures(
 
     accuracy = result.accuracy()
     if suite.protocol is not None:
-        errors = errors_of(accuracy)
+        errors = errors_of(accuracy, suite.protocol)
         yield (
             "corruption_heatmap",
             corruption_heatmap(errors.severities, clean=errors.clean, families=CORRUPTION_FAMILIES, title="this run"),

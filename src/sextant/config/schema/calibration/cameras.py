@@ -32,7 +32,7 @@ class ParameterLoss(CameraLoss):
     """Loss on errors of the camera parameters."""
 
     target: Literal["sextant.losses.ParameterLoss"] = Field(alias="_target_")
-    units: Literal["raw", "range", "natural"]
+    units: Literal["raw", "range", "natural", "learned"]
     penalty: Literal["l2", "huber"]
     delta: Positive = Field(examples=[0.1])
 

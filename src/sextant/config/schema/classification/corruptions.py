@@ -52,6 +52,7 @@ class BenchmarkSuite(TestConditions):
     mode: Literal["faithful", "corrected"]
     quantise: bool
     seed: Seed = Field(examples=[0])
+    beside: dict[str, Choice[Corruption]] | None = None
 
 
 class StoredSuite(TestConditions):
