@@ -75,6 +75,7 @@ NOT_RUN = {
     r"^(python train\.py|sextant train) -m ": "eight runs of minutes",
     r"^python train\.py .*(mnist|nordland|cold|cifar10|places|folder|photos|alexnet)": "needs data that is not shipped",
     r"^python train\.py .*descriptor=landmarks": "needs a photo of the map; tests/applications/detection",
+    r"^python train\.py .*descriptor=network": "minutes; smaller in tests/trained/test_backbone_layer.py",
     r"^python train\.py .*descriptor=run": "needs a trained run of place recognition; smaller in tests/cli",
     r"^python train\.py (task=(calibration|place_recognition)|experiment=)": "renders towns; smaller in tests/tasks",
     r"^python train\.py .*dataset=town": "renders a town; smaller in tests/data/worlds",

@@ -42,7 +42,10 @@ SEEDS = ("docs/calibration/main_job.csv", "docs/places/town_seeds.csv", "docs/pl
 OF_SEEDS = [row for row in RECORDED if row["source"].startswith(SEEDS)]
 OF_PAGES = [row for row in RECORDED if row not in OF_SEEDS]
 QUICK = sorted(
-    path.stem for path in (conf_dir() / "sweep").glob("*.yaml") if "quick" in read_config_file(path)["sweep"]
+    path.stem
+    for path in (conf_dir() / "sweep").glob("*.yaml")
+    if "quick" in read_config_file(path)["sweep"]
+    and any(part.sweep == path.stem for each in CLAIMS.values() for part in each.parts)
 )
 DEMO = {
     "date": "2026-11-28T12:00:00+00:00",

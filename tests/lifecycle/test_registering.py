@@ -155,7 +155,7 @@ def test_what_answers_no_photos_says_so(tmp_path):
 
 
 def test_a_bad_name_is_reported(outputs, places):
-    with pytest.raises(UserError, match=r"name=a/b:c must be of letters, digits"):
+    with pytest.raises(UserError, match=r"name=a/b:c must be 1 to 200 letters"):
         register_run(str(places), "a/b:c", outputs)
 
 

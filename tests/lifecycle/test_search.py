@@ -261,7 +261,7 @@ def test_how_many_trials_there_are_does_not_make_it_another_search(tmp_path):
         (["sweep.search.fresh_seeds=[1,9]", "sweep.seeds=3", *SPACE], "the winner is chosen at these"),
         (["sweep.search.fresh_seeds=[1,9]", "seed=0,1", *SPACE], "sweep.search.fresh_seeds has one of these too"),
         (["sweep.search.storage=mysql://here", *SPACE], "sweep.search.storage='mysql://here'"),
-        (["sweep=demo", *SPACE], "a sweep with factors, arms or contrasts has none"),
+        (["sweep=demo", *SPACE], "a sweep with factors, arms, contrasts or worlds has none"),
     ],
 )
 def test_a_wrong_search_is_refused_before_anything_is_run(given, said, tmp_path):

@@ -41,7 +41,7 @@ def test_finished_runs_that_are_in_no_store_are_counted(tmp_path):
         run.metrics.write_text('{"outcome": "finished", "metrics": {}}')
     store = facts(tmp_path)["runs", "tracking store"]
     assert (store.state, store.found) == (
-        "note", "2 runs are in no store; if they are to be in one, sextant dashboard fills it"
+        "note", f"2 runs are in no store; if they are to be in one, sextant dashboard outputs={tmp_path} fills it"
     )  # fmt: skip
     assert not (tmp_path / "mlflow.db").exists()
 

@@ -65,7 +65,7 @@ MISTAKES = {
     ),
     "corruptions of places": (
         ["task=place_recognition", "corruption=cifar10_p"],
-        "corruption: task=place_recognition corrupts queries one by one, and has no use for files or sequences",
+        "corruption: task=place_recognition draws the corruptions of its images and has no use for sequences",
     ),
     "start from no run": (["init_from=gone"], "init_from=gone: no run, run directory or checkpoint"),
     "descriptor of no run": (

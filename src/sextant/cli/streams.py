@@ -44,7 +44,7 @@ def whole_streams() -> Iterator[None]:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = _opened(sys.stdout, sys.__stdout__, 1), _opened(sys.stderr, sys.__stderr__, 2)
-    streams, gone = (sys.stdout, sys.stderr), False
+    streams, gone, ended = (sys.stdout, sys.stderr), False, None
     try:
         yield
     except BrokenPipeError:
@@ -52,6 +52,7 @@ def whole_streams() -> Iterator[None]:
     except SystemExit as end:
         if end.code:
             raise
+        ended = end
     finally:
         gone |= any([_flush(stream) for stream in streams])
         raws = [getattr(getattr(stream, "buffer", None), "raw", None) for stream in streams]
@@ -62,6 +63,8 @@ def whole_streams() -> Iterator[None]:
                 os.write(2, f"Error: the output could not be written: {lost.strerror}\n".encode())
     if gone or lost is not None:
         sys.exit(READER_GONE if gone else LOST)
+    if ended is not None:
+        raise ended
 
 
 def _opened(now: TextIO | None, own: TextIO | None, number: int) -> TextIO:

@@ -10,7 +10,7 @@ from hydra.core.override_parser import types
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, OverrideParseException
 
-from sextant.config.path_keys import PATHS, PLACES
+from sextant.config.path_keys import MAPPINGS, PATHS, PLACES
 from sextant.config.schema.space import GRAMMAR, WRITTEN, is_dimension
 from sextant.errors import UserError
 
@@ -109,7 +109,8 @@ def literal(text: str) -> str:
     single = key.lstrip("+") in PLACES or _exists(value)
     try:
         parsed = OverridesParser.create().parse_override(text)
-        fine = not single if parsed.is_sweep_override() else isinstance(parsed.value(), str | None)
+        other = str | None | (dict | list | int | float if key.lstrip("+") in MAPPINGS else str)
+        fine = not single if parsed.is_sweep_override() else isinstance(parsed.value(), other)
     except (HydraException, ValueError):
         fine = False
     if fine and value == value.strip():

@@ -6,10 +6,13 @@ from typing import Any
 
 #: where this machine keeps things; these are never part of an experiment
 PLACES = ("paths.data", "paths.outputs", "paths.cache")
+#: keys whose value may also be a mapping, such as a file for each split
+MAPPINGS = ("dataset.streets",)
 #: all keys that name a file, a folder or a run
 PATHS = (
     *PLACES,
-    *("dataset.folder", "dataset.streets", "corruption.folder", "backbone.weights", "task.off_the_shelf.weights"),
+    *MAPPINGS,
+    *("dataset.folder", "corruption.folder", "backbone.weights", "task.off_the_shelf.weights"),
     *("descriptor.folder", "descriptor.photo", "descriptor.network", "descriptor.run", "features.run", "init_from"),
 )
 

@@ -51,7 +51,7 @@ def why_unreadable(path: Path, error: Exception) -> str:
     if isinstance(error, UnreadableImageError):
         return str(error)
     if not path.is_file():
-        return "is a link to nothing" if path.is_symlink() else "is no file"
+        return "is a link to nothing" if path.is_symlink() else "is no file" if path.exists() else "does not exist"
     if isinstance(error, OSError) and error.errno is not None:
         return f"cannot be read: {error.strerror}"
     size = path.stat().st_size

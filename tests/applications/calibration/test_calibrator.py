@@ -145,7 +145,7 @@ def test_one_broken_file_of_many_is_named_and_loses_nothing_if_failures_are_aske
     found = calibrator.calibrate_many(five, errors="return")
     assert [type(each) is FailedPhoto for each in found] == [False, False, True, False, False]
     assert found[2].name == str(five[2])
-    assert "cannot be read as a photo (7 bytes)" in found[2].error.problem
+    assert "cannot be decoded (7 bytes)" in found[2].error.problem
     assert found[4] == calibrator.calibrate(five[4])
 
 

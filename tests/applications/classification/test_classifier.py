@@ -54,7 +54,7 @@ def test_many_images_are_classified_as_each_alone(classifier):
         (np.zeros((8, 8, 3), np.uint8), "uint8 8x8x3"),
         (np.zeros((16, 16, 3)), "float64 16x16x3"),
         (None, "of type NoneType; the network takes uint8 16x16x3"),
-        ("gone.jpg", "gone.jpg cannot be read as an image"),
+        ("gone.jpg", "gone.jpg does not exist"),
     ],
 )
 def test_what_does_not_fit_is_named(classifier, image, told):
@@ -70,7 +70,7 @@ def test_images_that_fail_among_many_are_named_and_the_others_are_not_lost(class
     assert [each.name for each in raised.value.failed] == ["gone.jpg", "image 2"]
     first, found, last = classifier.classify_many(iter(images), errors="return")
     assert found.label == "bright"
-    assert "no such file" in first.error.problem
+    assert "does not exist" in first.error.problem
     assert "uint8 8x8x3" in last.error.problem
     assert all(isinstance(each, FailedPhoto) for each in classifier.classify_many(images[:1], errors="return"))
 

@@ -68,7 +68,10 @@ def test_each_of_several_examples_is_found_and_told_apart(example, two, tmp_path
 def test_an_example_that_is_refused_leaves_the_detector_as_it_was(example, two):
     detector = ExampleDetector().add(example)
     before = detector.detect(two)
-    for wrong, says in ((np.full((90, 90, 3), 7, np.uint8), "the image: .*a single colour"), ("gone.png", "no such")):
+    for wrong, says in (
+        (np.full((90, 90, 3), 7, np.uint8), "the image: .*a single colour"),
+        ("gone.png", "does not exist"),
+    ):
         with pytest.raises(UserError, match=says):
             detector.add(wrong)
     with pytest.raises(UserError, match="point=220,10 lies outside the prototype of 220x160 pixels"):

@@ -390,7 +390,7 @@ FOLDERS = {
     "two rides": (_rides, ["2 folders, reference as the map; equal names", "places=name"]),
     "classes": (_classes, ["2 folders of images, cat to dog: if each is a class", "dataset=image_folder"]),
     "classes numbered alike": (
-        _numbered_classes, ["equal names are taken for equal places", "3 folders of images, digit 0 to digit 2: if each"]
+        _numbered_classes, ["equal names are taken for equal places", "3 folders of images, digit 0 to digit 2: if"]
     ),
     "classes with splits": (_split_classes, ["2 folders of images, cat to dog"]),
     "classes of few": (lambda folder: classes(folder, 3, 5), ["3 folders of images", "dataset=image_folder"]),

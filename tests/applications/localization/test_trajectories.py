@@ -123,7 +123,7 @@ def test_tables_are_joined_by_the_names_of_images_also_the_one_that_localization
     truth, own = tmp_path / "truth.csv", tmp_path / "poses.csv"
     truth.write_text("\n".join(["file;x;y;heading", *(";".join(map(str, row)).replace(".", ",") for row in rows)]))
     truth.write_text(truth.read_text().replace(",jpg", ".jpg"))
-    said = [f"{name},{x + 1},{y},{heading - 3},0.1,0.1,1,1,1,false,,0,0" for name, x, y, heading in rows[2:]]
+    said = [f"{name},{x + 1},{y},{heading - 3},0.1,0.1,1,1,1,false,,0,0," for name, x, y, heading in rows[2:]]
     own.write_text("\n".join([",".join(COLUMNS), *said]))
     found = compare_trajectories(truth, own)
     assert (len(found.reference), found.reference_frames, found.estimate_frames) == (10, 12, 10)

@@ -85,4 +85,4 @@ def test_a_folder_that_may_not_be_read_is_named(tmp_path):
     )
     assert "a.png" in done.stdout
     assert "b.png" not in done.stdout
-    assert f"left out, as it cannot be read: {tmp_path / 'shut'}" in done.stderr
+    assert "left out, as it cannot be read: shut" in done.stderr

@@ -108,7 +108,7 @@ def test_a_chosen_photo_is_drawn_and_measured(tab, photos):
 
 def test_a_dropped_file_that_is_no_photo_is_named(tab, photos):
     tab.run(DROP % ("#photo .drop", ["notes.txt"]))
-    assert answered(tab, "photo").startswith("notes.txt cannot be read as a photo (10 bytes)")
+    assert answered(tab, "photo").startswith("notes.txt cannot be decoded (10 bytes)")
     assert tab.run("document.querySelector('#photo .result').hidden")
     choose(tab, "#photo input[type=file]", photos / "empty.jpg")
     assert answered(tab, "photo").startswith("empty.jpg is empty (0 bytes)")

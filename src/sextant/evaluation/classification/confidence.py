@@ -40,8 +40,8 @@ class Confidence:
         """The confidences of logits, by softmax in 32 bits; infinite logits give a nan.
 
         >>> found = Confidence.of_logits(torch.tensor([[0.0, 0.0], [0.0, 100.0]]), torch.tensor([0, 1]))
-        >>> found.predicted.tolist(), found.nll.round(2).tolist()
-        ([0.5, 1.0], [0.69, 0.0])
+        >>> found.predicted.tolist(), [f"{nll:.2f}" for nll in abs(found.nll)]
+        ([0.5, 1.0], ['0.69', '0.00'])
         """
         log_p = torch.log_softmax(logits.detach().float(), 1)
         of_label = log_p.gather(1, labels[:, None].to(log_p.device))[:, 0]
