@@ -51,7 +51,7 @@ def test_that_most_poses_have_no_partner_is_said(files, capsys):
         ([], "trajectory needs two files, got 0"),
         (["alignment=best"], "alignment=best must be one of none, rigid, similarity"),
         (["max_gap=1"], "max_gap=1: unknown key"),
-        (["<files>", "figure=plan.txt"], "figure=plan.txt must end in .png, .svg, .pdf"),
+        (["<files>", "figure=plan.txt"], "figure=plan.txt must be a file of its own that ends in .png, .svg, .pdf"),
         (["<files>", "alignment=rigid"], "alignment=rigid is of the picture, and figure= is missing"),
         (["<files>", "json=<folder>"], "json=<folder> must be a file of its own that ends in .json"),
         (["<files>", "json=<folder>/estimate.tum"], "must be a file of its own that ends in .json"),

@@ -1,0 +1,100 @@
+"""The commands that ``inspect`` prints, run as they are printed; a map of the user is filled in."""
+
+import json
+import shlex
+
+import cv2
+import numpy as np
+import pytest
+from applications.inspection.folders import FOLDERS
+from made_up_bags import Bags
+from PIL import Image
+
+from sextant import cli
+from sextant.applications.inspection import inspect
+from sextant.geometry import PerspectiveCamera, level_camera_pose
+from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
+
+SIZE = (224, 168)
+FEW = ["one camera", "classes", "two rides", "two trajectories", "known cameras", "names with UTM"]
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """The user is in a folder of their own, beside that with their files."""
+    (tmp_path / "files").mkdir()
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path / "outputs"))
+
+
+def run_all(folder, choose=lambda command: True):
+    """Run the commands for a folder, and return them; a command that fails raises ``SystemExit``."""
+    printed = [command for each in inspect(folder).suggestions for command in each.commands if choose(command)]
+    for command in printed:
+        program, verb, *words = shlex.split(command)
+        assert program == "sextant"
+        cli.run(verb, words)
+    return printed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FEW)
+def test_commands_for_photos_places_and_trajectories_run(name, tmp_path, capsys):
+    FOLDERS[name][0](tmp_path / "files")
+    printed = run_all(tmp_path / "files")
+    assert printed
+    for command in printed:
+        values = dict(word.split("=", 1) for word in shlex.split(command) if "=" in word)
+        assert "output" not in values or any((tmp_path / "work" / values["output"]).rglob("*.json")), command
+
+
+def shoot(folder, town, poses, look):
+    at = np.stack([level_camera_pose(x, y, 1.6, turn, 0.0, 0.0).numpy() for x, y, turn in poses])
+    folder.mkdir(parents=True)
+    rays = Rays.of_camera(PerspectiveCamera.from_vfov(1.0, *SIZE), 1)
+    images = list(town.renderer(look).pictures(rays, at, look))
+    for k, image in enumerate(images):
+        Image.fromarray(image).save(folder / f"{k:03d}.png")
+    rows = [f"{k:03d}.png,{x},{y},{np.degrees(turn)}" for k, (x, y, turn) in enumerate(poses)]
+    (folder / "poses.csv").write_text("\n".join(["file,x,y,heading", *rows]))
+    return images
+
+
+@pytest.mark.slow
+def test_commands_for_drives_a_metre_apart_run_and_find_the_robot(tmp_path, capsys):
+    """A map with images 1 m apart, a second drive, a third one without poses but with odometry, a video and a bag."""
+    streets = irregular_streets(size_m=200, block_m=80, seed=3)
+    town, way = Town(streets, seed=3), random_walk(streets, 150, seed=1)
+    mapped, second = (drive(streets, way, seed=seed).sample_by_distance(1).poses for seed in (2, 5))
+    files = tmp_path / "files"
+    shoot(files / "map", town, mapped[:80], condition("summer_noon"))
+    images = shoot(files / "second", town, second[10:60], condition("autumn_morning"))
+    shoot(files / "third", town, second[10:30], condition("autumn_morning"))
+    (files / "third" / "poses.csv").unlink()
+    rows = [f"{k:03d}.png,{x},{y},{turn}" for k, (x, y, turn) in enumerate(second[10:30])]
+    (files / "third" / "odometry.csv").write_text("\n".join(["file,x,y,theta", *rows]))
+    video = cv2.VideoWriter(str(files / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, SIZE)
+    for image in images:
+        video.write(np.ascontiguousarray(image[..., ::-1]))
+    video.release()
+    bags = Bags(2)
+    bags.write(files, [("/camera", k + 1, bags.image(k + 1, image, "rgb8")) for k, image in enumerate(images[:30])])
+
+    trained = run_all(files, lambda command: command.startswith("sextant train"))
+    assert len(trained) == 1
+    assert "dataset.protocol=town" in trained[0]
+    (metrics,) = (tmp_path / "outputs").glob("runs/localization/*/metrics.json")
+    rates = {name: value for name, value in json.loads(metrics.read_text())["metrics"].items() if "success" in name}
+    print(rates)
+    assert max(rates.values()) > 0
+
+    walks = run_all(files, lambda command: command.startswith("sextant walk"))
+    assert any(f"odometry={files}/third/odometry.csv" in command for command in walks)
+    printed = [command for each in inspect(files).suggestions for command in each.commands if "map=<map>" in command]
+    assert len(printed) == 2
+    for command in printed:
+        words = shlex.split(command.replace("<map>", str(next((tmp_path / "work" / "walk").rglob("map")))))
+        cli.run(words[1], words[2:])
+        (output,) = [word.removeprefix("output=") for word in words if word.startswith("output=")]
+        assert (tmp_path / "work" / output / "poses.csv").is_file()
