@@ -6,13 +6,15 @@ import shlex
 import cv2
 import numpy as np
 import pytest
-from applications.inspection.folders import FOLDERS
+from applications.inspection.folders import FOLDERS, classes, panorama
 from made_up_bags import Bags
 from PIL import Image
 
 from sextant import cli
 from sextant.applications.inspection import inspect
 from sextant.geometry import PerspectiveCamera, level_camera_pose
+from sextant.lifecycle.checks import checked, preflight, require_possible
+from sextant.recipes import recipe_of
 from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
 
 SIZE = (224, 168)
@@ -36,6 +38,42 @@ def run_all(folder, choose=lambda command: True):
         assert program == "sextant"
         cli.run(verb, words)
     return printed
+
+
+TRAINED = [
+    "classes", "classes of few", "classes with splits", "twelve classes", "photos of classes, minutes apart",
+    "panoramas",
+    *(name for name in FOLDERS if name.startswith(("drives", "rides")) and name != "drives 20 m apart"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TRAINED)
+def test_trainings_that_are_printed_have_enough_images(name, tmp_path):
+    FOLDERS[name][0](tmp_path / "files")
+    suggested = [command for each in inspect(tmp_path / "files").suggestions for command in each.commands]
+    trainings = [command for command in suggested if command.startswith("sextant train")]
+    assert trainings
+    for command in trainings:
+        config = checked(preflight(shlex.split(command)[2:]))
+        require_possible(config, recipe_of(config.task.name).source(config))
+
+
+@pytest.mark.parametrize("images", [5, 6, 8, 11, 16, 25, 32, 33])
+@pytest.mark.parametrize("count", [2, 3])
+def test_few_images_of_classes_are_a_batch(count, images, tmp_path):
+    classes(tmp_path / "files", count, images)
+    (suggested,) = [each for each in inspect(tmp_path / "files").suggestions if each.task == "classify images"]
+    config = checked(preflight(shlex.split(suggested.commands[0])[2:]))
+    require_possible(config, recipe_of("classification").source(config))
+
+
+@pytest.mark.parametrize("count", [3, 5, 15, 17])
+def test_few_panoramas_are_a_batch(count, tmp_path):
+    for number in range(count):
+        panorama(tmp_path / "files" / f"{number}.png", number)
+    (suggested,) = [each for each in inspect(tmp_path / "files").suggestions if "panoramas" in each.task]
+    config = checked(preflight(shlex.split(suggested.commands[0])[2:]))
+    require_possible(config, recipe_of("calibration").source(config))
 
 
 @pytest.mark.slow

@@ -24,6 +24,8 @@ CAMERAS = 4
 LEAST_OF_A_CLASS, LEAST_PANORAMAS, LEAST_FOCALS = 5, 3, 5
 #: of so many classes or more, each needs so many images
 MANY_CLASSES = 20
+#: batch sizes by default, of classifiers and of calibration, which cuts so many photos from each panorama
+BATCH, BATCH_OF_CROPS, CROPS = 32, 64, 8
 #: names of the frames of a video; seconds between two images of one
 FRAME, BETWEEN_FRAMES = re.compile(r"(?:^|[^a-z])frame[_-]?\d+$", re.IGNORECASE), 2.0
 
@@ -98,7 +100,11 @@ def _panoramas(seen: Seen) -> Iterator[Suggestion]:
         pure = [f.folder for f in seen.folders if around.issuperset(f.files) and len(f.files) >= LEAST_PANORAMAS]
     commands = [
         command(
-            "train", "task=calibration", "dataset=panorama_folder", f"dataset.folder={override(seen.folder / each)}"
+            "train",
+            "task=calibration",
+            "dataset=panorama_folder",
+            f"dataset.folder={override(seen.folder / each)}",
+            *_smaller_batch(len([file for file in around if file.is_relative_to(each)]) // 2 * CROPS, BATCH_OF_CROPS),
         )
         for each in pure
     ]
@@ -137,10 +143,16 @@ def _classes(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
         return
     if _of_videos([each for each in seen.folders if each.folder.is_relative_to(folders.base)]):
         return  # places, by their frames: neighbours of a frame would be in training and test alike
-    words = ("dataset=image_folder", f"dataset.folder={override(seen.folder / folders.base)}")
+    words: tuple[str, ...] = ("dataset=image_folder", f"dataset.folder={override(seen.folder / folders.base)}")
+    words += _smaller_batch(sum(folders.classes.values()) // 2, BATCH)
     names = sorted(folders.classes)
     why = f"{len(names):,} folders of images, {names[0]} to {names[-1]}: if each is a class"
     yield Suggestion("classify images", why, (command("train", *words),))
+
+
+def _smaller_batch(surely: int, usual: int) -> tuple[str, ...]:
+    """The batch size, where what is surely left for training, once some is held out, does not fill the usual one."""
+    return () if surely >= usual else (f"trainer.batch_size={2 ** (surely.bit_length() - 1)}",)
 
 
 def _of_videos(folders: Sequence[FolderOfPhotos]) -> bool:
