@@ -50,7 +50,7 @@ def check_share(argument: str, value: Any, fix: str) -> None:
         raise ArgumentError(f"{argument}={value!r:.60} must be a share above 0 and at most 1", fix)
 
 
-def check_apart(output: Path, photos: Sequence[Path] = (), *, key: str = "output", **inputs: Path | str) -> None:
+def check_apart(output: Path, photos: Sequence[Path] = (), /, *, key: str = "output", **inputs: Path | str) -> None:
     """Check that results go to no folder that is read: they would replace files there, or be read the next time.
 
     Folders are compared as the file system does, so that links, ``..`` and, where it ignores it, case make no

@@ -78,7 +78,7 @@ def require_apart(config: Config) -> None:
             inputs = [whole / name for name in drives if isinstance(name, str)] or [whole]
             for key in ("outputs", "cache"):
                 for each in inputs:
-                    check_apart(Path(config.plain["paths"][key]), (), key=f"paths.{key}", **{"dataset.folder": each})
+                    check_apart(Path(config.plain["paths"][key]), key=f"paths.{key}", **{"dataset.folder": each})
 
 
 def require_outputs(outputs: Path) -> None:
