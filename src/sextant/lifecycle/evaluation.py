@@ -41,6 +41,8 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
         UserError: the run does not exist, an override is wrong, or the model does not fit the data.
     """
     outputs = _outputs(overrides)
+    if outputs.exists():  # it is not made before it is known to be apart from the images
+        require_outputs(outputs)
     found = resolve_run(run, outputs)
     from sextant.runs.checkpoint import KEY
 
