@@ -11,6 +11,8 @@ from sextant.figures.style import COLOURS, new_figure, plain
 
 #: costs that are marked on the axis
 TICKS = (1, 1.5, 2, 3, 4, 5, 6, 8, 10, 15, 20)
+#: ratio of costs below which the names of two variants would overlap
+NEAR = 1.2
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def _draw(axes: Axes, points: Sequence[CostPoint], colour: str) -> None:
             markerfacecolor=colour if point.certain else "white",
             capsize=3,
         )
-        above = number % 2 == 0  # neighbours may cost nearly the same: one is named above its bar, the next below
+        above = number == 0 or point.cost / points[number - 1].cost > NEAR  # else below the bar
         axes.annotate(
             point.name.replace("_", " "),
             (point.cost, high if above else low),
