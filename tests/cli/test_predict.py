@@ -120,10 +120,12 @@ def test_if_no_image_can_be_read_the_command_fails_and_names_them_all(tmp_path, 
 def test_images_that_were_skipped_are_in_a_table_with_reasons(tmp_path, picture, classifier, capsys):
     (tmp_path / "b.png").write_bytes(b"nothing")
     predict.main(["run=x", f"input={tmp_path}", f"output={tmp_path / 'out'}"])
-    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    out = capsys.readouterr().out
+    said = " ".join(out.replace("│", " ").split())
     assert "Skipped (1)" in said
-    assert "b.png" in said
-    assert "cannot be decoded (7 bytes): it is text" in said
+    cells = [line.split("│")[1:3] for line in out.splitlines() if line.count("│") == 3]  # long ones are folded
+    assert "".join(name.strip() for name, _ in cells).endswith("b.png")
+    assert " ".join(" ".join(why for _, why in cells).split()) == "cannot be decoded (7 bytes): it is text"
     assert "1 images classified, 1 could not be read" in said
 
 

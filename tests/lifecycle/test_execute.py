@@ -32,13 +32,10 @@ def test_a_run_leaves_everything_in_its_directory(finished):
     assert outcome.directory.name.endswith("-s0")
     assert yaml.safe_load(directory.config.read_text()) == raw
     metrics = directory.results()["metrics"]
-    assert set(metrics) == {
-        "val/accuracy",
-        "val/loss",
-        "test/accuracy/clean",
-        "test/accuracy/gaussian/0.1",
-        "test/accuracy/contrast_poisson/0.5",
-    }
+    conditions = ("clean", "gaussian/0.1", "contrast_poisson/0.5")
+    by_condition = {f"test/{name}/{each}" for name in ("accuracy", "ece", "nll") for each in conditions}
+    headline = ("clean", "corrupted", "relative_loss", "under/gaussian", "under/contrast_poisson")
+    assert set(metrics) == {"val/accuracy", "val/loss", *by_condition, *(f"test/headline/{each}" for each in headline)}
     with np.load(directory.arrays, allow_pickle=False) as arrays:
         accuracy = (arrays["gaussian/0.1"] == arrays["labels"]).mean()
     assert metrics["test/accuracy/gaussian/0.1"] == pytest.approx(accuracy)

@@ -137,7 +137,7 @@ def test_filters_answer_by_their_first_method(tmp_path):
     rows = answered(photo_predictor(run.last_checkpoint), PHOTOS)
     assert {row["label"] for row in rows[:2]} <= {str(digit) for digit in range(10)}
     assert all(isinstance(row["score"], float) for row in rows[:2])
-    assert "cannot be read as an image" in rows[2]["error"]
+    assert "cannot be decoded" in rows[2]["error"]
 
 
 def test_what_answers_no_photos_says_so(tmp_path):

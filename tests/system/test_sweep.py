@@ -95,7 +95,7 @@ def test_a_failing_cell_is_recorded_and_the_rest_go_on(tmp_path, sweep):
     assert status == 1
     assert "4 planned, " in text
     assert "2 failed" in text
-    assert "3.png cannot be read as an image" in text.replace("\n", "")
+    assert "3.png cannot be decoded" in text.replace("\n", "")
     plan = json.loads((find_sweep("sweep", tmp_path / "outputs") / "cells.json").read_text())
     assert [bool(cell["message"]) for cell in plan["cells"]] == [False, False, True, True]
 
