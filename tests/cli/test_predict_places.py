@@ -598,15 +598,16 @@ def test_pages_of_the_gallery_are_no_photos_and_old_ones_go(rides, tmp_path, mon
     day, night = rides
     monkeypatch.setattr(gallery_pages, "QUERIES", 5)
     monkeypatch.setattr(gallery_pages, "ON_A_PAGE", 2)
-    _, first = look_up(day, night, night)
-    assert len(list(night.glob("matches_page*.png"))) == 3
+    out = tmp_path / "found"
+    _, first = look_up(day, night, out)
+    assert len(list(out.glob("matches_page*.png"))) == 3
     for k in (0, 1, 2, 3):
         (night / f"{k:03d}.png").unlink()
-    (night / "matches_page_of_mine.svg.png").write_bytes(b"the user's")
-    _, second = look_up(day, night, night)
-    (night / "matches_page_of_mine.svg.png").unlink()  # not deleted by the command
+    (out / "matches_page_of_mine.svg.png").write_bytes(b"the user's")
+    _, second = look_up(day, night, out)
+    (out / "matches_page_of_mine.svg.png").unlink()  # not deleted by the command
     assert (first["queries"]["photos"], second["queries"]["photos"]) == (6, 2)
-    assert [path.name for path in night.glob("matches_page*.png")] == ["matches_page1.png"]
+    assert [path.name for path in out.glob("matches_page*.png")] == ["matches_page1.png"]
 
 
 def test_help_tells_of_every_key(capsys):

@@ -327,7 +327,7 @@ def test_a_quick_sweep_has_eight_seeds_and_what_its_claims_need(sweep):
 @pytest.mark.slow
 def test_a_preset_runs_what_is_missing_and_decides_from_it(tmp_path, monkeypatch):
     monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path))
-    small = ["trainer=fast", "trainer.batch_size=64", "corruption=none", "tracking=none"]
+    small = ["trainer=fast", "corruption=none", "tracking=none"]
     definition = {**life._definition("demo"), "quick": [*small, "backbone=lenet_a", "sweep.seeds=1"]}
     monkeypatch.setattr(life, "_definition", lambda sweep: definition)
     claims = {"demo": demo()}

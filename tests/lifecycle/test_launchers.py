@@ -224,7 +224,9 @@ def test_a_search_that_is_cancelled_submits_nothing_more_and_the_same_command_go
     marked = "find . -name tasks.json -exec sed -i s/false/true/ {} +"  # as sextant sweep cancel does
     (slurm / "sbatch").write_text(f"#!/bin/sh\ncd {tmp_path}/cancelled\n{marked}\necho Submitted batch job 7\n")
     words = arguments(tmp_path / "cancelled", *SLURM, trials=3)
-    with pytest.raises(UserError, match=r"^search-\w+ was cancelled\n.* sextant sweep attach search-\w+, goes on"):
+    with pytest.raises(
+        UserError, match=r"^search-\w+ was cancelled\n.* sextant sweep attach search-\w+ outputs=.*, goes on"
+    ):
         sweep_or_search(words)
     assert len(submissions(find_sweep("search", tmp_path / "cancelled"))) == 1
     found = sweep_or_search(words, run_cells=MadeUpRuns())

@@ -115,7 +115,7 @@ def test_a_trained_run_is_tested_under_other_conditions(swept, outputs):
     where = [f"paths.outputs={outputs}", "tracking=none"]
     tested = sextant.evaluate(found.outcomes[0].directory, [*where, "task.test_every=3"])
     assert tested.directory.parent.name == "evaluation"
-    assert set(tested.metrics) == {"test/accuracy/clean"}
+    assert set(tested.metrics) == {f"test/{name}/clean" for name in ("accuracy", "ece", "nll")}
     with pytest.raises(UserError, match="belongs to the trained weights"):
         sextant.evaluate(found.outcomes[0].directory, [*where, "backbone=lenet_b"])
 

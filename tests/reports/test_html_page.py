@@ -108,7 +108,7 @@ def test_the_board_is_drawn_from_one_file_without_a_complaint(tab, board):
 @in_a_browser
 def test_a_heading_sorts_its_column_by_numbers_and_back(tab, board):
     shown(tab, board)
-    name = "effect in its favour, 95 %"
+    name = "effect in its favour"
     as_written = column(tab, name)
     click(tab, name)
     rising = [float(text.split()[0]) for text in column(tab, name)]

@@ -23,7 +23,7 @@ def sweep(monkeypatch, capsys):
         GlobalHydra.instance().clear()
         status = 0
         try:
-            cli.run("train", ["-m", *QUICK, *arguments])
+            cli.run("train", ["-m", *QUICK, "trainer.batch_size=8", *arguments])  # in larger ones they learn nothing
         except SystemExit as exit_:
             status = exit_.code
         finally:

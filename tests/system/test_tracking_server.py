@@ -136,7 +136,8 @@ def test_a_sweep_whose_server_loses_its_database_gets_there(server, tmp_path):
     plan = read_plan(find_sweep("sweep", outputs))
     directories = [RunDirectory(outputs / cell.run) for cell in plan.cells]
     (parent,) = require_whole(server, *directories)
-    assert (parent.info.status, parent.info.run_id) == ("FINISHED", plan.mlflow_runs[-1])
+    assert parent.info.run_id == plan.mlflow_runs[-1]
+    assert (parent.info.status, parent.data.tags["sextant.outcome"]) == ("FAILED", "3 diverged")  # as short as they are
     assert (parent.info.start_time, parent.info.end_time) == (int(1000 * plan.began), int(1000 * plan.ended))
     children = [run for run in server.runs()[1] if run.info.run_id != parent.info.run_id]
     assert {run.data.tags["mlflow.parentRunId"] for run in children} == {parent.info.run_id}

@@ -45,7 +45,7 @@ def test_the_example_is_found_where_it_is_and_nothing_else(tmp_path, example, ca
     out = tmp_path / "out"
     told = detect(example, images, out)
     broken, none, two = told["images"]  # by name
-    assert "broken.jpg cannot be read" in broken["error"]
+    assert "broken.jpg cannot be decoded" in broken["error"]
     assert none["detections"] == []
     assert 0 < none["strongest"] < 0.7
     assert sorted(places(two)) == [pytest.approx((80, 70), abs=2), pytest.approx((200, 110), abs=2)]
@@ -66,7 +66,7 @@ def test_the_example_is_found_where_it_is_and_nothing_else(tmp_path, example, ca
 @pytest.mark.slow
 def test_the_pictures_are_no_inputs_of_the_next_command(tmp_path, example):
     for _ in range(2):
-        told = detect(example, tmp_path, tmp_path)
+        told = detect(example, tmp_path, tmp_path / "found")
     assert [row["file"] for row in told["images"]] == [str(example)]
 
 
