@@ -26,6 +26,7 @@ from sextant.errors import UserError, command
 from sextant.lifecycle.checks import checked, preflight
 from sextant.runs.directory import RunDirectory
 
+ROBOT = ["task=localization", *OFFICE, *(each for each in QUICK_LOCALIZER if not re.search("horizon|save_map", each))]
 TASKS = ["classification", "calibration", "place_recognition", "localization", "cosfire"]
 TYPED = {
     "nothing": [],
@@ -135,9 +136,10 @@ def test_a_command_is_quoted_for_a_shell_except_its_placeholders():
     "typed",
     [
         ["trainer=fast", *QUICK_CLASSIFIER, "trainer.max_epochs=1", "tracking=none"],
-        ["task=localization", *OFFICE, *(each for each in QUICK_LOCALIZER if "horizon" not in each)],
+        [*ROBOT, "task.save_map=true"],
+        [*ROBOT, "task.save_map=false"],
     ],
-    ids=["a classifier", "a robot in the office of the tutorial"],
+    ids=["a classifier", "a robot in the office of the tutorial", "a robot that keeps no map"],
 )
 def test_what_is_printed_after_a_run_runs_as_it_is_printed(typed, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path / "outputs"))
@@ -150,11 +152,12 @@ def test_what_is_printed_after_a_run_runs_as_it_is_printed(typed, tmp_path, monk
     monkeypatch.setattr(sys, "argv", ["train.py"])
     cli.run("train", typed)
     lines = re.findall(r"^(evaluate|predict|sweep) +sextant (.*)$", capsys.readouterr().out, re.MULTILINE)
-    assert [what for what, _ in lines] == ["evaluate", "predict", "sweep"]
+    predicts = "task.save_map=false" not in typed
+    assert [what for what, _ in lines] == ["evaluate", *(["predict"] if predicts else []), "sweep"]
     own = {"<folder of photos>": "photos", "<table>": "odometry.csv", "<folder>": "photos"}
     printed = {
-        "evaluate": "Result",
-        "predict": "photos" if "task=localization" in typed else "3 images",
+        "evaluate": "On the test split" if "task=localization" in typed else "Result",
+        "predict": "3 images",
         "sweep": "6 planned, ",
     }
     for what, line in lines:

@@ -37,10 +37,10 @@ def next_commands(config: Config, directory: RunDirectory, name: str, overrides:
     tracking = config.tracking
     server = ["tracking=server", f"tracking.uri={tracking.uri}"] if tracking.kind == "server" else []
     outputs = other_than_default(directory.path.parents[2])
-    sweep = _sweep(recipe, overrides)
+    sweep, given = _sweep(recipe, overrides), recipe.prediction_example(config)
     return {
         "evaluate": command("evaluate", f"run={name}", *recipe.evaluation_example, *where, *trust),
-        "predict": command("predict", f"run={name}", *recipe.prediction_example, "output=<folder>", *trust),
+        **({"predict": command("predict", f"run={name}", *given, "output=<folder>", *trust)} if given else {}),
         **({} if sweep is None else {"sweep": sweep}),
         "dashboard": command("dashboard", *server, outputs=outputs),
     }

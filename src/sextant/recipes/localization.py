@@ -52,8 +52,11 @@ class LocalizationRecipe(Recipe):
     alone = "learns a few hyper-parameters of a Gaussian process, which one process does"
     on_cpu = "learns a few hyper-parameters and weighs a few thousand particles, which one core does in milliseconds"
     sweep_example = ("recovery", ("none", "bayes_restart"))
-    prediction_example = ("input=<folder of photos>", "odometry=<table>")
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
+
+    def prediction_example(self, config: Config) -> tuple[str, ...]:
+        """Photos of a way, localized in the map of images that the run keeps, if it keeps one."""
+        return ("input=<folder of photos>", "odometry=<table>") if _keeps_map(config) else ()
 
     def check_parts(self, config: Config) -> None:
         """Raise a ``UserError`` if the choices of several groups are incompatible."""
@@ -228,7 +231,7 @@ class LocalizationRecipe(Recipe):
         files: dict[str, Callable[[Path], None]] = {"trajectories": partial(report.write_trajectories, found)}
         if settings.replay:
             files["figures"] = partial(report.write_replays, found, data.drives)
-        if _task(config).save_map and not _is_laser(config):
+        if _keeps_map(config):
             from sextant.recipes.run_map import run_localizer, write_map
 
             files["map"] = lambda folder: write_map(
@@ -376,6 +379,10 @@ def _faults(config: Config) -> dict[str, Any]:
         return {"none" if name == "no_fault" else name: build(config.plain, "fault")}
     faults = config.plain["faults"]["faults"]
     return {name: build(faults, name) for name in faults}
+
+
+def _keeps_map(config: Config) -> bool:
+    return bool(_task(config).save_map and not _is_laser(config))
 
 
 def _is_laser(config: Config) -> bool:

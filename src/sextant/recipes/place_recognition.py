@@ -41,8 +41,11 @@ class PlaceRecognitionRecipe(Recipe):
     evaluation_example = ("dataset=place_folders", "dataset.folder=<folder>")
     monitor = ("val/recall_at_1", "max")
     sweep_example = ("loss", ("info_nce", "triplet_ratio"))
-    prediction_example = ("map=<folder>", "queries=<folder>")
     test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
+
+    def prediction_example(self, config: Config) -> tuple[str, ...]:
+        """A map and its queries."""
+        return ("map=<folder>", "queries=<folder>")
 
     def identity(self, config: Config) -> dict[str, Any]:
         """The base identity, with that of the off-the-shelf weights to which the network is compared."""

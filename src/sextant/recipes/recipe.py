@@ -64,7 +64,6 @@ class Recipe(ABC):
         evaluation_example: arguments of ``evaluate.py`` that a user may want next.
         monitor: validation metric that selects checkpoints, and whether its "max" or "min" is best.
         sweep_example: a group or key and two values, compared in a sweep that a user may want next.
-        prediction_example: arguments of ``predict.py`` that name its input.
         cannot_test: kinds of the group ``corruption`` under which the task is not tested; most can only be tested under
             corruptions that are drawn.
         alone: why it is trained in a single process and uncompiled, if it is.
@@ -76,7 +75,6 @@ class Recipe(ABC):
     evaluation_example: ClassVar[tuple[str, ...]]
     monitor: ClassVar[tuple[str, Literal["max", "min"]]]
     sweep_example: ClassVar[tuple[str, tuple[str, str]]]
-    prediction_example: ClassVar[tuple[str, ...]] = ("input=<folder>",)
     cannot_test: ClassVar[tuple[type[TestConditions], ...]] = (StoredSuite, PerturbationSuite)
     alone: ClassVar[str] = ""
     on_cpu: ClassVar[str] = ""
@@ -84,6 +82,10 @@ class Recipe(ABC):
 
     def __init__(self, reporter: Reporter = SILENT):
         self.reporter = reporter
+
+    def prediction_example(self, config: Config) -> tuple[str, ...]:
+        """Arguments of ``predict.py`` that name the input of a run; none if the run predicts nothing. Light."""
+        return ("input=<folder>",)
 
     def check_parts(self, config: Config) -> None:
         """Raise a ``UserError`` if choices of several groups are incompatible. Light."""
