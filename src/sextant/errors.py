@@ -2,7 +2,7 @@
 
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -21,6 +21,8 @@ EXTRAS = {
     "html": ("vl_convert", "markdown_it"),
     "timm": ("timm",), "colmap": ("pycolmap",),
 }  # fmt: skip
+#: problems that a message names
+NAMED = 20
 
 
 def command(*words: str, outputs: str | None = None) -> str:
@@ -133,3 +135,10 @@ def naming_extras(what: str) -> Iterator[None]:
         if extra is None:
             raise
         raise UserError(f"{what} needs {package}, which is not installed", how_to_install(extra)) from None
+
+
+def problem_list(problems: Sequence[str]) -> str:
+    """The first problems, one per line, and how many more there are."""
+    lines = "\n".join(f"  {problem}" for problem in problems[:NAMED])
+    more = len(problems) - NAMED
+    return f"{lines}\n  and {more:,} more" if more > 0 else lines

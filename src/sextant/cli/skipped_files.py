@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from sextant.cli.console import console, rows_table
-from sextant.data.places.problem_list import NAMED
 from sextant.data.unusable_files import nothing_usable, reason_alone
+from sextant.errors import NAMED
 
 
 def skipped_of(rows: Iterable[Mapping[str, Any]], problem: str) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """From a composed config to a typed one, with helpful errors."""
 
 import difflib
+import re
 from collections.abc import Iterable, Mapping
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
@@ -82,7 +83,8 @@ def _shown(value: Any) -> str:
 
 
 def _example(key: str, field: FieldInfo | None) -> str:
-    return f"For example {key}={field.examples[0]}" if field is not None and field.examples else ""
+    whole = re.sub(r"(\.\d+)+$", "", key)  # examples are of the list, not of one entry
+    return f"For example {whole}={field.examples[0]}" if field is not None and field.examples else ""
 
 
 def _names(model: type[BaseModel]) -> list[str]:

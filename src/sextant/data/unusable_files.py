@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping
 
-from sextant.data.places.problem_list import problem_list
-from sextant.errors import UserError
+from sextant.errors import UserError, problem_list
 
 
 def nothing_usable(problem: str, skipped: Mapping[str, str], fix: str | None = None) -> UserError:

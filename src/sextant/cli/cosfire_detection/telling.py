@@ -9,7 +9,7 @@ from rich.markup import escape
 from sextant.cli.console import console, rows_table
 from sextant.cli.output_folder import tell_written
 from sextant.cli.skipped_files import tell_skipped
-from sextant.data.places.problem_list import NAMED
+from sextant.errors import NAMED
 
 
 def tell(

@@ -10,7 +10,7 @@ from sextant.applications.places.describing import DescribedPhotos
 from sextant.cli.console import console, rows_table
 from sextant.cli.output_folder import tell_written
 from sextant.cli.skipped_files import tell_skipped
-from sextant.data.places.problem_list import NAMED
+from sextant.errors import NAMED
 
 #: the meaning of a confidence, shown in the terminal and in matches.json
 SUPPOSED = (

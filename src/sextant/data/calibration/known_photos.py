@@ -34,9 +34,8 @@ from sextant.data.name_matching import match_names
 from sextant.data.photo_files import FOUND_IN_FOLDERS, find_photos, walk_folder
 from sextant.data.photos import read_photo
 from sextant.data.picture_files import open_picture
-from sextant.data.places.problem_list import problem_list
 from sextant.data.unusable_files import nothing_usable
-from sextant.errors import UserError
+from sextant.errors import UserError, problem_list
 from sextant.user_files import absent, read_table, read_text
 
 UNKNOWN = math.nan

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.data.places.problem_list import problem_list
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, problem_list
 
 #: the two world axes that the robot moves along
 Plane = Literal["xy", "xz", "yz"]

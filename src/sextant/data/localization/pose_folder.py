@@ -32,10 +32,9 @@ from sextant.data.places.aligned import traverse_files
 from sextant.data.places.decoded_images import ImageSize, read_images
 from sextant.data.places.gps_poses import drive_by_gps
 from sextant.data.places.pose_files import table_poses
-from sextant.data.places.problem_list import problem_list
 from sextant.data.reconstructions import NAMED_FORMATS, read_reconstruction
 from sextant.data.source import MissingDataError, file_sha256, first_folder
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, problem_list
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
 from sextant.localization.map_support import map_spacing
 

@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from sextant.atomic_files import write_atomically
 from sextant.data.localization.plane import to_plane
-from sextant.data.places.problem_list import problem_list
 from sextant.data.positions import too_far
-from sextant.errors import UserError
+from sextant.errors import UserError, problem_list
 from sextant.user_files import read_lines
 from sextant.worlds.trajectories import load_kitti_poses
 

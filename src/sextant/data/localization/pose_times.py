@@ -23,8 +23,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.data.places.problem_list import problem_list
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, problem_list
 from sextant.user_files import read_lines
 
 #: an image this near to a pose in time has that pose

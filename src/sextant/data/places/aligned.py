@@ -6,9 +6,8 @@ from pathlib import Path
 
 from sextant.data.image_files import natural_key
 from sextant.data.photo_files import images_below
-from sextant.data.places.problem_list import problem_list
 from sextant.data.source import MissingDataError
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, problem_list
 from sextant.user_files import absent
 
 

@@ -21,11 +21,10 @@ from sextant.data.image_files import decode_image
 from sextant.data.picture_files import UnreadableImageError
 from sextant.data.pixel_values import LEVELS, WhiteLevels, is_deep
 from sextant.data.places.image_rows import ImageRows
-from sextant.data.places.problem_list import problem_list
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.progress import notify_every
 from sextant.data.source import file_sha256
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, problem_list
 from sextant.kept_array import keep_array, open_kept
 
 #: changes when the same files would be decoded into other pixels

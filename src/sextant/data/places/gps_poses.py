@@ -20,8 +20,7 @@ from numpy import ndarray
 
 from sextant.data.geodesy import geocentric, local_axes
 from sextant.data.places.pose_files import Pose
-from sextant.data.places.problem_list import problem_list
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, problem_list
 
 if TYPE_CHECKING:
     from sextant.data.photos.gps import GpsPosition

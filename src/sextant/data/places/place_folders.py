@@ -15,10 +15,9 @@ from sextant.data.places.decoded_images import ImageSize, read_images
 from sextant.data.places.gps_poses import gps_poses
 from sextant.data.places.images import PlaceImages
 from sextant.data.places.pose_files import Pose, table_poses, utm_poses
-from sextant.data.places.problem_list import problem_list
 from sextant.data.places.split import SPLITS, Split
 from sextant.data.source import MissingDataError, file_sha256, first_folder
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, problem_list
 
 Places = Literal["csv", "utm", "gps", "order", "name"]
 PLACES: tuple[Places, ...] = get_args(Places)

@@ -22,8 +22,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sextant.data.name_matching import match_names
-from sextant.data.places.problem_list import problem_list
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, problem_list
 from sextant.user_files import read_table
 
 COLUMNS = ("file", "x", "y", "heading")

@@ -4,9 +4,8 @@ import numpy as np
 
 from sextant.data.places.batches import PlaceBatches
 from sextant.data.places.images import PlaceImages
-from sextant.data.places.problem_list import problem_list
 from sextant.data.places.tolerance import PlaceTolerance
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, problem_list
 
 #: the class that the arguments belong to
 PARENT = "PlaceDataModule"

@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from sextant.data.image_files import natural_key
 from sextant.data.name_matching import NameMatches, match_names
-from sextant.data.places.problem_list import problem_list
 from sextant.data.positions import too_far
-from sextant.errors import UserError
+from sextant.errors import UserError, problem_list
 
 #: numbers in files are rounded: a matrix that differs more than this from a rotation is not one
 ROTATION_TOLERANCE = 1e-2
