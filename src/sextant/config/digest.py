@@ -16,7 +16,7 @@ LATER: dict[str, dict[str, Any]] = {
     "observation": {"rounded": False},
     "filter": {"outliers": None, "apart": None, "regions": None},
     "kernel.sharper": {"heading": 1.0},
-    "task": {"perspective_field": None},
+    "task": {"perspective_field": None, "geometric_height": 256},
     "task.whitening": {"images": 4000},
 }
 

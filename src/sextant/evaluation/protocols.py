@@ -40,6 +40,10 @@ def calibration_converged(bearing_deg: float, constant_bearing_deg: float) -> bo
     return bearing_deg <= CONVERGED_BELOW_CONSTANT * constant_bearing_deg
 
 
+#: A camera fails on an image if its bearings are off by more than this on average, in degrees: the largest threshold of
+#: AUC@1/5/10, by which cameras are compared, and less than the median error of a constant camera in the town (14°).
+CALIBRATION_FAILURE_DEG = 10.0
+
 #: A run of place recognition has converged if its recall@1 on the validation split is at least this many times chance.
 CONVERGED_TIMES_CHANCE = 3.0
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from sextant.reports.shared_set import SharedSet
     from sextant.tasks.calibration.module import Calibration
 
+#: geometric methods, by their names in results
+BY_LINES = ("vanishing points", "plumb lines", "both")
 #: number of cameras drawn to find the ranges and the median of a distribution, and their seed
 DRAWS, DRAW_SEED = 100_000, 999_983
 
@@ -30,7 +32,7 @@ class CalibrationRecipe(Recipe):
     evaluation_example = ("dataset=panorama_folder", "dataset.folder=<panoramas>")
     monitor = ("val/bearing_deg", "min")
     sweep_example = ("loss", ("bearing_disentangled", "bearing"))
-    test_settings = ("geometric_baselines",)
+    test_settings = ("geometric_baselines", "geometric_height")
 
     def source(self, config: Config) -> "PanoramaSource":
         """The dataset as a source of panoramas; invalid camera distributions are refused too."""
@@ -64,6 +66,12 @@ class CalibrationRecipe(Recipe):
         rows = {name: part_name(plain[name]) for name in names}
         return rows | {"sampling": str(plain["sampling"].get("name", "")), "test": conditions_name(plain["corruption"])}
 
+    def answers(self, config: Config) -> list[str]:
+        """The network, what learns nothing, and the geometric methods if they are tested."""
+        assert isinstance(config.task, CalibrationTask)
+        blind = ["network", "constant", "prior"]
+        return [*blind, *BY_LINES, "network + lines"] if config.task.geometric_baselines else blind
+
     def data(self, config: Config, source: "PanoramaSource") -> "CalibrationData":
         """Crops of the panoramas."""
         from sextant.data.calibration.datamodule import CalibrationData
@@ -83,6 +91,7 @@ class CalibrationRecipe(Recipe):
             augment=task.augment,
             canvas=task.canvas is not None,
             detail=None if task.canvas is None else (task.canvas.detail[0], task.canvas.detail[1]),
+            geometric_height=task.geometric_height,
         )
 
     def spec(self, config: Config, source: "PanoramaSource", data: "CalibrationData") -> dict[str, Any]:
@@ -155,7 +164,7 @@ class CalibrationRecipe(Recipe):
     def measured(
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
     ) -> "RunValues":
-        """Median errors."""
+        """Median errors of the network, or failures of the method ``reads``."""
         from sextant.reports.measure import calibrated
 
-        return calibrated(arrays)
+        return calibrated(arrays, reads)

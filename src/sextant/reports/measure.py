@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from sextant.errors import UserError
 from sextant.evaluation import BENCHMARK_15, CorruptionErrors, mean_interval, share_interval
-from sextant.evaluation.calibration.summary import median_error
+from sextant.evaluation.calibration.summary import KIND, failures, median_error
 from sextant.reports.shared_set import SharedSet
 
 Images = Float[ndarray, "images"]
@@ -110,6 +110,14 @@ CALIBRATION = Measure(
     unit="",
     digits=3,
 )
+FAILURES = Measure(
+    "Failures on the test split, per cent: bearings off by more than 10°, or no answer",
+    "failures",
+    "difference in failures (points)",
+    "mean",
+    "lower",
+    CALIBRATION.diverged,
+)
 RECALL = Measure(
     "Recall@1 on the test split, per cent",
     "recall@1",
@@ -152,6 +160,8 @@ BELIEVED = ("confidence/", "nll/")
 CORRUPTED = "corrupted"
 #: prefix of the arrays of recognition by filters that hold the answers of a method
 ANSWERS = "answer/"
+#: prefix of the arrays of a calibration run that hold a method's bearing errors
+BEARINGS = "bearing_deg/"
 #: prefix of those that mark the test images of a condition
 UNDER = "condition/"
 #: prefix of the arrays of a localizer that mark the successful runs along the test drives
@@ -189,7 +199,7 @@ class RunValues:
 
 def require_answers(arrays: Mapping[str, ndarray], reads: str) -> None:
     """Raise a ``UserError`` unless a run has the answers of the method that an arm reads."""
-    methods = [key.removeprefix(ANSWERS) for key in arrays if key.startswith(ANSWERS)]
+    methods = [key.removeprefix(of) for of in (ANSWERS, BEARINGS) for key in arrays if key.startswith(of)]
     if reads not in methods:
         raise UserError(
             f"an arm of the sweep reads the answers of {reads}; its runs have those of "
@@ -229,8 +239,12 @@ def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -
     return RunValues(CORRUPTION_ERROR, values, errors, _accuracies(right) | _trust(arrays))
 
 
-def calibrated(arrays: Mapping[str, ndarray]) -> RunValues:
-    """Errors of the network, with each quantity as a condition."""
+def calibrated(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunValues:
+    """Errors of the network, with each quantity as a condition; or failures of the method ``reads``, on all test images
+    and on those of each kind of scene."""
+    if reads is not None:
+        kinds = {key.removeprefix(KIND): arrays[key] for key in arrays if key.startswith(KIND)}
+        return RunValues(FAILURES, {kind: 100.0 * of for kind, of in failures(arrays[BEARINGS + reads], kinds).items()})
     found = {key: arrays[f"{key}/network"] for key in CALIBRATION_ERRORS}
     medians = {f"test/{key}/network": median_error(errors) for key, errors in found.items()}
     return RunValues(CALIBRATION, {CALIBRATION_ERRORS[key]: found[key] for key in found}, metrics=medians)

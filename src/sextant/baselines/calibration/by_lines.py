@@ -8,7 +8,7 @@ from numpy import ndarray
 from sextant.baselines.calibration.estimate import camera_of_vector
 from sextant.baselines.calibration.joint import joint_estimate
 from sextant.baselines.calibration.line_evidence import LineEvidence
-from sextant.baselines.calibration.line_segments import count_long, detect_segments
+from sextant.baselines.calibration.line_segments import LONG, detect_segments, segment_lengths
 from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.terms import CameraBelief
 from sextant.geometry import CameraParameters
@@ -30,13 +30,19 @@ def cameras_by_lines(
     return [*(method.calibrate(image).camera for method in methods), camera_of_vector(joint.vector)]
 
 
-def long_segments(image: UInt8[ndarray, "h w 3"]) -> int:
-    """How many line segments of an image are longer than a tenth of its height.
+def look_of_lines(image: UInt8[ndarray, "h w 3"]) -> tuple[int, float, float]:
+    """What an image offers to methods that need lines.
+
+    Returns:
+        The number of segments longer than a tenth of the height, their share of the length of all segments (1 without
+        any), and the mean grey, from 0 to 255.
 
     >>> import numpy as np
     >>> stripes = np.zeros((64, 64, 3), np.uint8)
     >>> stripes[:, 16:48] = 255
-    >>> long_segments(stripes)  # two edges
-    2
+    >>> look_of_lines(stripes)  # two edges, half of it white
+    (2, 1.0, 127.5)
     """
-    return count_long(detect_segments(image))
+    lengths = segment_lengths(detect_segments(image))
+    among = float(lengths[lengths > LONG].sum() / lengths.sum()) if len(lengths) else 1.0
+    return int((lengths > LONG).sum()), among, float(image.mean())

@@ -68,6 +68,7 @@ class CalibrationTask(TaskNode):
     coordinates: bool
     clip: Positive = Field(examples=[1.0])
     geometric_baselines: bool
+    geometric_height: ImageSide = Field(256, examples=[256])
     test_checkpoint: Literal["last", "best"]
     canvas: Canvas | None = None
     perspective_field: FieldPrediction | None = None

@@ -13,8 +13,6 @@ from sextant.geometry import CameraParameters
 
 #: seeds of the draws of validation and test: the same for every run
 VALIDATION, TEST = 1_000_001, 1_000_002
-#: height of the crops that geometric methods see, whatever the network's input
-GEOMETRIC_HEIGHT = 256
 
 
 class CalibrationData(pl.LightningDataModule):
@@ -33,6 +31,7 @@ class CalibrationData(pl.LightningDataModule):
         augment: change the light and the sensor of training crops, and mirror them.
         canvas: crops are squares with pictures of any aspect in the middle.
         detail: fewest and most lines of detail left in training crops, drawn independently of their cameras.
+        geometric_height: height of the crops that geometric methods see; that of ``size`` shows them the same pixels.
     """
 
     def __init__(
@@ -50,6 +49,7 @@ class CalibrationData(pl.LightningDataModule):
         augment: bool = False,
         canvas: bool = False,
         detail: tuple[float, float] | None = None,
+        geometric_height: int = 256,
     ):
         super().__init__()
         self.source, self.distribution = source, distribution
@@ -57,7 +57,7 @@ class CalibrationData(pl.LightningDataModule):
         self.size, self.crops_per_panorama = size, crops_per_panorama
         self.batch_size, self.eval_batch_size = batch_size, eval_batch_size
         self.seed, self.workers, self.augment = seed, workers, augment
-        self.canvas, self.detail = canvas, detail
+        self.canvas, self.detail, self.geometric_height = canvas, detail, geometric_height
         self._splits: dict[str, Crops] = {}
 
     def setup(self, stage: str) -> None:
@@ -89,8 +89,8 @@ class CalibrationData(pl.LightningDataModule):
     def larger(self, name: str) -> Crops:
         """The same crops at the size that geometric methods see."""
         crops = self._splits[name]
-        width = round(GEOMETRIC_HEIGHT * self.size[1] / self.size[0])
-        return Crops(crops.panoramas, crops.distribution, width, GEOMETRIC_HEIGHT, crops.seed)
+        width = round(self.geometric_height * self.size[1] / self.size[0])
+        return Crops(crops.panoramas, crops.distribution, width, self.geometric_height, crops.seed)
 
     def train_dataloader(self) -> DataLoader[CropBatch]:
         """New crops every epoch, a function of (seed, epoch)."""

@@ -20,11 +20,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int64, Integer
+from jaxtyping import Bool, Float, Int64, Integer
 from numpy import ndarray
+
+from sextant.evaluation.protocols import CALIBRATION_FAILURE_DEG
 
 FULL_BELOW = 1.0  # degrees: GeoCalib's ``min_error``
 AUC_DEG = (1, 5, 10)
+#: prefix of the arrays of a run that mark the images of a kind of scene
+KIND = "kind/"
 AUC_OF = ("tilt_deg", "roll_deg", "vfov_deg", "bearing_deg")
 
 
@@ -172,6 +176,26 @@ def _summary_of(
         mean=_estimate(mean, means, confidence, k),
         auc=areas,
     )
+
+
+def failures(
+    bearing_deg: Float[ndarray, "n"], kinds: Mapping[str, Bool[ndarray, "n"]]
+) -> dict[str, Bool[ndarray, "_"]]:
+    """Which images a method fails on: its bearing error is above ``CALIBRATION_FAILURE_DEG``, or nan: no answer.
+
+    Args:
+        bearing_deg: by image.
+        kinds: which images are of a kind, by its name.
+
+    Returns:
+        Of all images, and of those of each kind that has some.
+
+    >>> found = failures(np.array([9.9, 10.1, np.nan]), {"dark": np.array([True, False, True])})
+    >>> {kind: failed.tolist() for kind, failed in found.items()}
+    {'all': [False, True, True], 'dark': [False, True]}
+    """
+    failed = ~(np.asarray(bearing_deg) <= CALIBRATION_FAILURE_DEG)
+    return {"all": failed} | {kind: failed[of] for kind, of in kinds.items() if of.any()}
 
 
 def median_error(errors: Float[ndarray, "n"]) -> float:

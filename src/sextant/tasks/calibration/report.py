@@ -1,8 +1,8 @@
 """The trained network compared with methods that learn nothing or use only lines: errors, table, figures."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from numpy import ndarray
 from sextant.data.calibration.datamodule import CalibrationData
 from sextant.evaluation.calibration.errors import calibration_errors
 from sextant.evaluation.calibration.sparsification import sparsification
-from sextant.evaluation.calibration.summary import median_error, methods_table, summary
+from sextant.evaluation.calibration.summary import KIND, failures, median_error, methods_table, summary
 from sextant.evaluation.conformal import TABLE_LEVELS, coverage
 from sextant.geometry import CameraParameters
 from sextant.reporter import Advance
@@ -32,8 +32,10 @@ KEPT = ("tilt_deg", "roll_deg", "vfov_deg", "k1", "k1_hat", "bearing_deg", "undi
 COLUMNS = ("method", "tilt (°)", "roll (°)", "vfov (°)", "k1", "k1/f²", "bearing (°)", "undistortion (px @480)")
 REPORTED = ("tilt", "roll", "vfov", "k1_hat")
 BATCH, SHEET = 64, 16
-#: images with fewer long segments than this share of the validation images count as poor in lines
-FEW_LINES_SHARE = 0.25
+#: images with fewer long segments than this share of the validation images count as poor in lines; likewise those that
+#: are darker, more cluttered or more curved
+KIND_SHARE = 0.25
+FEW_LINES = "few lines"
 
 
 @dataclass(frozen=True)
@@ -43,13 +45,13 @@ class CalibrationReport:
     Attributes:
         cameras: predicted cameras by method, in the order of the table.
         errors: by method, then by name.
-        few_lines: which crops are poor in lines; None without geometric methods.
-        few_lines_below: crops with fewer long segments count as poor in lines; fixed on validation.
+        kinds: which crops are poor in lines, cluttered, dark or curved, by name; empty without geometric methods.
+        few_lines_below: crops with fewer long segments count as poor in lines; fixed on validation, as are the others.
     """
 
     cameras: dict[str, CameraParameters]
     errors: dict[str, dict[str, Float[ndarray, "n"]]]
-    few_lines: Bool[ndarray, "n"] | None = None
+    kinds: Mapping[str, Bool[ndarray, "n"]] = field(default_factory=dict)
     few_lines_below: int = 0
 
 
@@ -66,12 +68,14 @@ def compare(module: Calibration, data: CalibrationData, *, geometric: bool, prog
         name: _repeated(method.fit(training).calibrate(blank).camera, n)
         for name, method in (("constant", ConstantCamera()), ("prior", PriorCamera()))
     }
-    few, below = None, 0
+    kinds, below = {}, 0
     if geometric:
         cameras |= _geometric(module, data, training, n, progress)
         data.setup("validate")
-        below = int(np.quantile(_segment_counts(data, "val", data.count("val"), progress), FEW_LINES_SHARE))
-        few = _segment_counts(data, "test", n, progress) < below
+        usual = _looks(data, "val", data.count("val"), progress)
+        limits = {kind: np.quantile(values, KIND_SHARE) for kind, values in usual.items()}
+        limits[FEW_LINES] = below = int(limits[FEW_LINES])
+        kinds = {kind: values < limits[kind] for kind, values in _looks(data, "test", n, progress).items()}
     ours = result.predictions["clean"].parameters
     refined = cameras.pop("network + lines", None)
     cameras["network"] = ours
@@ -83,7 +87,7 @@ def compare(module: Calibration, data: CalibrationData, *, geometric: bool, prog
         name: calibration_errors(camera.to(dtype=torch.float64), truth, result.aspect.double(), k2_of_k1=family)
         for name, camera in cameras.items()
     }
-    return CalibrationReport(cameras, errors, few, below)
+    return CalibrationReport(cameras, errors, kinds, below)
 
 
 def _geometric(
@@ -123,10 +127,17 @@ def network_beliefs(prediction: CalibrationPrediction) -> "list[CameraBelief]":
     ]
 
 
-def _segment_counts(data: CalibrationData, split: str, n: int, progress: Advance) -> Int64[ndarray, "n"]:
-    from sextant.baselines.calibration.by_lines import long_segments
+def _looks(data: CalibrationData, split: str, n: int, progress: Advance) -> dict[str, Float[ndarray, "n"]]:
+    """How the crops of a split look, by the kind of scene that low values are of.
 
-    return np.array(list(_over_crops(data, split, n, long_segments, progress)))
+    Numbers of long segments, their share of the length of all segments, the mean grey, and ``-|k1 / f²|``.
+    """
+    from sextant.baselines.calibration.by_lines import look_of_lines
+
+    segments, share, grey = np.array(list(_over_crops(data, split, n, look_of_lines, progress)), float).T
+    cameras = data.split(split).cameras(n)
+    bend = -(cameras.k1 / cameras.focal.square()).abs().numpy()
+    return {FEW_LINES: segments, "cluttered": share, "dark": grey, "curved": bend}
 
 
 def _over_crops(
@@ -159,8 +170,9 @@ def table(report: CalibrationReport, panoramas: Int64[ndarray, "n"]) -> list[dic
     With geometric methods, rows for the crops poor in lines follow.
     """
     titles, rows = methods_table({name: summary(of, panoramas) for name, of in report.errors.items()})
-    if report.few_lines is not None and report.few_lines.any():
-        few, poor = report.few_lines, f" (< {report.few_lines_below} segments)"
+    few = report.kinds.get(FEW_LINES)
+    if few is not None and few.any():
+        poor = f" (< {report.few_lines_below} segments)"
         chosen = {
             name + poor: summary({key: values[few] for key, values in of.items()}, panoramas[few])
             for name, of in report.errors.items()
@@ -171,7 +183,7 @@ def table(report: CalibrationReport, panoramas: Int64[ndarray, "n"]) -> list[dic
 
 
 def metrics(module: Calibration, report: CalibrationReport) -> dict[str, float]:
-    """Median errors of every method, and coverage and sparsification of the network's uncertainty."""
+    """Median errors and failures of every method, and coverage and sparsification of the network's uncertainty."""
     assert module.result is not None
     result = module.result
     numbers = {
@@ -179,6 +191,9 @@ def metrics(module: Calibration, report: CalibrationReport) -> dict[str, float]:
         for name, errors in report.errors.items()
         for key in KEPT
     }
+    for name, errors in report.errors.items():
+        for kind, failed in failures(errors["bearing_deg"], report.kinds).items():
+            numbers[f"test/failure_share/{kind}/{name}".replace(" ", "_").replace("+", "and")] = float(failed.mean())
     prediction = result.predictions["clean"]
     error = (reported(prediction.parameters) - reported(result.truth)).abs()
     for level in TABLE_LEVELS:
@@ -198,6 +213,7 @@ def arrays(module: Calibration, report: CalibrationReport) -> dict[str, ndarray]
     kept = {"truth": torch.stack(result.truth, -1).numpy(), "panoramas": result.panoramas}
     kept |= {f"camera/{name}": torch.stack(camera, -1).numpy() for name, camera in report.cameras.items()}
     kept |= {f"{key}/{name}": errors[key] for name, errors in report.errors.items() for key in KEPT}
+    kept |= {f"{KIND}{kind}": of for kind, of in report.kinds.items()}
     kept |= {f"scale/{key}": prediction.scale.numpy() for key, prediction in result.predictions.items()}
     kept |= {
         f"camera/network/{key}": torch.stack(prediction.parameters, -1).numpy()
