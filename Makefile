@@ -55,6 +55,9 @@ bench: $(READY) ## timings against what a user would pick instead, as ratios
 gpu-check: $(READY) ## tests and timings on a CUDA device, at most 8 minutes, written to docs/benchmarks_gpu.md
 	$(BIN)/python -m benchmarks.gpu_check
 
+gpu-claims: $(READY) ## what a GPU would add to the board of claims, with its minutes; BLOCK=1 runs the first block
+	@$(BIN)/python -m benchmarks.gpu_claims $(BLOCK)
+
 docs: $(READY) ## docs/ as a site with the API reference: outputs/site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
@@ -75,4 +78,4 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
 	touch $@
 
-.PHONY: help setup run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench gpu-check docs notebooks lock clean
+.PHONY: help setup run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench gpu-check gpu-claims docs notebooks lock clean
