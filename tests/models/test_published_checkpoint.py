@@ -157,7 +157,12 @@ PUBLISHED = {
     "resnet-cifar/resnet-20-pp/model_best": (927, 0.9171),
     "resnet-cifar/resnet-32/model_best": (927, 0.9270),
     "resnet-cifar/resnet-32-pp/model_best": (937, 0.9284),
+    "resnet-cifar/resnet-56/model_best": (931, 0.9336),
+    "resnet-cifar/resnet-56-pp/model_best": (932, 0.9299),
     "densenet-cifar/40-12/model_best": (936, 0.9367),
+    "densenet-cifar/40-12-pp/model_best": (929, 0.9287),
+    "densenet-cifar/100-12/model_best": (957, 0.9530),
+    "densenet-cifar/100-12-pp/model_best": (951, 0.9496),
 }
 
 
@@ -177,7 +182,9 @@ def test_published_networks_get_as_many_right_as_measured(real_data, name):
     path = real_data / "pushpull_cifar" / "models" / f"{name}.pth.tar"
     correct, recorded = PUBLISHED[name]
     assert load_published(path).best_accuracy == pytest.approx(recorded, abs=1e-6)
-    assert load_published(path).push_pull == (("conv1",) if "-pp/" in name else ())
+    first = "conv1" if name.startswith("resnet") else "features.conv0"
+    assert load_published(path).push_pull == ((first,) if "-pp/" in name else ())
+    assert load_published(path).architecture.removeprefix("densenet-") in name
     assert abs(accuracy(path, real_data, 1000) - correct) <= 1  # rounding differs between machines
 
 

@@ -10,6 +10,8 @@ BEST = "model_best"
 CIFAR10 = "sextant.data.cifar10.CIFAR10"
 CLEAN = "test/accuracy/clean"
 IMAGES = 10_000
+#: precision of the authors' tests
+EXACT = "32-true"
 
 
 def says(published: Mapping[str, Any]) -> str:
@@ -33,7 +35,7 @@ def comparison(published: Mapping[str, Any], metrics: Mapping[str, Any]) -> str:
     """The text that is printed after the test: whether the accuracy on clean images equals the file's.
 
     Args:
-        published: as for :func:`says`, with ``same_images``.
+        published: as for :func:`says`, with ``same_images`` and the ``precision`` of the test.
         metrics: metrics of the test.
     """
     told, found = published["best_accuracy"], metrics.get(CLEAN)
@@ -44,6 +46,8 @@ def comparison(published: Mapping[str, Any], metrics: Mapping[str, Any]) -> str:
     if images == 0:
         return f"equals {told_text}"
     off = f"{100 * abs(found - told):.2f} points {'above' if images > 0 else 'below'} {told_text}"
+    if (precision := published.get("precision", EXACT)) != EXACT:
+        return f"{off}, as computed in {precision}: the file's is of trainer.precision={EXACT}"
     if images < 0 and not published["file"].startswith(BEST):
         return f"{off}, which is of the best epoch up to {published['epoch']}: this file need not be that epoch's"
     return f"{off}: it is NOT found again"

@@ -161,7 +161,8 @@ def test_checkpoint(
         metrics = dict(trainer.test(module, data, verbose=False)[0])
         results: dict[str, Any] = {"outcome": "finished", "metrics": metrics}
         if (published := content[KEY].get("published")) is not None:
-            results["published"] = {**published, "same_images": same_images(config)}
+            facts = {"same_images": same_images(config), "precision": config.trainer.precision}
+            results["published"] = published | facts
         results = _with_record(results, module, data, config, directory, recipe)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
 
