@@ -39,6 +39,7 @@ class Estimate:
             not known, or part of what differs from world to world.
         replicate: what ``seeds`` counts.
         learnt: whether both arms are better than a constant; arms that are not have nothing to compare.
+        cut_short: whether it is of runs that were cut short to try a design, which decide nothing.
 
     Example:
         >>> low, high = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9).interval()
@@ -56,6 +57,7 @@ class Estimate:
     images: float = 0.0
     replicate: Replicate = "seeds"
     learnt: bool = True
+    cut_short: bool = False
 
     @classmethod
     def of_pairs(
@@ -99,7 +101,7 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
 
     and everything else is undecided: "no effect" is *shown*, by an interval within (-m, m), or not claimed at all. An
     effect exactly at a border is decided one way or the other at most 5 times in 100. Fewer than ``SEEDS_FOR_A_CLAIM``
-    seeds, or ``WORLDS_FOR_A_CLAIM`` worlds, decide nothing. Arms that are no better than a constant are not compared:
+    seeds, or ``WORLDS_FOR_A_CLAIM`` worlds, or runs that were cut short decide nothing. Arms that are no better than a constant are not compared:
     *not learnt*.
 
     Args:
@@ -115,7 +117,7 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
     """
     if not found.learnt:
         return "not learnt"
-    if not found.counted and found.seeds < LEAST[found.replicate]:
+    if not found.counted and (found.cut_short or found.seeds < LEAST[found.replicate]):
         return "undecided"
     low, high = found.interval()
     failing_low, failing_high = found.interval(TAIL / parts)

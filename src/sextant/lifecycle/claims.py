@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -327,9 +327,16 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
             baselines=tables.stored / part.stored / BASELINES,
         )
         matters = claim.matters if part.matters is None else part.matters
+        short = tables.preset is None and part.stored.startswith(f"{QUICK}/")
         comparisons += [
             Comparison(
-                each.label, each.estimate, part.expects, matters, part.unit or claim.unit, part.beside, part.note
+                each.label,
+                replace(each.estimate, cut_short=short),
+                part.expects,
+                matters,
+                part.unit or claim.unit,
+                part.beside,
+                part.note,
             )
             for each in found
         ]

@@ -42,7 +42,7 @@ values are stored; over worlds where runs were made in several. One rule decides
   or, for a claim that nothing is lost, it rules out a loss that matters.
 - *fails*: the interval rules out what the claim asks for.
 - *not learnt*: an arm is no better than a constant or than methods that learn nothing: there is nothing to compare.
-- *undecided*: none of these, or fewer than {seeds} seeds or {worlds} worlds.
+- *undecided*: none of these, fewer than {seeds} seeds or {worlds} worlds, or runs cut short to try the plan.
 
 A claim of several comparisons holds if all hold and fails if one does, by Bonferroni's correction. Its table has the
 worst condition of each contrast; [comparisons.csv](claims/comparisons.csv) and the pictures have all, and those that
@@ -239,6 +239,8 @@ def advice(comparison: Comparison, parts: int) -> str:
     More seeds, or worlds, are advised only where they make the interval: never where the test images do.
     """
     found = comparison.estimate
+    if found.cut_short:
+        return "the runs of its plan (`sextant claims plan`)"
     asked = (found, comparison.expects, comparison.matters, parts)
     more, times, unit = further_seeds(*asked), further_images(*asked), found.replicate
     if more is None:

@@ -157,6 +157,16 @@ def test_without_geometric_methods_the_report_is_of_labels_and_the_network(train
     assert np.isfinite(report.errors["network"]["bearing_deg"]).all()
 
 
+@pytest.mark.parametrize(("height", "same"), [(48, True), (256, False)])
+def test_geometric_methods_see_the_networks_pixels_at_its_height(height, same):
+    crops = data(geometric_height=height)
+    crops.setup("test")
+    seen, larger = crops.split("test")[[3, 5]], crops.larger("test")[[3, 5]]
+    assert larger.images.shape[-2:] == (height, height * 64 // 48)
+    assert (larger.images.shape == seen.images.shape and torch.equal(larger.images, seen.images)) == same
+    assert all(torch.equal(a, b) for a, b in zip(larger.cameras, seen.cameras, strict=True))
+
+
 @pytest.mark.slow
 def test_two_processes_see_the_lines_that_one_sees(trained):
     crops = trained[1]

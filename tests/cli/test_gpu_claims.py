@@ -1,0 +1,50 @@
+"""What ``make gpu-claims`` lists, refuses and interrupts."""
+
+import sys
+
+import pytest
+import torch
+
+from benchmarks import gpu_claims
+from sextant.errors import UserError
+from sextant.lifecycle.sweep_plan import read_design, sweep_words
+
+
+def test_blocks_take_at_most_eight_minutes_and_cover_their_designs_once():
+    found = gpu_claims.blocks()
+    assert {block.name for block in found} >= {"push_pull_clean, push_pull_robustness", "pushpull_placement"}
+    for block in found:
+        design = read_design(sweep_words(block.arguments))
+        number, count = map(int, design.block.split("/"))
+        assert 0 < block.minutes * 60 <= gpu_claims.LIMIT_S
+        assert len(design.seeds) >= count
+        alike = [other for other in found if other.name == block.name]
+        assert (len(alike), alike.index(block) + 1) == (count, number)
+
+
+def test_the_list_names_each_command(capsys):
+    gpu_claims.main([])
+    told = capsys.readouterr().out
+    assert told.count("sextant train -m") == len(gpu_claims.blocks())
+    assert "trainer.accelerator=gpu" in told
+
+
+@pytest.mark.parametrize("number", ["0", "99", "-1", "one", "1.5"])
+def test_a_block_that_there_is_not_is_refused(number):
+    with pytest.raises(UserError, match=f"BLOCK={number} must be a number from 1 to"):
+        gpu_claims.main([number])
+
+
+def test_without_a_gpu_nothing_runs(monkeypatch, capsys):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(gpu_claims, "run", None)
+    with pytest.raises(SystemExit) as end:
+        gpu_claims.main(["1"])
+    assert end.value.code == 2
+    assert "no CUDA device was found" in capsys.readouterr().err
+
+
+def test_a_block_is_interrupted_when_its_time_is_up(capsys):
+    assert gpu_claims.run([sys.executable, "-c", "raise SystemExit(3)"]) == 3
+    assert gpu_claims.run([sys.executable, "-c", "import time; time.sleep(60)"], seconds=0.2) == 124
+    assert "takes it up" in capsys.readouterr().err
