@@ -9,7 +9,7 @@ CLAIMS = {
     "apparent distortion carries over to other lenses": "calibration_apparent_distortion",
     "the bearing loss": "calibration_bearing_loss",
     "the parameterization": "calibration_parameterization",
-    "better than lines where these are few": "calibration_few_lines",
+    "fewer failures than lines where these are few": "calibration_few_lines",
     "all four parameters": "calibration_four_parameters",
     "trained beats hand-made": "places_trained",
     "the ratio loss": "places_ratio_loss",

@@ -324,6 +324,17 @@ def test_a_quick_sweep_has_eight_seeds_and_what_its_claims_need(sweep):
     }
 
 
+def test_a_quick_sweep_runs_in_the_settings_that_claims_need_alone():
+    parts = [part for claim in CLAIMS.values() for part in claim.parts if part.sweep == "calibration_ablation"]
+    counting = [part for part in parts if not part.beside]
+    design = read_design(sweep_arguments("calibration_ablation", counting, "quick"))
+    assert design.only == {
+        arm: ["calibration_small"] if "l2" in arm else [] for arm in design.arms
+    }  # least squares are compared in distribution, the two parameterizations in both settings
+    assert design.runs == 8 * (2 * 2 + 3)
+    assert read_design(sweep_arguments("calibration_ablation", parts, "quick")).runs > design.runs
+
+
 @pytest.mark.slow
 def test_a_preset_runs_what_is_missing_and_decides_from_it(tmp_path, monkeypatch):
     monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path))

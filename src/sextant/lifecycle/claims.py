@@ -270,7 +270,7 @@ def run_claims(
 
 
 def sweep_arguments(sweep: str, parts: Sequence[ClaimPart], preset: Preset) -> list[str]:
-    """The overrides of a sweep under a preset; ``quick`` leaves out the arms that no part needs.
+    """The overrides of a sweep under a preset; ``quick`` leaves out the arms and settings that no part needs.
 
     Raises:
         UserError: the sweep does not exist, or it has no quick form.
@@ -280,7 +280,7 @@ def sweep_arguments(sweep: str, parts: Sequence[ClaimPart], preset: Preset) -> l
         return [f"sweep={sweep}"]
     if "quick" not in definition:
         raise UserError(f"sweep={sweep} has no quick form that could decide its claim", "preset=full runs it.")
-    return [f"sweep={sweep}", *definition["quick"], *_unneeded(definition, parts)]
+    return [f"sweep={sweep}", *definition["quick"], *_unneeded(definition, parts), *_confined(definition, parts)]
 
 
 def design_arguments(claim: Claim) -> list[str]:
@@ -307,6 +307,20 @@ def _unneeded(definition: Mapping[str, Any], parts: Sequence[ClaimPart], kept: S
     used |= wanted | {str(part.against) for part in parts} | set(kept)
     dropped = [f"~sweep.contrasts.{name}" for name in contrasts if name not in wanted]
     return dropped + [f"~sweep.arms.{name}" for name in arms if name not in used]
+
+
+def _confined(definition: Mapping[str, Any], parts: Sequence[ClaimPart]) -> list[str]:
+    """Overrides that confine each contrast's arms to those values of a sweep's only factor in which a part needs them."""
+    factors = list(definition.get("factors", {}).values())
+    settings: dict[str, set[str]] = {}
+    for part in parts:
+        for name in part.names:
+            for arm in definition.get("contrasts", {}).get(name, {}).values():
+                settings.setdefault(arm, set()).update(part.settings)
+    values = {str(value) for value in factors[0]} if len(factors) == 1 else set()
+    return [
+        f"++sweep.arms.{arm}.only=[{','.join(sorted(wanted))}]" for arm, wanted in settings.items() if wanted < values
+    ]
 
 
 def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
