@@ -1,9 +1,9 @@
 """``make gpu-claims``: what a GPU would add to the board of claims, in blocks of at most eight minutes.
 
-Without an argument it lists the blocks: the plans of chapter 7's claims, whose ResNet-20 trains on images in memory, and
-its named ablations of that network. Other chapters are left out, as rendering their worlds and cutting their crops on
-the CPU takes longer than their networks. With the number of a block it runs that block. Finished runs are kept, and an
-interrupted one goes on from its last checkpoint: the same command again takes it up.
+Without an argument it lists the blocks: the plans of chapter 7's claims, whose ResNet-20 trains on images in memory,
+and its named ablations of that network. Other chapters are left out, as rendering their worlds and cutting their crops
+on the CPU takes longer than their networks. With the number of a block it runs that block. Finished runs are kept, and
+an interrupted one goes on from its last checkpoint: the same command again takes it up.
 """
 
 import math

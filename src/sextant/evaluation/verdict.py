@@ -101,8 +101,8 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
 
     and everything else is undecided: "no effect" is *shown*, by an interval within (-m, m), or not claimed at all. An
     effect exactly at a border is decided one way or the other at most 5 times in 100. Fewer than ``SEEDS_FOR_A_CLAIM``
-    seeds, or ``WORLDS_FOR_A_CLAIM`` worlds, or runs that were cut short decide nothing. Arms that are no better than a constant are not compared:
-    *not learnt*.
+    seeds, or ``WORLDS_FOR_A_CLAIM`` worlds, or runs that were cut short decide nothing. Arms that are no better than a
+    constant are not compared: *not learnt*.
 
     Args:
         found: the effect, positive where it favours the claim.

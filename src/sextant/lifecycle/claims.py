@@ -310,7 +310,10 @@ def _unneeded(definition: Mapping[str, Any], parts: Sequence[ClaimPart], kept: S
 
 
 def _confined(definition: Mapping[str, Any], parts: Sequence[ClaimPart]) -> list[str]:
-    """Overrides that confine each contrast's arms to those values of a sweep's only factor in which a part needs them."""
+    """Overrides that confine the arms of contrasts to those values of a sweep's only factor in which a part needs them.
+
+    A sweep of several factors is left as it is.
+    """
     factors = list(definition.get("factors", {}).values())
     settings: dict[str, set[str]] = {}
     for part in parts:
