@@ -100,6 +100,7 @@ NOT_RUN = {
     r"^sextant trajectory": "needs two trajectories; tests/cli/test_trajectory.py runs it on files of that kind",
     r"^sextant sweep (status|attach|cancel)": "needs a submitted sweep; tests/lifecycle/test_launchers.py",
     r"^make (setup|run|test|lint|lock|docs|worlds-gallery|gpu-check)": "installs, or takes minutes",
+    r"^make gpu-claims": "reads the plans of all claims; tests/cli/test_gpu_claims.py",
     r"^(make|sextant) dashboard": "serves until it is ended; tests/tracking",
     r"^sextant demo": "serves until it is ended; tests/demo",
     r"^source ": "an environment of the user's own",
