@@ -56,8 +56,11 @@ def test_the_method_that_is_read_is_counted_by_condition():
 def test_only_runs_of_several_methods_keep_answers_apart(task):
     config = config_of(f"task={task}")
     answers = recipe_of(task).answers(config)
-    assert bool(answers) == (task == "cosfire")
-    if answers:
+    assert bool(answers) == (task in ("cosfire", "calibration"))
+    if task == "calibration":
+        lean = recipe_of(task).answers(config_of("task=calibration", "task.geometric_baselines=false"))
+        assert lean == ["network", "constant", "prior"] == answers[:3] != answers
+    elif answers:
         assert set(recipe_of(task).answers(config_of("task=cosfire", "task.novel_classes=2"))) == {*answers} - {
             "network"
         }
