@@ -89,6 +89,13 @@ def test_a_condition_that_was_not_tested_is_an_error_and_so_are_seeds_that_are_l
         found(table)
 
 
+def test_a_stored_table_without_a_row_is_damaged_and_not_one_of_runs_to_come(table):
+    stored(table.parent, seeds("a", [1, 2]))
+    table.write_text(table.read_text().splitlines()[0])
+    with pytest.raises(UserError, match=r"has no row contrast=new"):
+        found(table)
+
+
 def test_a_difference_is_of_the_metric_that_is_named(tmp_path):
     head = "contrast,setting,condition,metric,seeds,mean,spread,low,high,replicate"
     rows = [f"new,-,clean,{metric},8,{mean},0.1,0,0,worlds" for metric, mean in (("error", -0.2), ("nll", 3.0))]

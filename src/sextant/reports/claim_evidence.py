@@ -123,7 +123,8 @@ def evidence(
         UserError: the table has no such row.
     """
     table, sign = path.stem, -1.0 if down else 1.0
-    rows = read_table(path) if path.is_file() or table == "recorded" else []
+    stored = path.is_file() or table == "recorded"
+    rows = read_table(path) if stored else []
     column = {"cells": "arm", "cost": "arm", "recorded": "name"}.get(table, "contrast")
 
     def row(**wanted: str) -> Row:
@@ -135,7 +136,7 @@ def evidence(
         return found
 
     def estimated(name: str, setting: str, condition: str) -> Estimate:
-        if not rows:
+        if not stored:
             return NOT_RUN
         if table == "cost":
             ratio = row(arm=name, setting=setting).number(quantity)
@@ -144,7 +145,7 @@ def evidence(
             return Estimate(extra, 0.0, math.inf, 0, counted=True)
         wanted = {column: name, "setting": setting, "condition": condition}
         wanted |= {"metric": quantity} if table == "differences" else {}
-        if arms is not None and all(row[column] != name for row in rows):
+        if rows and arms is not None and all(row[column] != name for row in rows):
             found = _of_seeds(path.with_name(SEEDS), arms[name], setting, condition, sign)
         else:
             found = _estimate(row(**wanted), rows, sign, against)
