@@ -9,6 +9,7 @@ import torch
 
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
+from sextant.config.digest import digest
 from sextant.errors import UserError
 from sextant.recipes.localization import LocalizationRecipe
 from sextant.recipes.localization import test_settings as settings_of
@@ -36,6 +37,20 @@ def test_a_distance_from_images_is_refused_for_a_laser():
     config = validate(to_plain(compose(["task=localization", "observation=laser_field", "filter.support=3.5"])))
     with pytest.raises(UserError, match=r"filter.support=3.5 is a distance from the images of a map"):
         LocalizationRecipe().source(config)
+
+
+def test_poses_between_images_are_of_a_camera_and_keep_no_map():
+    """No filter is left that a kept map could be localized with; the digest is that of configs without the key."""
+    plain = to_plain(compose(["task=localization"]))
+    config = validate(to_plain(compose(["task=localization", "filter=interpolated"])))
+    data = SimpleNamespace(drives=SimpleNamespace(map=SimpleNamespace(poses=LINE), unit="m"))
+    assert settings_of(config, data).best == 5
+    assert LocalizationRecipe().prediction_example(config) == ()
+    earlier = {**plain, "filter": {key: value for key, value in plain["filter"].items() if key != "best"}}
+    assert digest(plain) == digest(earlier) != digest(config.plain)
+    laser = ["task=localization", "observation=laser_field", "filter.best=3"]
+    with pytest.raises(UserError, match=r"filter.best=3: scans are compared with walls"):
+        LocalizationRecipe().check_parts(validate(to_plain(compose(laser))))
 
 
 def test_outliers_and_how_far_images_are_apart_follow_the_config():

@@ -112,3 +112,19 @@ def test_a_sweep_names_its_metrics(tmp_path):
 def test_runs_that_tell_nothing_have_no_section(tmp_path):
     section = metrics_section(sweep_of(tmp_path, {"a": [{}] * 2}))
     assert (section.text, section.files) == ("", {})
+
+
+def test_contrasts_in_metrics_are_of_pairs_in_which_both_have_a_value(tmp_path):
+    """A seed without an error after a kidnap is left out there alone, and one that diverged everywhere."""
+    exact = [run_metrics(0.1, kidnapped=0.3), run_metrics(0.2), run_metrics(0.4), (run_metrics(9.0), "diverged")]
+    cached = [run_metrics(0.3, kidnapped=0.2), run_metrics(0.3), run_metrics(0.3), run_metrics(0.3)]
+    sides = {"cheaper": {"treatment": "cached", "control": "exact"}}
+    section = metrics_section(sweep_of(tmp_path, {"exact": exact, "cached": cached}, contrasts=sides))
+    rows = list(csv.DictReader(io.StringIO(section.files["differences.csv"])))
+    found = {(row["condition"], row["metric"]): row for row in rows}
+    whole, kidnap = (found[condition, "position_error_median"] for condition in CONDITIONS)
+    assert (whole["contrast"], whole["seeds"], whole["replicate"]) == ("cheaper", "3", "seeds")
+    assert float(whole["mean"]) == pytest.approx(0.2 / 3)
+    half = stats.t.ppf(0.975, 2) * np.std([0.2, 0.1, -0.1], ddof=1) / np.sqrt(3)
+    assert float(whole["high"]) == pytest.approx(0.2 / 3 + half)
+    assert (kidnap["seeds"], float(kidnap["mean"])) == ("1", pytest.approx(-0.1))

@@ -81,7 +81,7 @@ def main(arguments: Sequence[str]) -> None:
     for claim in decided:
         first = claim.deciding
         more = advice(first, len(claim.counting)) if claim.verdict == "undecided" else ""
-        shown = (claim.name, claim.verdict, claim.status, f"{first.effect()} {first.unit}", first.asked())
+        shown = (claim.name, claim.verdict, claim.status, first.effect(with_unit=True), first.asked())
         table.add_row(*shown, replicates_told(first), more)
     console.print(table)
     for page in pages:

@@ -13,7 +13,7 @@ from sextant.config.schema.claims import Claim, ClaimPart
 from sextant.errors import UserError, command
 from sextant.lifecycle.claim_files import Claims
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
-from sextant.reports.claim_evidence import BASELINES, evidence, read_table
+from sextant.reports.claim_evidence import BASELINES, SEEDS, evidence, read_table
 from sextant.reports.claims_board import Comparison, DecidedClaim, board, comparison_rows, picture
 from sextant.reports.tables import TextTable
 from sextant.runs.outputs_folder import conf_dir
@@ -149,12 +149,10 @@ def digests(claims: Claims, stored: Path) -> dict[str, str]:
     """SHA-256 digests of the stored files that claims rest on, by path."""
     tables = Tables(stored)
     files = {tables.file(part) for claim in claims.values() for part in claim.parts}
-    files |= {path for file in files if (path := file.with_name(BASELINES)).is_file()}
+    files |= {path for file in files for name in (BASELINES, SEEDS) if (path := file.with_name(name)).is_file()}
     files |= {path for report in quick_tables(claims, stored).reports.values() for path in report.glob("*.csv")}
-    missing = sorted(path for path in files if not path.is_file())
-    if missing:
-        raise UserError(f"{missing[0]} is not there", "It is the table of a stored report that a claim names.")
-    return {p.relative_to(stored).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(files)}
+    there = sorted(path for path in files if path.is_file())  # of the others nothing is run yet
+    return {p.relative_to(stored).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in there}
 
 
 def renew_digests(claims: Claims, stored: Path) -> None:
@@ -390,7 +388,7 @@ def _arms_of(part: ClaimPart) -> dict[str, list[str]]:
 
 def _check_names(claim: str, part: ClaimPart) -> None:
     definition = _definition(part.sweep)
-    kind = "contrasts" if part.table in ("contrasts", "pooled") else "arms"
+    kind = "contrasts" if part.table in ("contrasts", "differences", "pooled") else "arms"
     there = definition.get(kind, {})
     wanted = [*part.names, *([str(part.against)] if part.table == "cost" else [])]
     for name in wanted:

@@ -61,10 +61,12 @@ def _check_descriptor(config: Config) -> None:
 def answering_with_parts(config: Config, task: CosfireTask) -> list[str]:
     """The methods that answer, except those for which this run lacks a network or a descriptor."""
     trained_before = _trained_before(config)
+    featureless = config.backbone is None and not trained_before
     lacking = {
         "network": config.backbone is None or trained_before or bool(task.novel_classes),
         "descriptor": config.descriptor is None,
-        **dict.fromkeys(("full_svm", "pooled_svm", "nearest"), config.backbone is None and not trained_before),
+        **dict.fromkeys(("full_svm", "pooled_svm", "nearest"), featureless),
+        "nearest_short": featureless or config.descriptor is None,
     }
     return [method for method in task.answering() if not lacking.get(method, False)]
 

@@ -62,6 +62,12 @@ class LocalizationRecipe(Recipe):
         """Raise a ``UserError`` if the choices of several groups are incompatible."""
         super().check_parts(config)
         check_network_parts(config)
+        assert config.filter is not None
+        if config.filter.best is not None and _is_laser(config):
+            raise UserError(
+                f"filter.best={config.filter.best}: scans are compared with walls, not with images of the map",
+                "Leave out filter.best (filter=particles), or localize a camera: observation=cached_local",
+            )
 
     def identity(self, config: Config) -> dict[str, Any]:
         """The base identity, with that of the descriptor."""
@@ -119,6 +125,8 @@ class LocalizationRecipe(Recipe):
         assert config.filter is not None
         particles = _task(config).particle_counts or [config.filter.particles]
         told["filter"] = f"{', '.join(map(str, particles))} particles, start={config.filter.start}"
+        if config.filter.best is not None:
+            told["filter"] = f"none: poses between the {config.filter.best} most alike images"
         told["test"] = conditions_name(config.plain["corruption"])
         told["faults"] = ", ".join(config.plain["faults"]["faults"]) if faults is None else part_name(faults)
         return told
@@ -333,6 +341,7 @@ def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettin
         support=None if _is_laser(config) else filter.support,
         outliers=filter.outliers,
         apart=filter.apart,
+        best=filter.best,
     )
 
 
@@ -382,7 +391,8 @@ def _faults(config: Config) -> dict[str, Any]:
 
 
 def _keeps_map(config: Config) -> bool:
-    return bool(_task(config).save_map and not _is_laser(config))
+    assert config.filter is not None
+    return bool(_task(config).save_map and not _is_laser(config) and config.filter.best is None)
 
 
 def _is_laser(config: Config) -> bool:

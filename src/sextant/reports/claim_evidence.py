@@ -2,6 +2,7 @@
 
 import csv
 import math
+import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +16,10 @@ from sextant.evaluation.verdict import TAIL, Estimate
 COUNTED = "counted"
 #: table of what a constant, or the best of the methods that learn nothing, reaches in each setting and condition
 BASELINES = "baselines.csv"
+#: what every run of a sweep reached, beside its contrasts
+SEEDS = "seeds.csv"
+#: a comparison whose runs are still to be made
+NOT_RUN = Estimate(math.nan, math.nan, 0, 0)
 #: decimals to which differences are rounded; no more are read of the figures of claims
 ROUNDING = 9
 #: advice for a table that is missing or damaged
@@ -100,12 +105,15 @@ def evidence(
 ) -> Iterator[Evidence]:
     """Yield an estimate for each name, setting and condition, positive where it favours the claim.
 
+    A contrast that a report was stored without is computed from its seeds; one with an arm that has no run there, or
+    whose report is not stored at all, is :data:`NOT_RUN`.
+
     Args:
         path: a table of a stored report; the file name determines what its rows are.
         names: names of contrasts, of arms (``cells``, ``cost``), or of rows (``recorded``).
         settings, conditions: settings and conditions of the rows; ``recorded`` has neither, ``cost`` no conditions.
         against: what arms are compared with: a number in ``cells``, another arm in ``cost``.
-        quantity: column of ``cost``.
+        quantity: column of ``cost``; metric of ``differences``.
         down: whether the claim says that the difference is negative.
         arms: the two arms of each contrast, which are not compared unless both are better than a constant.
         learnt: conditions in which they must be, beside that of the comparison.
@@ -114,7 +122,9 @@ def evidence(
     Raises:
         UserError: the table has no such row.
     """
-    rows, table, sign = read_table(path), path.stem, -1.0 if down else 1.0
+    table, sign = path.stem, -1.0 if down else 1.0
+    stored = path.is_file() or table == "recorded"
+    rows = read_table(path) if stored else []
     column = {"cells": "arm", "cost": "arm", "recorded": "name"}.get(table, "contrast")
 
     def row(**wanted: str) -> Row:
@@ -125,27 +135,53 @@ def evidence(
             raise UserError(f"{path} has no row {told}", f"Its {column}s: {there}.")
         return found
 
+    def estimated(name: str, setting: str, condition: str) -> Estimate:
+        if not stored:
+            return NOT_RUN
+        if table == "cost":
+            ratio = row(arm=name, setting=setting).number(quantity)
+            ratio /= row(arm=str(against), setting=setting).number(quantity)
+            extra = round(sign * 100 * (ratio - 1), ROUNDING) + 0.0  # turns -0.0 into 0.0
+            return Estimate(extra, 0.0, math.inf, 0, counted=True)
+        wanted = {column: name, "setting": setting, "condition": condition}
+        wanted |= {"metric": quantity} if table == "differences" else {}
+        if rows and arms is not None and all(row[column] != name for row in rows):
+            found = _of_seeds(path.with_name(SEEDS), arms[name], setting, condition, sign)
+        else:
+            found = _estimate(row(**wanted), rows, sign, against)
+        if found is not NOT_RUN and arms is not None and baselines is not None and baselines.is_file():
+            conditions = [condition, *learnt]
+            both = _learnt(path.with_name("cells.csv"), baselines, arms[name], setting, conditions)
+            found = replace(found, learnt=both)
+        return found
+
     for name in names:
         if table == "recorded":
             yield Evidence(name, _recorded(row(name=name), sign))
             continue
         for setting in settings:
             place = name if setting == "-" else f"{name}, {setting}"
-            if table == "cost":
-                ratio = row(arm=name, setting=setting).number(quantity)
-                ratio /= row(arm=str(against), setting=setting).number(quantity)
-                extra = round(sign * 100 * (ratio - 1), ROUNDING) + 0.0  # turns -0.0 into 0.0
-                yield Evidence(place, Estimate(extra, 0.0, math.inf, 0, counted=True))
-                continue
-            for condition in conditions:
-                found = row(**{column: name, "setting": setting, "condition": condition})
+            for condition in ("test",) if table == "cost" else conditions:
                 label = place if condition == "test" else f"{place}, {condition}"
-                estimate = _estimate(found, rows, sign, against)
-                if arms is not None and baselines is not None and baselines.is_file():
-                    wanted = [condition, *learnt]
-                    both = _learnt(path.with_name("cells.csv"), baselines, arms[name], setting, wanted)
-                    estimate = replace(estimate, learnt=both)
-                yield Evidence(label, estimate)
+                yield Evidence(label, estimated(name, setting, condition))
+
+
+def _of_seeds(path: Path, arms: Sequence[str], setting: str, condition: str, sign: float) -> Estimate:
+    """The difference of two arms, the treatment first, from the values of their runs, paired by seed.
+
+    Raises:
+        UserError: both arms were run, but not in this setting and condition.
+    """
+    rows = [row for row in read_table(path) if row["outcome"] == "finished"]
+    if not set(arms) <= {row["arm"] for row in rows}:
+        return NOT_RUN
+    here = [row for row in rows if (row["setting"], row["condition"]) == (setting, condition)]
+    treatment, control = ({row["pair"]: row.number("value") for row in here if row["arm"] == arm} for arm in arms)
+    pairs = [sign * (value - control[pair]) for pair, value in treatment.items() if pair in control]
+    if not pairs:
+        raise UserError(f"{path} has no pair of {' and '.join(arms)}, setting={setting} condition={condition}", STORED)
+    spread = statistics.stdev(pairs) if len(pairs) > 1 else math.nan
+    return Estimate.of_pairs(statistics.fmean(pairs), spread, len(pairs))
 
 
 def _learnt(cells_file: Path, baselines: Path, arms: Sequence[str], setting: str, conditions: Sequence[str]) -> bool:

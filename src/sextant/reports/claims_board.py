@@ -19,6 +19,7 @@ from sextant.evaluation.verdict import (
     together,
 )
 from sextant.figures.claim_strip import Strip, claim_strips
+from sextant.reports.claim_evidence import NOT_RUN
 from sextant.reports.tables import NOTHING, TextTable, counted, decimals
 
 SAYS: Mapping[Expectation, str] = {"better": "more than", "as_good": "not worse than by", "same": "the same within"}
@@ -29,7 +30,9 @@ REQUIRES: Mapping[Expectation, str] = {
     "same": "a difference of less than",
 }
 #: whether the runs of a claim tested it as it was fixed before them
-Status = Literal["counted", "explored", "confirmed", "refuted", "open"]
+Status = Literal["counted", "planned", "explored", "confirmed", "refuted", "open"]
+#: effect of a comparison without runs
+NOT_YET = "not run yet"
 #: verdicts from the one that decides a claim to the one that does not
 ORDER: tuple[Verdict, ...] = ("fails", "not learnt", "undecided", "holds")
 #: largest possible difference of shares, in points
@@ -48,10 +51,10 @@ A claim of several comparisons holds if all hold and fails if one does, by Bonfe
 worst condition of each contrast; [comparisons.csv](claims/comparisons.csv) and the pictures have all, and those that
 stand beside the claim in grey.
 
-Runs that are older than the claim *explore* it, later ones *confirm* or *refute* it. Unless worlds are named, all runs
-are in one office, town or city, or on one set of real images. `sextant claims plan` has the next runs, their power and
-cost; `sextant claims claim=places_mining` decides one claim. If all {estimated} estimated effects were exactly at their
-borders, at most {chance:.1f} would be decided by chance; {decided} are.
+Runs that are older than the claim *explore* it, later ones *confirm* or *refute* it; without any it is *planned*.
+Unless worlds are named, all runs are in one office, town or city, or on one set of real images. `sextant claims plan`
+has the next runs, their power and cost; `sextant claims claim=places_mining` decides one claim. If all {estimated}
+estimated effects were exactly at their borders, at most {chance:.1f} would be decided by chance; {decided} are.
 """
 
 
@@ -71,11 +74,13 @@ class Comparison:
         """The verdict of this comparison as one of ``parts`` that decide a claim."""
         return decide(self.estimate, self.expects, self.matters, parts)
 
-    def effect(self) -> str:
-        """The effect with its interval, positive where it favours the claim."""
+    def effect(self, *, with_unit: bool = False) -> str:
+        """The effect with its interval, positive where it favours the claim, and its unit if requested."""
+        if with_unit:
+            return NOT_YET if self.estimate is NOT_RUN else f"{self.effect()} {self.unit}"
         found, (low, high) = self.estimate, self._ends()
         if math.isnan(found.mean):
-            return NOTHING
+            return NOT_YET if found is NOT_RUN else NOTHING
         digits = decimals(max(abs(found.mean), abs(high - low) if math.isfinite(high - low) else 0.0), 3)
         if found.counted or not math.isfinite(low):
             return f"{found.mean:+.{digits}f}"
@@ -152,9 +157,11 @@ class DecidedClaim:
 
     @property
     def status(self) -> Status:
-        """Whether runs begun after the claim was fixed confirm or refute it, or earlier ones explore it."""
+        """Whether runs after the claim was fixed confirm or refute it, earlier ones explore it, or there is none."""
         if self.counted:
             return "counted"
+        if all(each.estimate is NOT_RUN for each in self.counting):
+            return "planned"
         if not self.begun or datetime.fromisoformat(self.begun) < datetime.fromisoformat(self.date):
             return "explored"
         later: dict[Verdict, Status] = {"holds": "confirmed", "fails": "refuted"}
@@ -264,7 +271,7 @@ SUMMARY: Mapping[Verdict, str] = {
 
 
 def _how_to_read(claims: Sequence[DecidedClaim]) -> str:
-    estimated = [claim for claim in claims if not claim.counted]
+    estimated = [claim for claim in claims if claim.status not in ("counted", "planned")]
     return HOW_TO_READ.format(
         seeds=SEEDS_FOR_A_CLAIM,
         worlds=WORLDS_FOR_A_CLAIM,
@@ -277,7 +284,7 @@ def _how_to_read(claims: Sequence[DecidedClaim]) -> str:
 def _row(claim: DecidedClaim) -> list[str]:
     first = claim.deciding
     link = f"[{claim.name}](#{claim.name})"
-    return [link, str(claim.chapter), f"**{claim.verdict}**", claim.status, f"{first.effect()} {first.unit}"]
+    return [link, str(claim.chapter), f"**{claim.verdict}**", claim.status, first.effect(with_unit=True)]
 
 
 def _section(claim: DecidedClaim, pictures: str, again: DecidedClaim | None) -> str:
@@ -315,7 +322,8 @@ def _table(claim: DecidedClaim) -> str:
         unit = "" if worst.unit == claim.unit else f" {worst.unit}"
         asked = "" if worst.matters == claim.matters else f", asked: {worst.matters:g}"
         note = f" ({worst.note})" if worst.note != shared else ""
-        rows.append([label + note, worst.effect() + unit + asked, worst.verdict(len(claim.counting))])
+        effect = worst.effect() if worst.estimate is NOT_RUN else worst.effect() + unit + asked
+        rows.append([label + note, effect, worst.verdict(len(claim.counting))])
     return "\n" + TextTable(["comparison", "effect in its favour", "verdict"], rows).markdown() + told
 
 
@@ -332,6 +340,12 @@ def _answer(claim: DecidedClaim) -> str:
         "undecided": ("open", f"{some} undecided,"),
     }
     answer, which = parts[claim.verdict]
+    waiting = sum(each.estimate is NOT_RUN for each in claim.counting)
+    if claim.verdict == "undecided" and waiting:
+        others = f"; {alike - waiting} of the others undecided" if alike > waiting else ""
+        return (
+            f"open: {waiting} of {counted(total, 'comparison')} {'is' if waiting == 1 else 'are'} not run yet{others}."
+        )
     figure = f"{first.effect()} {first.unit} ({first.label})"
     return f"{answer}: {figure}." if total == 1 else f"{answer}: {which} with {figure}."
 
@@ -342,6 +356,8 @@ def _how_sure(claim: DecidedClaim) -> str:
         return f"{claim.runs}."
     first = claim.deciding
     images = " and a sample of images" if first.estimate.images > 0 else ""
+    if first.estimate is NOT_RUN:
+        return f"{claim.status}; `sextant claims plan claim={claim.name}` has its runs."
     text = f"{claim.status}, over {replicates_told(first)}{images}."
     if claim.verdict == "undecided":
         text += f" To decide: {advice(first, len(claim.counting))}."

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sextant.evaluation import mean_interval, share_interval
+from sextant.evaluation import mean_interval, paired_difference, share_interval
+from sextant.reports.contrasts import converged_pairs, named_contrasts, settings_of
 from sextant.reports.metric import Metric, metric_of
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
@@ -58,7 +59,8 @@ def metrics_section(results: SweepResults) -> Section:
     if len(conditions) > 1:
         table = metric_table(rows, metrics, conditions).markdown()
         parts.append(f"<details><summary>The same by condition</summary>\n\n{table}\n</details>\n")
-    return Section("\n".join(parts), {"metrics.csv": metric_rows(rows).csv()})
+    tables = {"metrics.csv": metric_rows(rows), "differences.csv": difference_rows(results, metrics)}
+    return Section("\n".join(parts), {name: table.csv() for name, table in tables.items()})
 
 
 def metric_summaries(results: SweepResults, metrics: Sequence[Metric]) -> list[MetricSummary]:
@@ -99,6 +101,25 @@ def metric_rows(rows: Sequence[MetricSummary]) -> TextTable:
         + [str(value) for value in (row.runs, row.told, row.asked, row.mean, row.spread, row.low, row.high)]
         for row in rows
     ]
+    return TextTable(columns, body)
+
+
+def difference_rows(results: SweepResults, metrics: Sequence[Metric]) -> TextTable:
+    """Each contrast in each metric by condition, treatment minus control over the pairs of which both have a value."""
+    body = []
+    for name, sides in named_contrasts(results).items():
+        for setting in settings_of(results, sides):
+            pairs = converged_pairs(results, setting, sides)
+            for metric in metrics:
+                both = [[metric.values(cell.metrics, results.conditions) for cell in pair] for pair in pairs]
+                for condition in results.conditions:
+                    there = [(a[condition], b[condition]) for a, b in both if condition in a and condition in b]
+                    if there:
+                        treatment, control = np.array(there).T
+                        found = paired_difference(treatment, control)
+                        told = (found.seeds, found.mean, found.spread, found.low, found.high)
+                        body.append([name, setting, condition, metric.name, *map(str, told), results.replicate])
+    columns = ["contrast", "setting", "condition", "metric", "seeds", "mean", "spread", "low", "high", "replicate"]
     return TextTable(columns, body)
 
 

@@ -394,6 +394,10 @@ def test_places_seen_through_the_network_of_another_run(street, outputs, tmp_pat
     assert told == {"strongest_filter", "cosfire_svm", "full_svm", "pooled_svm", "nearest", "descriptor"}
     assert accuracy(found)["nearest/winter"] == 1
     assert accuracy(found)["descriptor/winter"] == 1
+    short = places_run(
+        street, outputs, *choices, "descriptor=pixels", "dataset.width=32", "task.methods=[nearest_short]"
+    )
+    assert accuracy(short)["nearest_short/winter"] == 1
 
 
 # -- mistakes ----------------------------------------------------------------------------------------------------------

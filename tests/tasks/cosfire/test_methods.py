@@ -11,6 +11,7 @@ from sextant.tasks.cosfire.methods import (
     METHODS,
     REPRESENTATIONS,
     nearest_example,
+    principal_components,
     strongest_filter,
     svm_of,
 )
@@ -79,3 +80,18 @@ def test_c_is_chosen_with_few_examples_and_the_svm_fitted_to_all():
     every = svm_of(examples, tuning, 3, (0.01, 1.0), ("all", "each"), 90, 0)
     answers = every.scores(held[0]).argmax(1)
     assert (answers == held[1]).mean() > 0.6
+
+
+@pytest.mark.parametrize("count", [1, 3, 5, 50])
+def test_components_keep_what_examples_differ_in_and_all_of_them_keep_cosines(count):
+    """One, some, all that six examples span, and more than there are."""
+    rng = torch.Generator().manual_seed(0)
+    images, known = (torch.randn(rows, 9, generator=rng, dtype=torch.float64) for rows in (4, 6))
+    short, among = principal_components(images, known, count)
+    assert among.shape == (6, min(count, 5))
+    assert short.shape == (4, min(count, 5))
+    centred = known - known.mean(0)
+    values = torch.linalg.svdvals(centred)[: min(count, 5)]
+    torch.testing.assert_close(among.square().sum(0), values.square())
+    if count >= 5:
+        torch.testing.assert_close(among @ among.T, centred @ centred.T)

@@ -169,6 +169,17 @@ def test_a_laser_needs_no_training(run):
     assert found["metrics"]["val/place_nll"] < found["metrics"]["val/place_nll_uniform"]
 
 
+@pytest.mark.slow
+def test_poses_between_the_best_images_are_judged_as_those_of_a_filter(run):
+    directory = run("filter=interpolated", "task.starts=2", "trainer.max_epochs=1", "task.save_map=true")
+    errors, found = arrays(directory)["position_error/summer_noon"], directory.results()["metrics"]
+    assert np.nanmedian(errors) < 2  # of an office of many metres
+    told = next(value for key, value in found.items() if "error_of_all_frames_median" in key and "summer_noon" in key)
+    assert told == pytest.approx(np.nanmedian(errors), rel=1e-3)
+    assert next(value for key, value in found.items() if key.startswith("test/particles_")) == 3
+    assert not (directory.path / "map").exists()
+
+
 # -- identity, resuming, evaluation ------------------------------------------------------------------------------------
 
 

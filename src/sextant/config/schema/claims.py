@@ -24,11 +24,11 @@ class ClaimPart(Node):
 
     Attributes:
         sweep: the sweep that measures them; empty for figures of another command, in ``recorded`` tables only.
-        stored: folder of its stored report, below ``docs``.
+        stored: folder of its stored report, below ``docs``; without one the part is not run yet.
         table: table of the report, without ``.csv``.
         names: names of contrasts; of arms in ``cells`` and ``cost``; of rows in ``recorded``.
         against: what an arm is compared with: a number in ``cells``, another arm in ``cost``.
-        quantity: column of ``cost``.
+        quantity: column of ``cost``; metric of ``differences``.
         learnt: conditions in which both arms of a contrast must be better than the constant of ``baselines.csv``, a
             table beside ``table``; those of ``conditions`` always must be, if that table has them.
         direction: whether the claim states that the difference goes up or down.
@@ -41,7 +41,7 @@ class ClaimPart(Node):
 
     sweep: str = ""
     stored: str
-    table: Literal["contrasts", "pooled", "cells", "cost", "recorded"] = "contrasts"
+    table: Literal["contrasts", "differences", "pooled", "cells", "cost", "recorded"] = "contrasts"
     names: list[str] = Field(min_length=1)
     settings: list[str] = Field(default=["-"], min_length=1)
     conditions: list[str] = Field(default=["test"], min_length=1)
@@ -60,8 +60,8 @@ class ClaimPart(Node):
         kinds = {"cells": float, "cost": str}
         if self.table in kinds and not (isinstance(self.against, kinds[self.table]) and self.against != ""):
             raise ValueError(f"table={self.table} needs against: a number for cells, an arm for cost")
-        if self.table == "cost" and not self.quantity:
-            raise ValueError("table=cost needs quantity, a column of cost.csv")
+        if self.table in ("cost", "differences") and not self.quantity:
+            raise ValueError(f"table={self.table} needs quantity, a column of cost.csv or a metric of differences.csv")
         if self.table != "recorded" and not self.sweep:
             raise ValueError(f"table={self.table} needs the sweep that it is of")
         return self

@@ -10,7 +10,15 @@ from sextant.config.schema.places.parts import OffTheShelf, PlaceAugmentation, P
 from sextant.config.schema.splits import BySplit, ImageSide
 
 RecognitionMethod = Literal[
-    "cosfire_svm", "tiled_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network", "descriptor"
+    "cosfire_svm",
+    "tiled_svm",
+    "strongest_filter",
+    "full_svm",
+    "pooled_svm",
+    "nearest",
+    "nearest_short",
+    "network",
+    "descriptor",
 ]
 
 

@@ -64,7 +64,7 @@ def _row(
 
 
 def _tip(found: Comparison, parts: int) -> dict[str, str]:
-    told = {"effect": f"{found.effect()} {found.unit}", "asked": found.asked(), "rests on": replicates_told(found)}
+    told = {"effect": found.effect(with_unit=True), "asked": found.asked(), "rests on": replicates_told(found)}
     if not found.beside and found.verdict(parts) == "undecided":
         told["to decide"] = advice(found, parts)
     return told | ({"note": found.note} if found.note else {})

@@ -31,6 +31,7 @@ from sextant.tasks.cosfire.methods import (
     Method,
     Representation,
     nearest_example,
+    principal_components,
     strongest_filter,
     svm_of,
 )
@@ -110,7 +111,7 @@ class CosfireEstimator(nn.Module):
         """The methods of the comparison whose parts exist; the first is used for prediction."""
         missing: set[Method] = set() if self.features is not None else set(OF_NETWORK)
         missing |= {"network"} if self.network is None or not self.comparison.network_answers else set()
-        missing |= {"descriptor"} if self.describe is None else set()
+        missing |= {"descriptor", "nearest_short"} if self.describe is None else set()
         found = [method for method in self.comparison.methods if method not in missing]
         return [*found, *TUNED] if self.comparison.fine_tuning.epochs else found
 
@@ -288,6 +289,8 @@ class CosfireEstimator(nn.Module):
             return strongest_filter(features, own, labels, len(self.classes))
         if method in OF_EXAMPLES:
             among = self._features_of(method, examples)
+            if method == "nearest_short":
+                features, among = principal_components(features, among, examples["descriptor"].shape[1])
             return nearest_example(features, among, self.known["labels"].cpu(), len(self.classes))
         return features
 

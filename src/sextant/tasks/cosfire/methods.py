@@ -17,6 +17,7 @@ Method = Literal[
     "full_svm",
     "pooled_svm",
     "nearest",
+    "nearest_short",
     "network",
     "descriptor",
     "cosfire_tuned",
@@ -30,6 +31,7 @@ METHODS: dict[Method, str] = {
     "full_svm": "whole feature map, linear SVM (the paper's baseline)",
     "pooled_svm": "feature map averaged over places, linear SVM",
     "nearest": "nearest example (of 10,000 at most) by the cosine of whole feature maps",
+    "nearest_short": "the same by as many principal components of the maps as place descriptors have numbers",
     "network": "the network itself",
     "descriptor": "nearest example (of 10,000 at most) by the cosine of place descriptors",
     "cosfire_tuned": "log-maxima of COSFIRE filters, linear layer, both trained on from the SVM",
@@ -44,6 +46,7 @@ REPRESENTATIONS: dict[Method, Representation] = {
     "full_svm": "full",
     "pooled_svm": "pooled",
     "nearest": "full",
+    "nearest_short": "full",
     "network": "logits",
     "descriptor": "descriptor",
     "cosfire_tuned": "tuned",
@@ -56,9 +59,9 @@ OF_MAXIMA: tuple[Method, ...] = ("cosfire_svm", "tiled_svm")
 #: methods of fine-tuning
 TUNED: tuple[Method, ...] = ("cosfire_tuned", "layer_tuned")
 #: methods that compare with the examples themselves
-OF_EXAMPLES: tuple[Method, ...] = ("nearest", "descriptor")
+OF_EXAMPLES: tuple[Method, ...] = ("nearest", "nearest_short", "descriptor")
 #: methods that need a network
-OF_NETWORK: tuple[Method, ...] = ("full_svm", "pooled_svm", "nearest", "network")
+OF_NETWORK: tuple[Method, ...] = ("full_svm", "pooled_svm", "nearest", "nearest_short", "network")
 #: most examples among which the nearest is searched
 NEAREST_AMONG = 10_000
 
@@ -98,6 +101,20 @@ def nearest_example(
     known = F.normalize(examples, dim=1)
     found = [_best_of_class(F.normalize(batch, dim=1) @ known.T, labels, count) for batch in images.split(1024)]
     return torch.cat(found)
+
+
+def principal_components(
+    images: Float[Tensor, "n d"], examples: Float[Tensor, "m d"], count: int
+) -> tuple[Float[Tensor, "n c"], Float[Tensor, "m c"]]:
+    """The first ``count`` principal components of the examples, at most one fewer than there are, in both.
+
+    >>> line = torch.tensor([[0.0, 0.0], [3.0, 4.0], [6.0, 8.0]])  # all that differs is the place along it
+    >>> [found.abs().tolist() for found in principal_components(line[:1], line, 1)]
+    [[[5.0]], [[5.0], [0.0], [5.0]]]
+    """
+    mean = examples.mean(0)
+    basis = torch.linalg.svd(examples - mean, full_matrices=False)[2][: min(count, len(examples) - 1)].T
+    return (images - mean) @ basis, (examples - mean) @ basis
 
 
 def _best_of_class(scores: Float[Tensor, "n m"], labels: Int64[Tensor, "m"], count: int) -> Float[Tensor, "n k"]:

@@ -90,6 +90,7 @@ def _figures(judged: Judged, dof: int) -> dict[str, float]:
         "position_error_median": _median(judged.position[later]),
         "position_error_rmse": _rmse(judged.position[later]),
         "heading_error_deg_median": _median(judged.heading_deg[later]),
+        "error_of_all_frames_median": _median(judged.position[judged.outcome.runs.inside.T]),
         "pose_nll": _mean(judged.outcome.nll.T[later]),
         "ess": float(np.mean(track.ess)),
         "particles": float(np.mean(track.particles)),

@@ -20,11 +20,12 @@ from sextant.evaluation.protocols import LocalizationProtocol
 from sextant.geometry.planar import se2_compose
 from sextant.localization.belief import Belief
 from sextant.localization.initialisation import AppearanceStart, GaussianStart, Initialisation, UniformStart
+from sextant.localization.interpolated_retrieval import interpolated
 from sextant.localization.localize import Track, localize
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.map_support import MapSupport, heading_reach, map_spacing
 from sextant.localization.motion import MotionModel
-from sextant.localization.observers import Observer
+from sextant.localization.observers import Camera, Observer
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
@@ -94,6 +95,7 @@ class TestSettings:
         outliers: share of images that say nothing about where they were taken; None: a hundredth with ``support``, none
             without.
         apart: number of spacings of the map after which an image counts again; None: every image counts.
+        best: number of most alike images whose poses are averaged in place of filtering; None: the filter localizes.
     """
 
     __test__ = False
@@ -114,6 +116,7 @@ class TestSettings:
     support: float | Literal["map"] | None = None
     outliers: float | None = None
     apart: float | None = None
+    best: int | None = None
 
     def filter(self, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> ParticleFilter:
         """The filter on a map of images at these poses, with the kernel learnt for it."""
@@ -226,18 +229,24 @@ def _one(
         if settings.replay:
             replay.append((belief.poses[0].numpy().astype(np.float32), belief.weights[0].numpy().astype(np.float32)))
 
-    track = localize(
-        filter,
-        _start(settings, runs, fault, protocol, generator),
-        observer,
-        runs.frames,
-        runs.motion,
-        runs.seen & runs.inside,
-        generator,
-        particles=trial.particles,
-        radius=protocol.position * 2,
-        watch=watch,
-    )
+    seen = runs.seen & runs.inside
+    if settings.best is not None:
+        assert isinstance(observer, Camera)
+        best, radius = settings.best, protocol.position * 2
+        track = interpolated(observer, runs.frames, runs.motion, seen, best=best, radius=radius, watch=watch)
+    else:
+        track = localize(
+            filter,
+            _start(settings, runs, fault, protocol, generator),
+            observer,
+            runs.frames,
+            runs.motion,
+            seen,
+            generator,
+            particles=trial.particles,
+            radius=protocol.position * 2,
+            watch=watch,
+        )
     return Outcome(trial, runs, track, np.where(runs.inside, nll, np.nan), replay)
 
 

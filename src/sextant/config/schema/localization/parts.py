@@ -349,7 +349,7 @@ class KLDSize(Node):
 class ParticleFilter(Node):
     """The particle filter."""
 
-    later = ("support", "outliers", "apart", "regions")
+    later = ("support", "outliers", "apart", "regions", "best")
     particles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(examples=[1000])
     start: Literal["uniform", "appearance", "gaussian"]
     resampling: Literal["systematic", "stratified", "residual", "multinomial"]
@@ -361,3 +361,4 @@ class ParticleFilter(Node):
     outliers: Annotated[float, Field(gt=0, lt=1)] | None = Field(default=None, examples=[0.1])
     apart: Positive | None = Field(default=None, examples=[1.0])
     regions: Literal["along_drives"] | None = None
+    best: Count | None = Field(default=None, examples=[5])

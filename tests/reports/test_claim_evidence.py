@@ -1,0 +1,106 @@
+"""Estimates of claims where a report was stored before a contrast was named, or before any run was made."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sextant.errors import UserError
+from sextant.reports.claim_evidence import NOT_RUN, evidence
+
+HEAD = "setting,arm,pair,seed,outcome,condition,value"
+ARMS = {"new": ["a", "b"]}
+
+
+def stored(folder, rows, name="seeds.csv", head=HEAD):
+    (folder / name).write_text("\n".join([head, *rows, ""]))
+    return folder / "contrasts.csv"
+
+
+def seeds(arm, values, *, condition="clean", outcome="finished", setting="-"):
+    return [f"{setting},{arm},{pair},{pair},{outcome},{condition},{value}" for pair, value in enumerate(values)]
+
+
+@pytest.fixture
+def table(tmp_path):
+    """A stored report of another contrast of the same arms."""
+    head = "contrast,setting,condition,seeds,mean,spread,image_low,image_high"
+    return stored(tmp_path, ["old,-,clean,3,1.0,0.5,nan,nan"], "contrasts.csv", head)
+
+
+def found(path, names=("new",), conditions=("clean",), arms=ARMS, **more):
+    return [each.estimate for each in evidence(path, names, conditions=conditions, arms=arms, **more)]
+
+
+@pytest.mark.parametrize("down", [False, True])
+@pytest.mark.parametrize("count", [2, 3, 8, 30])
+def test_a_contrast_that_was_not_stored_follows_from_the_seeds(table, count, down):
+    """From two pairs up, in both directions, in any order of rows."""
+    rng = np.random.default_rng(count)
+    a, b = rng.normal(5, 1, count), rng.normal(4, 1, count)
+    stored(table.parent, [*reversed(seeds("a", a)), *seeds("b", b), *seeds("a", a + 9, condition="fog")])
+    (estimate,) = found(table, down=down)
+    pairs = (b - a) if down else (a - b)
+    assert estimate.mean == pytest.approx(pairs.mean())
+    assert estimate.error == pytest.approx(pairs.std(ddof=1) / math.sqrt(count))
+    assert (estimate.seeds, estimate.learnt) == (count, True)
+
+
+def test_pairs_lacking_a_run_or_diverged_do_not_count_and_one_pair_has_no_error(table):
+    stored(table.parent, [*seeds("a", [3, 5]), *seeds("b", [1]), *seeds("b", [9, 9], outcome="diverged")])
+    (estimate,) = found(table)
+    assert (estimate.mean, estimate.seeds) == (2.0, 1)
+    assert math.isnan(estimate.error)
+
+
+@pytest.mark.parametrize("there", [[], seeds("a", [1, 2]), seeds("b", [1, 2]), seeds("c", [1, 2])])
+def test_without_runs_of_both_arms_a_comparison_is_not_run(table, there):
+    stored(table.parent, there)
+    assert found(table) == [NOT_RUN]
+    assert found(table)[0] is NOT_RUN
+
+
+@pytest.mark.parametrize("name", ["contrasts.csv", "differences.csv", "cells.csv", "cost.csv", "pooled.csv"])
+def test_without_a_stored_report_every_comparison_is_not_run(tmp_path, name):
+    told = list(
+        evidence(
+            tmp_path / "gone" / name, ["x", "y"], conditions=["clean", "fog"], quantity="q", against="z", arms=ARMS
+        )
+    )
+    assert all(each.estimate is NOT_RUN for each in told)
+    assert [each.label for each in told] == (
+        ["x", "y"] if name == "cost.csv" else ["x, clean", "x, fog", "y, clean", "y, fog"]
+    )
+
+
+def test_what_is_recorded_is_never_missing_in_silence(tmp_path):
+    with pytest.raises(UserError, match=r"recorded\.csv is not there"):
+        list(evidence(tmp_path / "recorded.csv", ["x"]))
+
+
+def test_a_condition_that_was_not_tested_is_an_error_and_so_are_seeds_that_are_lost(table):
+    stored(table.parent, [*seeds("a", [1, 2]), *seeds("b", [1, 2])])
+    with pytest.raises(UserError, match=r"has no pair of a and b, setting=- condition=fog"):
+        found(table, conditions=["fog"])
+    with pytest.raises(UserError, match=r"has no row contrast=old setting=- condition=fog"):
+        found(table, names=["old"], conditions=["fog"])
+    (table.parent / "seeds.csv").unlink()
+    with pytest.raises(UserError, match=r"seeds\.csv is not there"):
+        found(table)
+
+
+def test_a_stored_table_without_a_row_is_damaged_and_not_one_of_runs_to_come(table):
+    stored(table.parent, seeds("a", [1, 2]))
+    table.write_text(table.read_text().splitlines()[0])
+    with pytest.raises(UserError, match=r"has no row contrast=new"):
+        found(table)
+
+
+def test_a_difference_is_of_the_metric_that_is_named(tmp_path):
+    head = "contrast,setting,condition,metric,seeds,mean,spread,low,high,replicate"
+    rows = [f"new,-,clean,{metric},8,{mean},0.1,0,0,worlds" for metric, mean in (("error", -0.2), ("nll", 3.0))]
+    path = stored(tmp_path, rows, "differences.csv", head).with_name("differences.csv")
+    (estimate,) = found(path, arms=None, quantity="error", down=True)
+    assert (estimate.mean, estimate.seeds, estimate.replicate) == (0.2, 8, "worlds")
+    with pytest.raises(UserError, match="has no row contrast=new setting=- condition=clean metric=gone"):
+        found(path, arms=None, quantity="gone")
