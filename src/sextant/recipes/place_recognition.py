@@ -87,6 +87,10 @@ class PlaceRecognitionRecipe(Recipe):
         """Network and training settings."""
         return {name: part_name(config.plain[name]) for name in ("backbone", "pooling", "inhibition", "loss", "mining")}
 
+    def batches(self, config: Config) -> str:
+        """Batches are of places."""
+        return f" of batches of {_task(config).batch_places} places under {_task(config).batch_conditions} conditions"
+
     def data(self, config: Config, source: "PlaceSource") -> "PlaceData":
         """Batches of places."""
         from sextant.data.places.augmentation import PlaceAugmentation

@@ -149,6 +149,10 @@ class Recipe(ABC):
     def summary(self, config: Config) -> dict[str, str]:
         """The summary that a run shows before it starts. Light."""
 
+    def batches(self, config: Config) -> str:
+        """What an epoch consists of, for that summary."""
+        return f" of batches of {config.trainer.batch_size}"
+
     @abstractmethod
     def data(self, config: Config, source: Any) -> "pl.LightningDataModule":
         """The data module with training, validation and test batches."""
