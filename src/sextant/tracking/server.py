@@ -51,12 +51,15 @@ def free_port(host: str, first: int) -> int:
 def guarded(command: Sequence[str]) -> Iterator["subprocess.Popen[bytes]"]:
     """Run a command while the block runs; the command and its children end when the block or this process ends.
 
+    What it writes to standard output is dropped: of MLflow's server that are its settings, while errors go elsewhere.
+
     Yields:
         The guard process, which ends with the command and has its exit status.
     """
     guard = subprocess.Popen(
         [sys.executable, "-m", __name__, *command],
         stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
         start_new_session=True,
         env={**WITHOUT_JOBS, "PYTHONWARNINGS": "ignore", **os.environ},
     )
