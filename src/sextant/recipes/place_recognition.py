@@ -38,7 +38,7 @@ BASELINE_SIZE = (32, 64)
 class PlaceRecognitionRecipe(Recipe):
     """See :class:`~sextant.tasks.places.module.PlaceRecognition`."""
 
-    evaluation_example = ("dataset=place_folders", "dataset.folder=<folder>")
+    evaluation_example = ("dataset=place_folders", "dataset.folder=<folder of reference/ and query/>")
     monitor = ("val/recall_at_1", "max")
     sweep_example = ("loss", ("info_nce", "triplet_ratio"))
     test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")

@@ -198,6 +198,7 @@ def test_videos_that_do_not_open_are_named(tmp_path, suffix):
             open_drive(str(tmp_path / f"{k}{suffix}"), None, tmp_path / "found")
 
 
+@pytest.mark.slow
 def test_the_libraries_say_nothing_of_videos_that_do_not_open(tmp_path):
     """In a process of its own, as the first use of FFmpeg in a process decides what it prints."""
     for k, suffix in product(range(len(VIDEOS)), (".mp4", ".AVI", ".mkv", ".mpg")):
