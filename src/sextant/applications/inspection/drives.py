@@ -38,11 +38,13 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
     yield from walks
     yield from _of_poses(seen)
     streams = [Path(each.name) for each in seen.videos] + list(seen.files.recordings)
-    given = {each: {"every": 10, **(_odometry(seen, each) if each in seen.files.videos else {})} for each in streams}
+    given: dict[Path, dict[str, object]] = {
+        each: {"every": 10, **(_odometry(seen, each) if each in seen.files.videos else {})} for each in streams
+    }
     posed = {images for _, _, images in _usable(seen)}
     if not walks:
         moved = {each.folder: _odometry(seen, each.folder) for each in seen.folders if each.folder not in posed}
-        given |= {folder: table for folder, table in moved.items() if table}
+        given |= {folder: {**table} for folder, table in moved.items() if table}
     if given:
         yield Suggestion(
             "localize a drive in a map",
