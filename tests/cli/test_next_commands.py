@@ -189,8 +189,8 @@ def test_what_is_printed_after_a_run_runs_as_it_is_printed(name, tmp_path, monke
             ride(tmp_path / "places" / split / light, places, light == "night")
         for name_of in ("reference", "query"):
             ride(tmp_path / "asked" / name_of, range(6), name_of == "query")
-            rows = "\n".join(f"{k:03d}.png,{100 * k},0" for k in range(6))
-            (tmp_path / "asked" / name_of / "poses.csv").write_text(f"file,x,y\n{rows}\n")
+            rows = "\n".join(f"{k:03d}.png,{100 * k},0,0" for k in range(6))
+            (tmp_path / "asked" / name_of / "poses.csv").write_text(f"file,x,y,heading\n{rows}\n")
     monkeypatch.setattr(sys, "argv", ["train.py"])
     monkeypatch.setattr("sextant.lifecycle.training.save_figure", draw)
     cli.run("train", typed)

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 #: the dataset that is only for tests
 FACTORS = "town_factors"
+#: of the images of dataset=place_folders, unless it is given another
+SIZE = {"height": 64, "width": 96, "channels": 3}
 #: height and width of images for training-free and linear descriptors
 BASELINE_SIZE = (32, 64)
 
@@ -42,6 +44,12 @@ class PlaceRecognitionRecipe(Recipe):
     monitor = ("val/recall_at_1", "max")
     sweep_example = ("loss", ("info_nce", "triplet_ratio"))
     test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
+
+    def evaluation_words(self, config: Config) -> tuple[str, ...]:
+        """Folders of images of the size that the network takes."""
+        sizes = {key: config.plain["dataset"].get(key, usual) for key, usual in SIZE.items()}
+        other = [f"dataset.{key}={value}" for key, value in sizes.items() if value != SIZE[key]]
+        return (*self.evaluation_example, *other)
 
     def prediction_example(self, config: Config) -> tuple[str, ...]:
         """A map and its queries."""

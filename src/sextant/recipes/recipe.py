@@ -83,6 +83,10 @@ class Recipe(ABC):
     def __init__(self, reporter: Reporter = SILENT):
         self.reporter = reporter
 
+    def evaluation_words(self, config: Config) -> tuple[str, ...]:
+        """:attr:`evaluation_example`, as it fits what a run was trained on."""
+        return self.evaluation_example
+
     def prediction_example(self, config: Config) -> tuple[str, ...]:
         """Arguments of ``predict.py`` that name the input of a run; none if the run predicts nothing. Light."""
         return ("input=<folder>",)
