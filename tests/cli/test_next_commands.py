@@ -8,15 +8,20 @@ set of one's own; config files of one's own with parts outside Sextant; another 
 import re
 import shlex
 import sys
+from itertools import product
 
 import docs_commands
 import numpy as np
 import pytest
+from calibration_toy import panorama
 from docs_commands import Command, check
 from PIL import Image
+from quick_runs import draw
 from support import QUICK as QUICK_CLASSIFIER
+from tiny_digits import PLAIN
 from tiny_office import OFFICE
 from tiny_office import QUICK as QUICK_LOCALIZER
+from tiny_places import ride
 
 from sextant import cli
 from sextant.cli.next_commands import next_commands
@@ -130,38 +135,74 @@ def test_a_command_is_quoted_for_a_shell_except_its_placeholders():
     assert shlex.split(line.replace("d=<folder of photos>", "'d=<folder of photos>'"))[1:] == [*words, "outputs=/x y"]
 
 
+TINY = ("trainer.max_epochs=1", "trainer.workers=0", "trainer.progress=false", "tracking=none")
+PANORAMAS = (
+    "task=calibration", "dataset=panorama_folder", "dataset.folder=panoramas", "dataset.height=64",
+    "dataset.fractions={train: 0.4, val: 0.4, test: 0.2}", "task.width=32", "task.height=24",
+    "task.crops_per_panorama={train: 8, val: 8, test: 3}", "task.geometric_baselines=false", "trainer.batch_size=8",
+    "backbone=strided_cnn", "backbone.widths=[8,8]", *TINY,
+)  # fmt: skip
+PLACES = (
+    "task=place_recognition", "dataset=place_folders", "dataset.folder=places", "dataset.places=name",
+    *(f"dataset.{split}={{day: {split}/day, night: {split}/night}}" for split in ("train", "val", "test")),
+    "dataset.height=32", "dataset.width=48", "pooling.grid=null", "task.dimension=16", "task.batch_places=5",
+    "task.whitening=null", "backbone.widths=[8,8]", *TINY,
+)  # fmt: skip
+#: what is typed, what each command then ends with, and the user's own for its placeholders
+RUNS = {
+    "a classifier": (
+        ["trainer=fast", *QUICK_CLASSIFIER, "trainer.max_epochs=1", "tracking=none"], ("Result", "3 images"), {}
+    ),
+    "a robot in the office of the tutorial": ([*ROBOT, "task.save_map=true"], ("On the test split", "3 images"), {}),
+    "a robot that keeps no map": ([*ROBOT, "task.save_map=false"], ("On the test split", ""), {}),
+    "a camera": (list(PANORAMAS), ("On the test split", "3 photos calibrated"), {}),
+    "places": (
+        list(PLACES), ("On the test split", "6 queries looked up"),
+        {"<folder of reference/ and query/>": "asked", "map=<folder>": "map=asked/reference",
+         "queries=<folder>": "queries=asked/query"},
+    ),
+    "COSFIRE filters": (
+        ["task=cosfire", *PLAIN, "trainer.progress=false", "tracking=none"], ("On the test split", "3 images"), {}
+    ),
+}  # fmt: skip
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize(
-    "typed",
-    [
-        ["trainer=fast", *QUICK_CLASSIFIER, "trainer.max_epochs=1", "tracking=none"],
-        [*ROBOT, "task.save_map=true"],
-        [*ROBOT, "task.save_map=false"],
-    ],
-    ids=["a classifier", "a robot in the office of the tutorial", "a robot that keeps no map"],
-)
-def test_what_is_printed_after_a_run_runs_as_it_is_printed(typed, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("name", RUNS)
+def test_what_is_printed_after_a_run_runs_as_it_is_printed(name, tmp_path, monkeypatch, capsys):
+    typed, (tested, answered), placeholders = RUNS[name]
     monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path / "outputs"))
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "photos").mkdir()
     for k in range(3):
+        (tmp_path / "photos").mkdir(exist_ok=True)
         picture = np.random.default_rng(k).integers(0, 256, (32, 48, 3), np.uint8)
         Image.fromarray(picture).save(tmp_path / "photos" / f"{k}.png")
     (tmp_path / "odometry.csv").write_text("x,y,theta\n" + "".join(f"{k / 10},0,0\n" for k in range(3)))
+    if name == "a camera":
+        (tmp_path / "panoramas").mkdir()
+        for k in range(10):
+            Image.fromarray(panorama(np.random.default_rng(k))).save(tmp_path / "panoramas" / f"{k}.png")
+    if name == "places":
+        for first, (split, light) in enumerate(product(("train", "val", "test"), ("day", "night"))):
+            places = range(1000 * (first // 2), 1000 * (first // 2) + (6 if split == "test" else 12))
+            ride(tmp_path / "places" / split / light, places, light == "night")
+        for name_of in ("reference", "query"):
+            ride(tmp_path / "asked" / name_of, range(6), name_of == "query")
+            rows = "\n".join(f"{k:03d}.png,{100 * k},0,0" for k in range(6))
+            (tmp_path / "asked" / name_of / "poses.csv").write_text(f"file,x,y,heading\n{rows}\n")
     monkeypatch.setattr(sys, "argv", ["train.py"])
+    monkeypatch.setattr("sextant.lifecycle.training.save_figure", draw)
     cli.run("train", typed)
     lines = re.findall(r"^(evaluate|predict|sweep) +sextant (.*)$", capsys.readouterr().out, re.MULTILINE)
-    predicts = "task.save_map=false" not in typed
-    assert [what for what, _ in lines] == ["evaluate", *(["predict"] if predicts else []), "sweep"]
-    own = {"<folder of photos>": "photos", "<table>": "odometry.csv", "<folder>": "photos"}
-    printed = {
-        "evaluate": "On the test split" if "task=localization" in typed else "Result",
-        "predict": "3 images",
-        "sweep": "6 planned, ",
-    }
+    assert [what for what, _ in lines] == ["evaluate", *(["predict"] if answered else []), "sweep"]
+    own = {
+        **placeholders, "output=<folder>": "output=found", "<folder of photos>": "photos", "<table>": "odometry.csv",
+        "<panoramas>": "panoramas", "<folder>": "photos",
+    }  # fmt: skip
+    printed = {"evaluate": tested, "predict": answered, "sweep": "6 planned, "}
     for what, line in lines:
-        text = line.replace("output=<folder>", "output=found")
+        text = line
         for placeholder, path in own.items():
             text = text.replace(placeholder, path)
         verb, *words = shlex.split(text)

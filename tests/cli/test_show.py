@@ -13,7 +13,9 @@ from sextant.applications.calibration.written_cameras import WrittenCameras
 from sextant.atomic_files import write_json
 from sextant.cli.console import console
 from sextant.cli.photo_calibration.telling import tell
-from sextant.cli.show import show_result
+from sextant.cli.show import show_next, show_result, show_start
+from sextant.composing.compose import compose, to_plain
+from sextant.lifecycle.checks import checked
 from sextant.lifecycle.execute import Outcome
 from sextant.runs.directory import RunDirectory
 
@@ -62,6 +64,38 @@ def test_a_run_with_many_metrics_ends_with_its_table(tmp_path, capsys, drive, co
 def test_few_metrics_are_shown(tmp_path, capsys, metrics, table):
     said = shown_run(tmp_path, capsys, metrics, table)
     assert ("test/0/success" in said) is (metrics <= 20 or table is None)
+
+
+@pytest.mark.parametrize(
+    ("task", "epoch"),
+    [
+        ("classification", "2 epochs of batches of 8, "),
+        ("calibration", "2 epochs of batches of 8, "),
+        ("cosfire", "2 epochs of batches of 8, "),
+        ("place_recognition", "2 epochs of batches of 5 places under 3 conditions, "),
+        ("localization", "2 epochs, "),
+    ],
+)
+def test_a_run_shows_of_what_its_epochs_consist(tmp_path, capsys, task, epoch):
+    sizes = ["task.batch_places=5", "task.batch_conditions=3"] if task == "place_recognition" else []
+    config = checked(to_plain(compose([f"task={task}", *sizes, "trainer.max_epochs=2", "trainer.batch_size=8"])))
+    show_start(config, RunDirectory(tmp_path / "runs" / task / "1a2b3c4d-s0"), ())
+    assert f"training {epoch}" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(("trained", "tested"), [(None, None), (0.0, 2.0), (1.5, 2.0)])
+def test_what_follows_a_run_is_of_one_that_was_trained(tmp_path, capsys, trained, tested):
+    """Boundaries: a run that a nan stopped, which has no times; one that was only evaluated; one that was trained."""
+    directory = RunDirectory(tmp_path / "runs" / "classification" / "1a2b3c4d-s0")
+    directory.path.mkdir(parents=True)
+    metrics, outcome = ({"test/x": 0.5}, "finished") if tested else ({}, "diverged")
+    timing = {"fit_s": trained, "test_s": tested}
+    write_json(directory.metrics, {"metrics": metrics, "outcome": outcome, "parameters": 3, "timing": timing})
+    found = Outcome(outcome, directory.path)
+    show_result(found)
+    assert ("trained in 1.5 s" in capsys.readouterr().out) is bool(trained)
+    show_next(checked(to_plain(compose([]))), found, [])
+    assert ("sextant evaluate" in capsys.readouterr().out) is bool(trained)
 
 
 def row(file="a.jpg", focal=1000.0, ends=(900.0, 1100.0), exif=None, reasons=(), by="conformal"):

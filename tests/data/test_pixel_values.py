@@ -182,8 +182,11 @@ def test_a_picture_of_the_night_stays_darker_than_one_of_the_day(tmp_path, bits)
 
 
 def test_the_level_is_logged_once_and_sixteen_bits_are_not_worth_it(tmp_path, caplog):
-    for path in (*folder(tmp_path / "ten", [1000] * 5), *folder(tmp_path / "sixteen", [65535, 900])):
+    paths = [*folder(tmp_path / "ten", [1000] * 5), *folder(tmp_path / "sixteen", [65535, 900])]
+    for path in paths:
         read_photo(path)
+    for path in paths:  # by another reader
+        decode_image(path, 64, 96, 3, WhiteLevels(paths))
     (said,) = caplog.messages
     level = "go up to 1000: white is taken as 1023 (10 bits)"
     assert said == f"{tmp_path}/ten: uint16 values of pictures of 96x64 pixels {level}"

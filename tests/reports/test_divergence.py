@@ -3,15 +3,19 @@
 import re
 
 import pytest
+import yaml
 from headless import CHROMIUM, chromium
 from made_up_sweep import MadeUpRun, made_up_sweep
 
-from sextant.reports.divergence import divergence
+from sextant.cli.report import _show
+from sextant.reports.divergence import divergence, what_to_do
+from sextant.reports.measure import ACCURACY
 from sextant.reports.page.html_page import html_page
 from sextant.reports.page.report_page import write_report_page
 from sextant.reports.results import SweepResults
 from sextant.reports.sweep_page import Progress, outcomes_told, sweep_page
 from sextant.reports.sweep_report import write_report
+from sextant.runs.directory import RunDirectory
 
 GOOD, BAD = MadeUpRun({"clean": 2}, protocol=None), MadeUpRun({"clean": 18}, "diverged", protocol=None)
 
@@ -41,6 +45,31 @@ def test_one_arm_of_which_no_run_learnt_is_in_no_table_but_that_of_runs(tmp_path
     assert "No pair of runs converged" in text
     assert len(re.findall(r"^\| net \| push_pull \|", text.partition("## Cost")[0], re.MULTILINE)) == 1
     assert not (results.directory / "report" / "contrast_push_pull-none.png").exists()
+
+
+@pytest.mark.parametrize(("none", "push_pull", "pairs"), [(2, 2, 2), (2, 1, 1), (1, 2, 1), (1, 1, 1), (2, 0, 0)])
+def test_a_dash_where_few_pairs_learnt_is_explained(tmp_path, capsys, none, push_pull, pairs):
+    """Boundaries: two pairs, which have an interval; one, where its partner diverged; none."""
+    arms = {"none": [GOOD] * none + [BAD] * (2 - none), "push_pull": [GOOD] * push_pull + [BAD] * (2 - push_pull)}
+    results = made_up_sweep(tmp_path, arms)
+    page = sweep_page(results.plan, Progress(4, 4), results, tmp_path).text
+    _show(results)
+    for text in (reported(results), page, capsys.readouterr().out):
+        contrast = text.partition("push_pull - none")[2].partition("\n## ")[0]
+        assert ("one pair has neither an interval nor a p" in " ".join(text.split())) is (pairs == 1)
+        assert pairs == 1 or "–" not in contrast
+        assert "1 pairs" not in text
+
+
+@pytest.mark.parametrize(
+    ("rate", "proposed"), [("1e6", 0.1), ("1.5", 0.1), ("1", 0.1), ("0.3", 0.03), ("0.02", 0.002), ("5e-7", 5e-8)]
+)
+def test_the_rate_that_is_proposed_may_work(tmp_path, rate, proposed):
+    """Boundaries: rates so high that a tenth is as well; one that is usual; a tiny one."""
+    run = RunDirectory(tmp_path)
+    run.config.write_text(yaml.safe_dump({"trainer": {"max_epochs": 2}, "optimizer": {"lr": float(rate)}}))
+    text = what_to_do(ACCURACY, [run], ["train", "trainer=fast", f"optimizer.lr={rate}"])
+    assert text.endswith(f"Try `sextant train trainer=fast optimizer.lr={proposed:g}`")
 
 
 def test_nothing_is_said_where_all_learnt(tmp_path):

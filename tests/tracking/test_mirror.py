@@ -1,9 +1,11 @@
 """MLflow mirrors the run directories, and can be made again from them."""
 
+from contextlib import suppress
+
 import pytest
 from support import quick_config
 
-from sextant.errors import UserError
+from sextant.errors import LossNotFiniteError, UserError
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.classification.module import Classification
@@ -45,6 +47,24 @@ def test_a_finished_run_is_mirrored_whole(outputs, run):
     assert {"config.yaml", "metrics.json", "figures/contact_sheet.png"} <= artifacts
     assert found.data.tags["sextant.digest"] == results["digest"]
     assert found.data.tags["version.torch"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("overrides", "status", "says"),
+    [
+        (["optimizer.lr=1e6"], "FAILED", "the training loss became nan at step"),
+        (["optimizer.lr=1e-9", "trainer.max_epochs=1"], "FINISHED", "It did not learn."),
+    ],
+)
+def test_a_run_that_diverged_says_so_in_its_description(outputs, overrides, status, says):
+    config = quick_config(outputs, *overrides)
+    with suppress(LossNotFiniteError):
+        execute(config)
+    _, found = mirrored(outputs, RunDirectory(execute(config).directory))
+    assert found.info.status == status
+    assert found.data.tags["mlflow.note.content"].startswith("This run diverged. ")
+    assert says in found.data.tags["mlflow.note.content"]
 
 
 @pytest.mark.slow

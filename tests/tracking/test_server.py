@@ -5,10 +5,15 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import psutil
 import pytest
 from support import heeds_signals
+
+from sextant.cli.dashboard import PAGE
 
 STARTER = """
 import sys
@@ -58,19 +63,26 @@ def test_a_server_that_ends_by_itself_is_told():
 
 
 @pytest.mark.slow
-def test_a_killed_dashboard_leaves_no_server(tmp_path):
+def test_a_dashboard_says_its_address_alone_and_if_it_is_killed_it_leaves_no_server(tmp_path):
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     code = "import sys; from sextant.cli import run; run('dashboard', sys.argv[1:])"
-    dashboard = subprocess.Popen([sys.executable, "-c", code, f"outputs={tmp_path}", f"port={port}"])
+    command = [sys.executable, "-c", code, f"outputs={tmp_path}", f"port={port}"]
+    with (tmp_path / "said").open("wb") as said:
+        dashboard = subprocess.Popen(command, stdout=said, stderr=said)
 
     def listening():
         with socket.socket() as probe:
             return probe.connect_ex(("127.0.0.1", port)) == 0
 
     family = descendants_of(dashboard, 2, listening)
+    for page in ("", "ajax-api/2.0/mlflow/experiments/search?max_results=1", "none"):
+        with suppress(HTTPError), urlopen(f"http://127.0.0.1:{port}/{page}", timeout=60) as answer:
+            answer.read()
     dashboard.kill()
     dashboard.wait()
     assert psutil.wait_procs(family, timeout=60)[1] == []
     assert not listening()
+    _, address = (tmp_path / "said").read_text().splitlines()
+    assert address == f"http://127.0.0.1:{port}/{PAGE}  (Ctrl-C ends it)"

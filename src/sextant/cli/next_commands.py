@@ -39,7 +39,7 @@ def next_commands(config: Config, directory: RunDirectory, name: str, overrides:
     outputs = other_than_default(directory.path.parents[2])
     sweep, given = _sweep(recipe, overrides), recipe.prediction_example(config)
     return {
-        "evaluate": command("evaluate", f"run={name}", *recipe.evaluation_example, *where, *trust),
+        "evaluate": command("evaluate", f"run={name}", *recipe.evaluation_words(config), *where, *trust),
         **({"predict": command("predict", f"run={name}", *given, "output=<folder>", *trust)} if given else {}),
         **({} if sweep is None else {"sweep": sweep}),
         "dashboard": command("dashboard", *server, outputs=outputs),

@@ -108,9 +108,9 @@ def _show_tasks(results: "SweepResults") -> None:
 
 def _show(results: "SweepResults") -> None:
     """Show the contrasts in a table that fits a terminal; everything else is in the report."""
-    from sextant.reports.contrasts import contrasts
+    from sextant.reports.contrasts import contrasts, of_one_pair
     from sextant.reports.divergence import divergence
-    from sextant.reports.tables import counted, interval, number
+    from sextant.reports.tables import TextTable, counted, interval, number
 
     counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
     console.print(f"[bold]{results.plan.name}[/]: {counted(len(results.cells), 'run')} planned, {counts}")
@@ -119,12 +119,18 @@ def _show(results: "SweepResults") -> None:
     rows = [row for row in contrasts(results) if row.paired is not None]
     for name in dict.fromkeys(row.contrast for row in rows):
         title = f"{name}: {results.measure.difference}, {results.measure.better} is better"
-        table = Table(*COLUMNS, title=title, title_justify="left", title_style="bold")
+        body = []
         for row in (row for row in rows if row.contrast == name):
             paired, floor = row.paired, row.floor
             assert paired is not None
             found = f"{number(paired.mean, sign=True)} {interval(paired.low, paired.high, sign=True)}"
             alone = "–" if floor is None else interval(floor.low, floor.high, sign=True)
             published, pairs = number(row.published, sign=True), str(paired.seeds)
-            table.add_row(row.setting, row.condition, found, alone, published, pairs, number(row.p_holm, 3))
+            body.append([row.setting, row.condition, found, alone, published, pairs, number(row.p_holm, 3)])
+        said = TextTable(COLUMNS, body).told()
+        table = Table(*said.columns, title=title, title_justify="left", title_style="bold")
+        for cells in said.rows:
+            table.add_row(*cells)
         console.print(table)
+    if few := of_one_pair(rows):
+        console.print(few)

@@ -18,6 +18,7 @@ from sextant.config.building import part_name
 from sextant.lifecycle.execute import Outcome
 from sextant.lifecycle.published_figures import comparison, says
 from sextant.recipes import recipe_of
+from sextant.reports.tables import counted
 from sextant.runs.directory import RunDirectory
 
 #: more metrics than this are left to metrics.json where a table sums them up; columns of a table
@@ -50,7 +51,7 @@ def show_start(
 def _training(config: Config) -> dict[str, str]:
     return {
         "optimizer": f"{part_name(config.plain['optimizer'])}, {part_name(config.plain['schedule'])}",
-        "training": f"{config.trainer.max_epochs} epochs of batches of {config.trainer.batch_size}, "
+        "training": f"{counted(config.trainer.max_epochs, 'epoch')}{recipe_of(config.task.name).batches(config)}, "
         f"{config.trainer.accelerator}, {config.trainer.threads} thread(s), seed {config.seed}",
     }
 
@@ -115,7 +116,7 @@ def show_next(config: Config, outcome: Outcome, typed: Sequence[str]) -> None:
     """Show the commands that may come next, made of the overrides that the user typed."""
     directory = RunDirectory(outcome.directory)
     results = directory.results()
-    if results is None or not results["timing"]["fit_s"] > 0:  # it was not trained here, or a nan stopped it
+    if results is None or not (results["timing"]["fit_s"] or 0) > 0:  # not trained here, or a nan stopped it
         return
     bin_folder = Path(sys.executable).parent
     if shutil.which("sextant") is None and (bin_folder / "activate").is_file():

@@ -9,11 +9,11 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from functools import lru_cache
 from pathlib import Path
 
 from sextant.data.file_kinds import DEVELOP, RAW, SYSTEM, is_hidden, not_decoded
 from sextant.data.image_files import SUFFIXES, natural_key
+from sextant.data.pixel_values import warn_once
 from sextant.errors import UserError
 from sextant.user_files import absent
 
@@ -86,17 +86,12 @@ def image_paths(folder: Path, *, deep: bool = True) -> Iterator[Path]:
     """:func:`images_below` in no particular order; warns of photos in formats that are not decoded, and of links."""
     found = walk_folder(folder, deep=deep)
     for said in found.left_out():
-        _warn_once(f"{folder}: {said}")
+        warn_once(f"{folder}: {said}")
     others = [path for path in found.files if path.suffix.lower() in (*FOUND_IN_FOLDERS[len(SUFFIXES) :], *RAW)]
     if others:
         why = not_decoded(folder / others[0]) or "is not decoded here"
-        _warn_once(f"{folder}: {len(others):,} files left out, such as {others[0]}, which {why}")
+        warn_once(f"{folder}: {len(others):,} files left out, such as {others[0]}, which {why}")
     return (folder / path for path in found.files if path.suffix.lower() in SUFFIXES and (folder / path).is_file())
-
-
-@lru_cache(maxsize=1024)
-def _warn_once(message: str) -> None:  # datasets list their folders many times
-    log.warning("%s", message)
 
 
 def find_photos(given: str, output: Path | None, key: str = "input") -> list[Path]:

@@ -40,6 +40,12 @@ ALPHA_BACKGROUND = 128
 BITS_PER_SAMPLE, PHOTOMETRIC, SAMPLE_FORMAT = 0x0102, 0x0106, 0x0153
 
 
+@lru_cache(maxsize=1024)
+def warn_once(message: str) -> None:
+    """Log a warning about files that are read or listed many times."""
+    log.warning("%s", message)
+
+
 class _Kind(NamedTuple):
     suffix: str
     size: tuple[int, int]
@@ -77,10 +83,11 @@ class WhiteLevels:
             if kind not in self._told and white != np.iinfo(np.uint16).max and top > 0:
                 self._told.add(kind)
                 where = self._name or (path.parent if path else "images")
-                log.warning(
-                    "%s: %s values of pictures of %dx%d pixels go up to %.6g: white is taken as %.6g%s",
-                    where, kind.values, *kind.size, top, white, _in_bits(white),
-                )  # fmt: skip
+                width, height = kind.size
+                warn_once(
+                    f"{where}: {kind.values} values of pictures of {width}x{height} pixels go up to {top:.6g}: "
+                    f"white is taken as {white:.6g}{_in_bits(white)}"
+                )
         return white
 
     def _top(self, kind: _Kind) -> float:

@@ -131,6 +131,10 @@ class LocalizationRecipe(Recipe):
         told["faults"] = ", ".join(config.plain["faults"]["faults"]) if faults is None else part_name(faults)
         return told
 
+    def batches(self, config: Config) -> str:
+        """All of the map."""
+        return ""
+
     def data(self, config: Config, source: "LocalizationSource") -> "LocalizationDataModule":
         """The drives with their descriptors."""
         from sextant.data.localization.datamodule import LocalizationDataModule

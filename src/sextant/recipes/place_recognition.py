@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 #: the dataset that is only for tests
 FACTORS = "town_factors"
+#: of the images of dataset=place_folders, unless it is given another
+SIZE = {"height": 64, "width": 96, "channels": 3}
 #: height and width of images for training-free and linear descriptors
 BASELINE_SIZE = (32, 64)
 
@@ -38,10 +40,16 @@ BASELINE_SIZE = (32, 64)
 class PlaceRecognitionRecipe(Recipe):
     """See :class:`~sextant.tasks.places.module.PlaceRecognition`."""
 
-    evaluation_example = ("dataset=place_folders", "dataset.folder=<folder>")
+    evaluation_example = ("dataset=place_folders", "dataset.folder=<folder of reference/ and query/>")
     monitor = ("val/recall_at_1", "max")
     sweep_example = ("loss", ("info_nce", "triplet_ratio"))
     test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
+
+    def evaluation_words(self, config: Config) -> tuple[str, ...]:
+        """Folders of images of the size that the network takes."""
+        sizes = {key: config.plain["dataset"].get(key, usual) for key, usual in SIZE.items()}
+        other = [f"dataset.{key}={value}" for key, value in sizes.items() if value != SIZE[key]]
+        return (*self.evaluation_example, *other)
 
     def prediction_example(self, config: Config) -> tuple[str, ...]:
         """A map and its queries."""
@@ -86,6 +94,10 @@ class PlaceRecognitionRecipe(Recipe):
     def summary(self, config: Config) -> dict[str, str]:
         """Network and training settings."""
         return {name: part_name(config.plain[name]) for name in ("backbone", "pooling", "inhibition", "loss", "mining")}
+
+    def batches(self, config: Config) -> str:
+        """Batches are of places."""
+        return f" of batches of {_task(config).batch_places} places under {_task(config).batch_conditions} conditions"
 
     def data(self, config: Config, source: "PlaceSource") -> "PlaceData":
         """Batches of places."""

@@ -83,6 +83,10 @@ class Recipe(ABC):
     def __init__(self, reporter: Reporter = SILENT):
         self.reporter = reporter
 
+    def evaluation_words(self, config: Config) -> tuple[str, ...]:
+        """:attr:`evaluation_example`, as it fits what a run was trained on."""
+        return self.evaluation_example
+
     def prediction_example(self, config: Config) -> tuple[str, ...]:
         """Arguments of ``predict.py`` that name the input of a run; none if the run predicts nothing. Light."""
         return ("input=<folder>",)
@@ -148,6 +152,10 @@ class Recipe(ABC):
     @abstractmethod
     def summary(self, config: Config) -> dict[str, str]:
         """The summary that a run shows before it starts. Light."""
+
+    def batches(self, config: Config) -> str:
+        """What an epoch consists of, for that summary."""
+        return f" of batches of {config.trainer.batch_size}"
 
     @abstractmethod
     def data(self, config: Config, source: Any) -> "pl.LightningDataModule":

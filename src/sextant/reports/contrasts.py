@@ -1,7 +1,7 @@
 """Paired contrasts between the arms of a sweep."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,6 +59,12 @@ class ContrastRow:
     def exploratory(self) -> bool:
         """Whether fewer pairs converged than a claim needs."""
         return self.paired is None or self.paired.seeds < self.least
+
+
+def of_one_pair(rows: Sequence[ContrastRow]) -> str:
+    """What the dashes are of differences of one pair, as a sentence; empty if there is none."""
+    single = any(row.paired is not None and row.paired.seeds == 1 for row in rows)
+    return "A difference of one pair has neither an interval nor a p." if single else ""
 
 
 def contrasts(results: SweepResults) -> list[ContrastRow]:

@@ -15,7 +15,7 @@ from sextant.runs.sweep_directory import SweepPlan
 
 #: how much longer, in how much smaller batches, and at how much lower a rate is proposed
 LONGER, SMALLER, LOWER = 4, 4, 10
-SMALLEST_BATCH = 8
+SMALLEST_BATCH, LARGEST_RATE = 8, 0.1
 
 
 def divergence(results: SweepResults) -> str:
@@ -55,7 +55,7 @@ def what_to_do(measure: Measure, runs: Sequence[RunDirectory], words: Sequence[s
     changes: dict[str, Any] = {}
     if by_nan:
         text += " Most often the learning rate is too high, or the data hold extreme values."
-        changes = {} if rate is None else {"optimizer.lr": f"{rate / LOWER:g}"}
+        changes = {} if rate is None else {"optimizer.lr": f"{min(rate / LOWER, LARGEST_RATE):g}"}
     elif measure.trained_by:
         text += " Most often that is too short, in batches that are too large, or at a wrong rate."
         changes = {} if epochs is None else {"trainer.max_epochs": LONGER * epochs}

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sextant.reports.contrasts import ContrastRow, contrasts
+from sextant.reports.contrasts import ContrastRow, contrasts, of_one_pair
 from sextant.reports.divergence import divergence
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import leading_trial
@@ -63,6 +63,7 @@ def sweep_page(
         parts += [text, *(f"![search]({address})\n" for address in pictures)]
     if results is not None and rows:
         told = f"{results.measure.difference.capitalize()}; {results.measure.better} is better."
+        told += f" {few}" if (few := of_one_pair(rows)) else ""
         parts += [f"{told}\n", *(f"![contrast]({address})\n" for address in pictures), _table(rows[:MOST_ROWS])]
     if results is not None and (told := divergence(results)):
         parts.append(f"{told}\n")
@@ -121,7 +122,7 @@ def _table(rows: Sequence[ContrastRow]) -> str:
         for row in rows
         if row.paired is not None
     ]
-    return TextTable(columns, body).markdown()
+    return TextTable(columns, body).told().markdown()
 
 
 def _metrics(row: ContrastRow, contrast: str) -> dict[str, float]:

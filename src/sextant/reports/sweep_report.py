@@ -15,7 +15,7 @@ from sextant.figures.contrast_forest import ForestRow, contrast_forest
 from sextant.figures.style import save_figure
 from sextant.reports.cell_tables import cells_legend, cells_table, diverged_table, runs_table, seed_rows
 from sextant.reports.confidence_report import confidence_section
-from sextant.reports.contrasts import ContrastRow, contrasts
+from sextant.reports.contrasts import ContrastRow, contrasts, of_one_pair
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.cost_report import cost_section
 from sextant.reports.divergence import divergence
@@ -230,7 +230,7 @@ def _legend(rows: list[ContrastRow], results: SweepResults) -> str:
         "over pairs, "
         "two-sided, corrected by Holm over the conditions of one setting. *Dropped* pairs have a run that diverged, "
         "failed or is missing."
-        + _least_p(rows, len(results.conditions))
+        + " ".join(["", *filter(None, [_least_p(rows, len(results.conditions)), of_one_pair(rows)])])
         + (
             f" † fewer than {LEAST[results.replicate]} pairs: exploratory."
             if any(row.exploratory for row in rows)
@@ -266,10 +266,10 @@ def _least_p(rows: list[ContrastRow], conditions: int) -> str:
     """The smallest possible p: the signed-rank test of n pairs cannot give less than 2 / 2^n."""
     pairs = max((row.paired.seeds for row in rows if row.paired is not None), default=0)
     least = min(1.0, conditions * 2.0 ** (1 - pairs))
-    if least <= 0.05:
+    if least <= 0.05 or pairs < 2:
         return ""
     return (
-        f" With {pairs} pairs and {conditions} conditions no corrected p can be below {least:.3f}: read the intervals."
+        f"With {pairs} pairs and {conditions} conditions no corrected p can be below {least:.3f}: read the intervals."
     )
 
 

@@ -162,6 +162,8 @@ def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status) 
     failure = directory.state().get("failure")
     if failure:
         mirror.tags({"sextant.failure": str(failure)})
+    if why := why_diverged(directory):
+        mirror.tags({"mlflow.note.content": why})
     for path in (directory.config, directory.metrics, directory.figures, directory.path / "trajectories"):
         mirror.artifacts(path)
     if note is not None and note["log_checkpoint"]:
@@ -170,6 +172,14 @@ def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status) 
     if note is not None:
         directory.update_state({"tracking": {**note, "sent": not mirror.broken}})
     return not mirror.broken
+
+
+def why_diverged(directory: RunDirectory) -> str:
+    """What the description of a run says that diverged; empty for others."""
+    results = directory.results()
+    if results is None or results["outcome"] != "diverged":
+        return ""
+    return f"This run diverged. {results.get('message') or 'It did not learn.'}"
 
 
 def note_of(directory: RunDirectory, store: Store) -> dict[str, Any] | None:

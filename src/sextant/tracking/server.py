@@ -21,6 +21,8 @@ from sextant.errors import UserError
 
 PR_SET_CHILD_SUBREAPER = 36
 PATIENCE_S = 5.0
+#: how lines begin that MLflow's server writes to standard error whenever it starts
+EXPECTED = b"[MLflow] Security middleware enabled"
 #: Turns off jobs for language models, which take three more processes and are not needed.
 WITHOUT_JOBS = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
 
@@ -51,12 +53,15 @@ def free_port(host: str, first: int) -> int:
 def guarded(command: Sequence[str]) -> Iterator["subprocess.Popen[bytes]"]:
     """Run a command while the block runs; the command and its children end when the block or this process ends.
 
+    What it writes to standard output is dropped: of MLflow's server that are its settings, while errors go elsewhere.
+
     Yields:
         The guard process, which ends with the command and has its exit status.
     """
     guard = subprocess.Popen(
         [sys.executable, "-m", __name__, *command],
         stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
         start_new_session=True,
         env={**WITHOUT_JOBS, "PYTHONWARNINGS": "ignore", **os.environ},
     )
@@ -71,16 +76,24 @@ def guarded(command: Sequence[str]) -> Iterator["subprocess.Popen[bytes]"]:
 def main(command: Sequence[str]) -> int:
     """Guard a command until it ends or standard input is closed."""
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)  # adopts orphaned descendants, so that they are found below
-    child = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
     def watch() -> None:
         while os.read(sys.stdin.fileno(), 1):
             pass
         _end_all()
 
-    threading.Thread(target=watch, daemon=True).start()
+    def pass_on() -> None:
+        for line in child.stderr or ():
+            if not line.startswith(EXPECTED):
+                os.write(sys.stderr.fileno(), line)
+
+    passing = threading.Thread(target=pass_on, daemon=True)
+    for thread in (threading.Thread(target=watch, daemon=True), passing):
+        thread.start()
     status = child.wait()
     _end_all()
+    passing.join(PATIENCE_S)
     return status
 
 

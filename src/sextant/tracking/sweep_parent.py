@@ -12,7 +12,16 @@ from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import LockedError, run_lock
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan, read_plans
-from sextant.tracking.mirror import PARENT, MirroredRun, Status, clean_params, ended_at, known_run, milliseconds
+from sextant.tracking.mirror import (
+    PARENT,
+    MirroredRun,
+    Status,
+    clean_params,
+    ended_at,
+    known_run,
+    milliseconds,
+    why_diverged,
+)
 from sextant.tracking.store import Kind, Store, open_store, require_server, telling_store_errors
 
 #: file in the directory of a sweep with the page that its parent run shows, and folder of the page's figures
@@ -97,6 +106,7 @@ def label_cells(
         known = parent.store.client.get_run(found)
         if known.info.run_name != name and known.data.tags.get(PARENT, parent.run_id) == parent.run_id:
             note = f"{name}, of the sweep {plan.name}. {plan.definition.get('question') or ''}".rstrip()
+            note += f"\n\n{why}" if (why := why_diverged(RunDirectory(outputs / run))) else ""
             own = {"mlflow.runName": name, "arm": " + ".join(arms), "setting": first.setting, "sweep": plan.name}
             own["mlflow.note.content"] = note
             child = MirroredRun(parent.store, found)

@@ -6,7 +6,7 @@ import pytest
 import torch
 from cli.photo_calibration.fakes import Fake, calibrate, exif, photo
 
-from sextant.applications.calibration.confidence import ENDS
+from sextant.applications.calibration.confidence import ENDS, _distinct
 from sextant.geometry import vfov_from_focal
 
 #: five degrees of field of view at 68 %, for the scores' quantile is 1.38, and seven at 95 %
@@ -98,3 +98,20 @@ def test_a_focal_length_by_exif_that_disagrees_is_told_though_not_used(tmp_path)
     assert row["exif_focal_px"] == pytest.approx(24 * 100 / math.hypot(36, 24))
     assert row["focal_px"] == pytest.approx(42, rel=1e-5)
     assert "EXIF gives a focal length of 55 px, outside the 95 % interval" in row["confidence"]["reasons"]
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "shown"),
+    [
+        (9.52, 9.48, ("9.52", "9.48")),
+        (9.5, 9.4999, ("9.5", "9.4999")),
+        (12.0, 3.0, ("12", "3")),
+        (20.4, 19.6, ("20.4", "19.6")),
+        (0.0123, 0.0121, ("0.0123", "0.0121")),
+        (float("nan"), 2.0, ("nan", "2")),
+        (float("inf"), 2.0, ("inf", "2")),
+        (2.0, 2.0, ("2", "2")),
+    ],
+)
+def test_a_width_and_the_limit_that_it_exceeds_are_told_apart(a, b, shown):
+    assert _distinct(a, b) == shown

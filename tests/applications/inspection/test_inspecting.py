@@ -3,6 +3,9 @@
 import json
 import os
 import shlex
+import subprocess
+import sys
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -12,8 +15,9 @@ from fuzzing import fuzz
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.applications.inspection import inspect, summary
+from sextant.applications.inspection import inspect, suggestion, summary
 from sextant.data.localization import PoseFolder
+from sextant.data.localization.own_drive import open_drive
 from sextant.data.photos.gps import GpsPosition
 from sextant.errors import UserError
 
@@ -103,6 +107,12 @@ def test_no_classifier_is_proposed_for_what_cannot_be_learnt(count, images, opti
     assert "recognise places" not in tasks  # which would be the reason
 
 
+@pytest.mark.parametrize("name", [name for name in FOLDERS if "odometry" in name or "drive" in name or "walk" in name])
+def test_no_classifier_is_proposed_for_drives(name, tmp_path):
+    FOLDERS[name][0](tmp_path)
+    assert "classify images" not in [each.task for each in inspect(tmp_path).suggestions]
+
+
 @pytest.mark.parametrize(("metres", "town"), [(0.1, False), (0.5, False), (0.51, True), (1, True)])
 def test_a_coarse_map_is_scored_by_the_limits_of_a_town(metres, town, tmp_path):
     spaced(tmp_path, metres)
@@ -117,6 +127,87 @@ def test_a_table_that_is_no_odometry_is_not_taken_for_it(name, head, tmp_path):
     (tmp_path / "winter/odometry.csv").unlink()
     (tmp_path / "winter" / name).write_text(text)
     assert "odometry=" not in said_of(inspect(tmp_path))
+
+
+ROW = {"x": 1.5, "y": "-2", "theta": 0.1, "heading_deg": 9, "nsec": 5}
+ODOMETRY = [
+    ("odometry.csv", "x,y,theta", 3, True),
+    ("Odom.TXT", "x,y,heading_deg", 3, True),
+    ("odometry.csv", "", 3, True),  # no header
+    ("odom_left.csv", "file,x,y,theta,speed", 3, True),
+    ("wheels.csv", "x,y,theta", 3, True),
+    ("wheels.txt", "y;x;heading_deg", 3, True),
+    ("log.csv", "timestamp,x,y,theta", 3, True),
+    ("log.csv", "Time [ms]|X|Y|Theta", 3, True),
+    ("log.txt", "sec\tnsec\tx\ty\ttheta", 3, True),
+    ("images/log.csv", "t,x,y,theta", 3, True),
+    ("1700000000.5.csv", "time_ns,x,y,heading_deg,theta", 3, True),
+    ("odometry.csv", "x,y,theta", 2, False),
+    ("odometry.csv", "x,y,theta", 4, False),
+    ("wheels.csv", "t,x,y,theta", 9, False),  # the images have no times
+    ("odometry.csv", "left,right", 3, False),
+    ("odometry.csv", "x,y", 3, False),
+    ("wheels.csv", "", 3, False),
+    ("wheels.csv", "x,y,z,theta", 3, False),
+    ("wheels.csv", "file,x,y,theta", 3, False),  # maybe poses
+    ("around/wheels.csv", "x,y,theta", 3, False),
+    (".odometry.csv", "x,y,theta", 3, False),
+    ("odometry.csv", "x,y,theta", 0, False),
+]
+
+
+@pytest.mark.parametrize(("name", "head", "rows", "offered"), ODOMETRY)
+def test_images_are_offered_with_the_odometry_that_is_theirs(name, head, rows, offered, tmp_path):
+    """Boundaries: the name or the columns make a table odometry; separators; where; rows per image."""
+    for k in range(3):
+        photo(tmp_path / "images" / f"{'abc'[k]}.jpg", k, 48, 36)
+    separator = next((each for each in ";|\t" if each in head), ",")
+    words = [each.lower() for each in head.split(separator)] if head else ["x", "y", "theta"]
+    rows_of = ({"file": f"{'abcd'[k % 4]}.jpg", **ROW} for k in range(rows))
+    lines = [separator.join(str(row.get(each, k)) for each in words) for k, row in enumerate(rows_of)]
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("\n".join([*([head] if head else []), *lines]))
+    found = inspect(tmp_path)
+    commands = [each for suggested in found.suggestions for each in suggested.commands]
+    images, table = tmp_path / "images", tmp_path / name
+    wanted = suggestion.command("localize", map="<map>", input=images, odometry=table, output="localization/images")
+    assert (wanted in commands) is offered
+    assert sum("odometry=" in each for each in commands) == offered
+    if offered:
+        assert found.facts()["odometry"] == [{"file": name, "rows": rows}]
+        assert len(open_drive(str(tmp_path / "images"), tmp_path / name, tmp_path / "found").motions) == 3
+
+
+VIDEOS = (
+    b"", b"no video", b"\0\0\0\x18ftypmp42\0\0\0\0mp42isom", b"RIFF....AVI LIST",
+    b"RIFF\x20\0\0\0AVI LIST\x04\0\0\0hdrl",
+    b"\x1aE\xdf\xa3" + b"\xff" * 40, b"\0\0\1\xba" * 20, b"\xff\xd8\xff\xe0" + b"\0" * 100, bytes(range(256)) * 4,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".AVI", ".mkv", ".mpg"])
+def test_videos_that_do_not_open_are_named(tmp_path, suffix):
+    """Boundaries: empty; another kind of file; containers cut at their beginning, under their own suffix and others."""
+    for k, content in enumerate(VIDEOS):
+        (tmp_path / f"{k}{suffix}").write_bytes(content)
+    found = inspect(tmp_path)
+    assert set(found.seen.unreadable) == {f"{k}{suffix}" for k in range(len(VIDEOS))}
+    assert found.remarks == ("no image, video, recording, poses or odometry that can be read",)
+    for k in range(len(VIDEOS)):
+        with pytest.raises(UserError, match=rf"input=.*/{k}\{suffix} cannot be read as a video"):
+            open_drive(str(tmp_path / f"{k}{suffix}"), None, tmp_path / "found")
+
+
+@pytest.mark.slow
+def test_the_libraries_say_nothing_of_videos_that_do_not_open(tmp_path):
+    """In a process of its own, as the first use of FFmpeg in a process decides what it prints."""
+    for k, suffix in product(range(len(VIDEOS)), (".mp4", ".AVI", ".mkv", ".mpg")):
+        (tmp_path / f"{k}{suffix}").write_bytes(VIDEOS[k])
+    code = "import sys; from sextant.data.localization.frames import open_video, Path\n"
+    code += "print(sum(open_video(Path(each)).read()[0] for each in sys.argv[1:]))"
+    files = sorted(map(str, tmp_path.iterdir()))
+    said = subprocess.run([sys.executable, "-c", code, *files], capture_output=True, text=True, check=True)
+    assert (len(files), said.stdout, said.stderr) == (4 * len(VIDEOS), "0\n", "")
 
 
 def test_no_suggestion_is_made_of_nothing(tmp_path):

@@ -13,7 +13,7 @@ def test_a_photo_that_fails_is_named_and_the_rest_go_on(tmp_path, capsys):
     rows = calibrate([good, bad, small], tmp_path / "out")
     assert ["error" in row for row in rows] == [False, True, True]
     said = capsys.readouterr().out
-    assert "1 photos calibrated, 2 failed" in said
+    assert "1 photo calibrated, 2 failed" in said
     assert "Skipped (2)" in said
     assert "cannot be decoded (7 bytes): it is text" in " ".join(said.replace("│", " ").split())
     lines = list(csv.DictReader((tmp_path / "out" / "calibrations.csv").open()))

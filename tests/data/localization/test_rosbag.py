@@ -20,6 +20,18 @@ def bags(request):
     return Bags(request.param)
 
 
+@pytest.mark.parametrize("name", ["drive", "walk.mp4", "WALK.AVI"])
+def test_a_folder_of_a_drive_without_photos_names_the_drive(bags, name, tmp_path):
+    if name == "drive":
+        path = bags.write(tmp_path, [("/camera", 1, bags.image(1, PICTURE))])
+    else:
+        (path := tmp_path / name).write_bytes(b"video")
+    with pytest.raises(UserError) as found:
+        open_drive(str(tmp_path), None, tmp_path / "found")
+    assert found.value.problem == f"input={tmp_path}: no photo there, but {path.name}"
+    assert found.value.fix == f"input={path}"
+
+
 def seen(bag):
     return [frame.image for frame in bag.read(SIZE)]
 

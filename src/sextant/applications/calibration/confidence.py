@@ -43,17 +43,23 @@ def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple
         if not half[i] <= good:  # true for nan too
             worst = max(worst, 1 if half[i] <= most else 2)
             turn, unit = (180 / math.pi, "°") if i < 3 else (1.0, "")
-            wider = f"±{(good if half[i] <= most else most) * turn:.2g}{unit}"
-            told = f"{name}: 68 % interval ±{half[i] * turn:.2g}{unit}, wider than "
+            limit, of = (good if half[i] <= most else most), ""
             if finding.network is None:
-                told += "half of the " if half[i] <= most else "the "
-                wider = f"±{spread[i] * turn:.2g}{unit} of all cameras trained on"
-            reasons.append(told + wider)
+                limit, of = spread[i], " of all cameras trained on"
+            width, wider = _distinct(half[i] * turn, limit * turn)
+            part = "" if not of else "half of the " if half[i] <= most else "the "
+            reasons.append(f"{name}: 68 % interval ±{width}{unit}, wider than {part}±{wider}{unit}{of}")
     against_network = (*finding.network_doubts, *_range_doubts(finding, network)) if finding.trusts_network else ()
     for allowed, text in (*finding.doubts, *against_network):
         worst = max(worst, allowed)
         reasons.append(text)
     return get_args(Verdict)[worst], tuple(reasons), dict(zip(NAMES, ratios.tolist(), strict=True))
+
+
+def _distinct(a: float, b: float) -> tuple[str, str]:
+    """Two numbers by so few digits, at least two, as tell them apart."""
+    shown = ((f"{a:.{digits}g}", f"{b:.{digits}g}") for digits in range(2, 18))
+    return next((pair for pair in shown if pair[0] != pair[1]), (f"{a:.2g}", f"{b:.2g}"))
 
 
 def _allowed(finding: Finding, network: CameraNetwork) -> tuple[Float64[ndarray, "4"], Float64[ndarray, "4"]]:

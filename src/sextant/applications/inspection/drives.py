@@ -11,12 +11,11 @@ from sextant.applications.inspection.poses import FoundPoses
 from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.suggestion import Suggestion, command, override, overrides_of, plain_name
 from sextant.applications.inspection.traverses import MAPS
-from sextant.data.localization.odometry_file import read_odometry
 from sextant.data.localization.plane import AHEAD, PLANES, Ahead, to_plane
 from sextant.data.localization.pose_folder import FILES, PoseFormat
 from sextant.data.places.gps_poses import local_poses
 from sextant.data.places.pose_files import read_pose_table
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
 
 #: largest number of videos and recordings that get a command
@@ -35,19 +34,30 @@ LEVEL = 0.7
 
 def localization(seen: Seen) -> Iterator[Suggestion]:
     """Localization in a map of the user's own and, for videos, in that of a run."""
-    yield from _walks(seen)
+    walks = list(_walks(seen))
+    yield from walks
     yield from _of_poses(seen)
-    streams = [seen.folder / each.name for each in seen.videos] + [seen.folder / bag for bag in seen.files.recordings]
-    if streams:
+    streams = [Path(each.name) for each in seen.videos] + list(seen.files.recordings)
+    given: dict[Path, dict[str, object]] = {
+        each: {"every": 10, **(_odometry(seen, each) if each in seen.files.videos else {})} for each in streams
+    }
+    posed = {images for _, _, images in _usable(seen)}
+    if not walks:
+        moved = {each.folder: _odometry(seen, each.folder) for each in seen.folders if each.folder not in posed}
+        given |= {folder: {**table} for folder, table in moved.items() if table}
+    if given:
         yield Suggestion(
-            "localize a video or a recording in a map",
-            "<map> is a run of task=localization or a saved map of these places, such as sextant walk writes; "
-            "every=10 takes each tenth image",
+            "localize a drive in a map",
+            "<map> is a run of task=localization or a saved map of these places, such as sextant walk writes"
+            + "; every=10 takes each tenth image" * bool(streams),
             tuple(
-                command("localize", map="<map>", input=name, every=10, output=f"localization/{name.stem}")
-                for name in streams[:MOST_STREAMS]
+                command(
+                    "localize", map="<map>", input=seen.folder / each, **more,
+                    output=Path("localization", each.stem or seen.folder.resolve().name),
+                )
+                for each, more in list(given.items())[:MOST_STREAMS]
             ),
-        )
+        )  # fmt: skip
 
 
 def _usable(seen: Seen) -> Iterator[tuple[FoundPoses, PoseFormat, Path]]:
@@ -154,13 +164,11 @@ def _spacing(seen: Seen, found: FoundPoses, folder: Path) -> float:
 
 
 def _odometry(seen: Seen, images: Path) -> dict[str, Path]:
-    """The table of odometry beside or among some images, by its name and content."""
-    for file in seen.files.tables:
-        if file.name.lower().startswith("odom") and file.parent in (images, images.parent):
-            try:
-                read_odometry(seen.folder / file)
-            except UserError:
-                continue
+    """The table of odometry beside or among some images, with a row for each or for their times."""
+    photos = next((each for each in seen.folders if each.folder == images), None)
+    for file, rows in seen.odometry.items():
+        fits = photos is None or photos.times_from == "names" or rows == len(photos.files)
+        if fits and file.parent in (images, images.parent):
             return {"odometry": seen.folder / file}
     return {}
 

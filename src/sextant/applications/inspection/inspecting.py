@@ -8,7 +8,7 @@ from typing import Any
 from sextant.applications.inspection.files import found_files
 from sextant.applications.inspection.gps import extent_m, poses_by_gps, positions
 from sextant.applications.inspection.photos import camera_groups, described, duplicates, panoramas, read_headers
-from sextant.applications.inspection.poses import FoundPoses, found_poses, separate_models
+from sextant.applications.inspection.poses import FoundPoses, found_poses, odometry_tables, separate_models
 from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.suggestion import Suggestion
 from sextant.applications.inspection.suggestions import suggestions
@@ -65,6 +65,7 @@ class Inspection:
                  "problem": each.problem or None, "remarks": list(each.remarks)}
                 for each in seen.poses
             ],
+            "odometry": [{"file": file.as_posix(), "rows": rows} for file, rows in seen.odometry.items()],
             "unreadable": dict(seen.unreadable),
             "suggestions": [asdict(each) for each in self.suggestions],
             "remarks": list(self.remarks),
@@ -112,10 +113,11 @@ def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspecti
         else:
             videos.append(video)
     poses = [each for file in files.tables if (each := found_poses(folder, file, list(headers))) is not None]
+    odometry = odometry_tables(folder, files.tables)
     photos = folders_of_photos(headers)
     seen = Seen(
         given, folder, files, headers, camera_groups(list(headers.values())), photos, around, same,
-        videos, [*poses, *poses_by_gps(headers, photos)], {**files.unreadable, **unreadable},
+        videos, [*poses, *poses_by_gps(headers, photos)], odometry, {**files.unreadable, **unreadable},
     )  # fmt: skip
     return Inspection(seen, tuple(suggestions(seen)), tuple(_remarks(seen)))
 
@@ -124,11 +126,12 @@ def _remarks(seen: Seen) -> list[str]:
     """Irregularities and their consequences."""
     said: list[str] = []
     photos = len(seen.headers) - len(seen.panoramas)
-    if not seen.headers and not seen.videos and not seen.poses and not seen.files.recordings:
+    if not seen.headers and not seen.videos and not (seen.poses or seen.odometry or seen.files.recordings):
         others = ", ".join(f"{count:,} {suffix}" for suffix, count in list(seen.files.others.items())[:5])
         said.append(
-            "no image, video, recording or poses"
-            + (f"; other files: {others}" if others else ": there is nothing here")
+            "no image, video, recording, poses or odometry"
+            + (" that can be read" if seen.unreadable else "" if others else ": there is nothing here")
+            + f"; other files: {others}" * bool(others)
         )
     if seen.panoramas and photos:
         said.append(

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -10,6 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from sextant.data.localization.odometry_file import FRACTION, TIME, read_odometry
 from sextant.data.localization.pose_formats import read_kitti, read_tum_matrices
 from sextant.data.localization.pose_times import times_of_names
 from sextant.data.name_matching import match_names
@@ -28,6 +30,8 @@ HEAD = 65536
 LARGEST_JSON = 64 * 2**20
 #: a pose that is further than this from an image in time does not belong to it
 NEAR_S = 5.0
+#: columns of a pose in a table of odometry, one of the last two
+POSE = ("x", "y", "theta", "heading_deg")
 UNIT = 0.05  # a quaternion or a row of a rotation has length 1 to within this
 
 
@@ -101,6 +105,21 @@ def found_poses(folder: Path, file: Path, images: Sequence[Path]) -> FoundPoses 
             return _read(folder, file, kind, around, own)
         except UserError as error:
             return FoundPoses(file, kind, images=around, problem=reason_alone(str(folder / file), error.problem))
+
+
+def odometry_tables(folder: Path, files: Sequence[Path]) -> dict[Path, int]:
+    """The tables of odometry among some files, with how many rows they have.
+
+    A table is one by its name, or if it has no columns but those of poses and times, so that no image is named.
+    """
+    found = {}
+    for file in files:
+        columns = set(table_header(folder / file))
+        bare = all(TIME.fullmatch(each) or each in (*POSE, *FRACTION) for each in columns)
+        if file.name.lower().startswith("odom") or (bare and len(columns & set(POSE)) >= 3):
+            with suppress(UserError):
+                found[file] = len(read_odometry(folder / file).poses)
+    return found
 
 
 def _format(path: Path) -> PosesFormat | None:

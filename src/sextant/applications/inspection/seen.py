@@ -26,6 +26,7 @@ class Seen:
         duplicates: images with equal content.
         videos: videos that can be decoded.
         poses: files of poses.
+        odometry: tables of odometry, with how many rows they have.
         unreadable: reasons by name.
     """
 
@@ -39,4 +40,5 @@ class Seen:
     duplicates: list[tuple[str, ...]]
     videos: list[FoundVideo]
     poses: list[FoundPoses]
+    odometry: dict[Path, int]
     unreadable: dict[str, str]

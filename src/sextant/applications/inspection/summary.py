@@ -36,6 +36,7 @@ def summary(seen: Seen) -> dict[str, str]:
         "videos": _listed(map(_video, seen.videos)),
         "recordings": _listed(_recording(seen, path) for path in seen.files.recordings),
         "poses": _listed(map(_poses, seen.poses)),
+        "odometry": _listed(f"{file.as_posix()}: {rows:,} rows" for file, rows in seen.odometry.items()),
         "cannot be read": f"{len(seen.unreadable):,}" if seen.unreadable else "",
     }
     return {name: text for name, text in counted.items() if text}

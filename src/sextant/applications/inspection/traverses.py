@@ -25,8 +25,8 @@ class ImageFolders:
         base: the folder around them.
         traverses: traverses, the map first; empty if the folders are not traverses.
         places: source of the ground truth, i.e. which of their images show the same place.
-        classes: number of images by class; empty if the folders are traverses, unless equal names alone say so: images
-            of classes are often numbered as well.
+        classes: number of images by class; empty if one has a file of poses, or if the folders are traverses, unless
+            equal names alone say so: images of classes are often numbered as well.
     """
 
     base: Path
@@ -51,7 +51,10 @@ def image_folders(seen: Seen) -> ImageFolders:
         inner = {name: _children(by_child[base / name], base / name) for name in splits}
         if len(inner["train"]) > 1 and inner["train"].keys() == inner["test"].keys():
             return ImageFolders(base, (), "none", inner["train"])
+    driven = {poses.images for poses in seen.poses if poses.images and poses.format != "gps"}
     classes = {folder.name: len(inside) for folder, inside in by_child.items()}
+    if any(images.is_relative_to(folder) for images in driven for folder in by_child):
+        classes = {}
     places = _places(seen, by_child)
     rides = [folder for folder in by_child if folder.name.lower().split("_")[0].split("-")[0] in RIDES]
     known = places not in ("none", "gps")  # photos of classes may have GPS positions too

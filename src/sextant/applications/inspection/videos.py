@@ -1,8 +1,9 @@
 """The properties of a video, and whether it can be decoded."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
+
+from sextant.data.localization.frames import open_video
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,9 @@ def found_video(path: Path, name: str) -> FoundVideo | str:
         return "is a link to nothing"
     if path.stat().st_size == 0:
         return "is empty (0 bytes)"
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # otherwise FFmpeg prints itself what is reported here
     import cv2
 
-    video = cv2.VideoCapture(str(path))
+    video = open_video(path)
     try:
         opened = video.isOpened()
         read, frame = video.read() if opened else (False, None)

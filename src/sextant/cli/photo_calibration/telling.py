@@ -11,6 +11,7 @@ from sextant.applications.calibration.written_cameras import WrittenCameras
 from sextant.cli.console import console, rows_table
 from sextant.cli.output_folder import tell_written
 from sextant.cli.skipped_files import tell_skipped
+from sextant.reports.tables import counted
 
 #: an interval within this of EXIF's focal length, as a share of it, would gain nothing by it
 EXACT = 0.05
@@ -36,7 +37,7 @@ def tell(written: WrittenCameras, skipped: Mapping[str, str]) -> None:
             f"chi-square {summary['chi_square']:.1f} with {summary['degrees_of_freedom']} degrees of freedom, "
             f"p = {summary['p_value']:.2g}"
         )
-    tell_written(f"{len(table)} photos calibrated", len(skipped), written.files)
+    tell_written(f"{counted(len(table), 'photo')} calibrated", len(skipped), written.files)
 
 
 def _interval(row: Mapping[str, Any]) -> str:

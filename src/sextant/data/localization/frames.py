@@ -1,9 +1,11 @@
 """The images to localize, one by one: photos of a folder, or frames of a video."""
 
 import math
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -116,9 +118,8 @@ class Video:
 
     def read(self, size: Size | None) -> Iterator[Frame]:
         """Yield the frames, stretched to a size or as they are; those that cannot be decoded are reported."""
-        import cv2
 
-        video = cv2.VideoCapture(str(self.path))
+        video = open_video(self.path)
         try:
             for number in range(self.frames):
                 if not video.grab():
@@ -169,10 +170,24 @@ def _of_localizing(folder: Path, output: Path) -> bool:
     return folder.resolve() == output or (folder / "poses.csv").is_file()
 
 
+def open_video(path: Path) -> Any:
+    """OpenCV's reader of a video, which prints nothing: what is wrong with the file is reported by who reads it."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    import cv2
+
+    ffmpeg = cv2.videoio_registry.hasBackend(cv2.CAP_FFMPEG)  # other readers of AVI print what they do not expect
+    set_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel  # of OpenCV 4, of OpenCV 5
+    level = set_level(0)
+    try:
+        return cv2.VideoCapture(str(path), cv2.CAP_FFMPEG if ffmpeg else cv2.CAP_ANY)
+    finally:
+        set_level(level)
+
+
 def _video(path: Path, every: int) -> Video:
     import cv2
 
-    video = cv2.VideoCapture(str(path))
+    video = open_video(path)
     try:
         frames = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
         per_second = float(video.get(cv2.CAP_PROP_FPS))

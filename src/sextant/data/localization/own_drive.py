@@ -10,10 +10,11 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.data.localization.camera import Camera, find_camera
-from sextant.data.localization.frames import Frame, Photos, Video, find_frames
+from sextant.data.localization.frames import VIDEOS, Frame, Photos, Video, find_frames
 from sextant.data.localization.odometry_file import motions_of, read_odometry
 from sextant.data.localization.rosbag import Bag, is_rosbag, open_rosbag
-from sextant.errors import ArgumentError
+from sextant.data.photo_files import images_below
+from sextant.errors import ArgumentError, UserError
 
 NO_ODOMETRY = "no odometry= was given: nothing measures the motion between images"
 
@@ -93,7 +94,7 @@ def open_drive(
         for key, topic in (("image_topic", image_topic), ("odometry_topic", odometry_topic)):
             if topic is not None:
                 raise ArgumentError(f"{key}={topic} is of a ROS bag; input={given} is none", f"Leave out {key}=.")
-        frames, moves, named = find_frames(given, output, every), None, path
+        frames, moves, named = _frames(path, given, output, every), None, path
     if odometry is not None:
         moves, named = read_odometry(odometry), odometry
         if moves.names is not None and isinstance(frames, Photos):
@@ -109,3 +110,10 @@ def open_drive(
     if times is None and moves is not None and moves.times_s is not None and len(moves.times_s) == len(frames):
         times = moves.times_s
     return OwnDrive(frames, motions, np.arange(len(frames), dtype=np.float64) if times is None else times, remarks)
+
+
+def _frames(path: Path, given: str, output: Path, every: int) -> Photos | Video:
+    streams = [each for each in path.glob("*") if is_rosbag(each) or each.suffix.lower() in VIDEOS]
+    if streams and not images_below(path):
+        raise UserError(f"input={given}: no photo there, but {min(streams).name}", f"input={min(streams)}")
+    return find_frames(given, output, every)
