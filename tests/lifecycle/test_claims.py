@@ -45,7 +45,7 @@ QUICK = sorted(
     path.stem
     for path in (conf_dir() / "sweep").glob("*.yaml")
     if "quick" in read_config_file(path)["sweep"]
-    and any(part.sweep == path.stem for each in CLAIMS.values() for part in each.parts)
+    and any(part.sweep == path.stem and not part.beside for each in CLAIMS.values() for part in each.parts)
 )
 DEMO = {
     "date": "2026-11-28T12:00:00+00:00",

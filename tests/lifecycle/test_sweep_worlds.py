@@ -39,7 +39,7 @@ def test_several_worlds_are_replicates_and_no_factor(tmp_path):
 
 def test_a_sweep_without_worlds_is_planned_as_before():
     design = read_design(["sweep=recovery"])
-    assert (design.worlds, design.runs) == ([""], 10 * 5)
+    assert (design.worlds, design.runs) == ([""], 10 * 6)
     assert read_design(["sweep=recovery", "dataset.world=3"]).worlds == [""]  # one world is a setting of all runs
 
 
