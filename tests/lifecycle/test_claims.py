@@ -32,7 +32,7 @@ from sextant.lifecycle.claims import (
     sweep_arguments,
 )
 from sextant.lifecycle.sweep_plan import read_design
-from sextant.reports.claims_board import Comparison, advice, replicates_told
+from sextant.reports.claims_board import NOT_YET, Comparison, advice, replicates_told
 from sextant.runs.outputs_folder import conf_dir
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -392,3 +392,21 @@ def test_what_does_not_go_together_is_refused_before_anything_runs(words, said, 
     with pytest.raises(SystemExit, match="2"):
         cli.run("claims", words)
     assert said in capsys.readouterr().err
+
+
+def test_claims_whose_comparisons_have_no_run_yet_are_planned():
+    """Seen through the decision: what is not run stays so, whatever else is noted of an estimate."""
+    decided = {claim.name: claim for claim in decide_claims(CLAIMS, Tables(DOCS))}
+    waiting = {name for name, claim in decided.items() if any(not each.estimate.run for each in claim.counting)}
+    planned = {name for name, claim in decided.items() if all(not each.estimate.run for each in claim.counting)}
+    assert {name for name, claim in decided.items() if claim.status == "planned"} == planned
+    assert all(decided[name].verdict in ("undecided", "fails") for name in waiting)
+    assert all(each.effect() == NOT_YET for name in planned for each in decided[name].counting)
+    assert waiting  # as long as a plan is to be run: then this test has served its time
+
+
+def test_arms_that_await_the_winners_of_a_search_have_no_stored_results():
+    for path in (conf_dir() / "sweep").glob("*.yaml"):
+        if "searches have not been run" in path.read_text():
+            stored = {part.stored for claim in CLAIMS.values() for part in claim.parts if part.sweep == path.stem}
+            assert not [each for each in stored if (DOCS / each).exists()]

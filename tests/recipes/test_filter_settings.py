@@ -44,7 +44,7 @@ def test_poses_between_images_are_of_a_camera_and_keep_no_map():
     plain = to_plain(compose(["task=localization"]))
     config = validate(to_plain(compose(["task=localization", "filter=interpolated"])))
     data = SimpleNamespace(drives=SimpleNamespace(map=SimpleNamespace(poses=LINE), unit="m"))
-    assert settings_of(config, data).best == 3
+    assert settings_of(config, data).best == 2
     assert LocalizationRecipe().prediction_example(config) == ()
     earlier = {**plain, "filter": {key: value for key, value in plain["filter"].items() if key != "best"}}
     assert digest(plain) == digest(earlier) != digest(config.plain)

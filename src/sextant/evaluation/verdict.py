@@ -40,6 +40,7 @@ class Estimate:
         replicate: what ``seeds`` counts.
         learnt: whether both arms are better than a constant; arms that are not have nothing to compare.
         cut_short: whether it is of runs that were cut short to try a design, which decide nothing.
+        run: whether there are runs to estimate it from; without them nothing else is meant.
 
     Example:
         >>> low, high = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9).interval()
@@ -58,6 +59,7 @@ class Estimate:
     replicate: Replicate = "seeds"
     learnt: bool = True
     cut_short: bool = False
+    run: bool = True
 
     @classmethod
     def of_pairs(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from scipy import stats
 
 from sextant.config.schema.claims import Claim, Design
+from sextant.errors import UserError
 from sextant.evaluation.verdict import MOST_SEEDS, POWER, TAIL, Estimate, detectable, power
 from sextant.lifecycle.claim_files import Claims
 from sextant.lifecycle.claims import Tables, decide_claims, design_arguments
@@ -68,7 +69,10 @@ def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
     spread = design.spread
     if spread is None:
         alike = [each for each in decided.counting if (each.unit, each.matters) == (decided.unit, decided.matters)]
-        spread = max(_spread(each.estimate) for each in alike)
+        spreads = [_spread(each.estimate) for each in alike if each.estimate.run]
+        if not spreads:
+            raise UserError(f"claim {decided.name}: no stored run tells its spread", "Give design.spread in its file.")
+        spread = max(spreads)
         if over_worlds:
             spread *= math.sqrt(1 + 1 / seeds)
     as_good = decided.counting[0].expects == "as_good"

@@ -19,7 +19,7 @@ BASELINES = "baselines.csv"
 #: what every run of a sweep reached, beside its contrasts
 SEEDS = "seeds.csv"
 #: a comparison whose runs are still to be made
-NOT_RUN = Estimate(math.nan, math.nan, 0, 0)
+NOT_RUN = Estimate(math.nan, math.nan, 0, 0, run=False)
 #: decimals to which differences are rounded; no more are read of the figures of claims
 ROUNDING = 9
 #: advice for a table that is missing or damaged
@@ -106,7 +106,7 @@ def evidence(
     """Yield an estimate for each name, setting and condition, positive where it favours the claim.
 
     A contrast that a report was stored without is computed from its seeds; one with an arm that has no run there, or
-    whose report is not stored at all, is :data:`NOT_RUN`.
+    whose report is not stored at all, is :data:`NOT_RUN`; so are differences of a report from before there were any.
 
     Args:
         path: a table of a stored report; the file name determines what its rows are.
@@ -123,7 +123,7 @@ def evidence(
         UserError: the table has no such row.
     """
     table, sign = path.stem, -1.0 if down else 1.0
-    stored = path.is_file() or table == "recorded"
+    stored = path.is_file() or table == "recorded" or (table != "differences" and path.parent.is_dir())
     rows = read_table(path) if stored else []
     column = {"cells": "arm", "cost": "arm", "recorded": "name"}.get(table, "contrast")
 
@@ -149,7 +149,7 @@ def evidence(
             found = _of_seeds(path.with_name(SEEDS), arms[name], setting, condition, sign)
         else:
             found = _estimate(row(**wanted), rows, sign, against)
-        if found is not NOT_RUN and arms is not None and baselines is not None and baselines.is_file():
+        if found.run and arms is not None and baselines is not None and baselines.is_file():
             conditions = [condition, *learnt]
             both = _learnt(path.with_name("cells.csv"), baselines, arms[name], setting, conditions)
             found = replace(found, learnt=both)

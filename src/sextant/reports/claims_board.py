@@ -19,7 +19,6 @@ from sextant.evaluation.verdict import (
     together,
 )
 from sextant.figures.claim_strip import Strip, claim_strips
-from sextant.reports.claim_evidence import NOT_RUN
 from sextant.reports.tables import NOTHING, TextTable, counted, decimals
 
 SAYS: Mapping[Expectation, str] = {"better": "more than", "as_good": "not worse than by", "same": "the same within"}
@@ -77,10 +76,10 @@ class Comparison:
     def effect(self, *, with_unit: bool = False) -> str:
         """The effect with its interval, positive where it favours the claim, and its unit if requested."""
         if with_unit:
-            return NOT_YET if self.estimate is NOT_RUN else f"{self.effect()} {self.unit}"
+            return f"{self.effect()} {self.unit}" if self.estimate.run else NOT_YET
         found, (low, high) = self.estimate, self._ends()
         if math.isnan(found.mean):
-            return NOT_YET if found is NOT_RUN else NOTHING
+            return NOTHING if found.run else NOT_YET
         digits = decimals(max(abs(found.mean), abs(high - low) if math.isfinite(high - low) else 0.0), 3)
         if found.counted or not math.isfinite(low):
             return f"{found.mean:+.{digits}f}"
@@ -160,7 +159,7 @@ class DecidedClaim:
         """Whether runs after the claim was fixed confirm or refute it, earlier ones explore it, or there is none."""
         if self.counted:
             return "counted"
-        if all(each.estimate is NOT_RUN for each in self.counting):
+        if all(not each.estimate.run for each in self.counting):
             return "planned"
         if not self.begun or datetime.fromisoformat(self.begun) < datetime.fromisoformat(self.date):
             return "explored"
@@ -207,19 +206,7 @@ def picture(claim: DecidedClaim) -> str:
 
 def comparison_rows(claims: Sequence[DecidedClaim]) -> TextTable:
     """Every comparison of every claim, for a file."""
-    columns = [
-        "claim",
-        "comparison",
-        "effect",
-        "low",
-        "high",
-        "unit",
-        "expects",
-        "matters",
-        "verdict",
-        "counts",
-        "note",
-    ]
+    columns = "claim comparison effect low high unit expects matters verdict counts note".split()
     rows = []
     for claim in claims:
         for each in claim.comparisons:
@@ -229,15 +216,15 @@ def comparison_rows(claims: Sequence[DecidedClaim]) -> TextTable:
             counts = "beside" if each.beside else "counts"
             asked = (each.unit, each.expects, f"{each.matters:g}")
             rows.append([claim.name, each.label, *numbers, *asked, verdict, counts, each.note])
-    return TextTable([*columns, "note"], rows)
+    return TextTable(columns, rows)
 
 
 def replicates_told(comparison: Comparison) -> str:
     """How many replicates a comparison rests on."""
     found = comparison.estimate
-    return (
-        NOTHING if found.counted else f"{found.seeds} {found.replicate if found.seeds != 1 else found.replicate[:-1]}"
-    )
+    if found.counted or not found.run:
+        return NOTHING
+    return f"{found.seeds} {found.replicate if found.seeds != 1 else found.replicate[:-1]}"
 
 
 def advice(comparison: Comparison, parts: int) -> str:
@@ -246,7 +233,7 @@ def advice(comparison: Comparison, parts: int) -> str:
     More seeds, or worlds, are advised only where they make the interval: never where the test images do.
     """
     found = comparison.estimate
-    if found.cut_short:
+    if found.cut_short or not found.run:
         return "the runs of its plan (`sextant claims plan`)"
     asked = (found, comparison.expects, comparison.matters, parts)
     more, times, unit = further_seeds(*asked), further_images(*asked), found.replicate
@@ -322,7 +309,7 @@ def _table(claim: DecidedClaim) -> str:
         unit = "" if worst.unit == claim.unit else f" {worst.unit}"
         asked = "" if worst.matters == claim.matters else f", asked: {worst.matters:g}"
         note = f" ({worst.note})" if worst.note != shared else ""
-        effect = worst.effect() if worst.estimate is NOT_RUN else worst.effect() + unit + asked
+        effect = worst.effect() + (unit + asked) * worst.estimate.run
         rows.append([label + note, effect, worst.verdict(len(claim.counting))])
     return "\n" + TextTable(["comparison", "effect in its favour", "verdict"], rows).markdown() + told
 
@@ -340,7 +327,7 @@ def _answer(claim: DecidedClaim) -> str:
         "undecided": ("open", f"{some} undecided,"),
     }
     answer, which = parts[claim.verdict]
-    waiting = sum(each.estimate is NOT_RUN for each in claim.counting)
+    waiting = sum(not each.estimate.run for each in claim.counting)
     if claim.verdict == "undecided" and waiting:
         others = f"; {alike - waiting} of the others undecided" if alike > waiting else ""
         return (
@@ -356,7 +343,7 @@ def _how_sure(claim: DecidedClaim) -> str:
         return f"{claim.runs}."
     first = claim.deciding
     images = " and a sample of images" if first.estimate.images > 0 else ""
-    if first.estimate is NOT_RUN:
+    if not first.estimate.run:
         return f"{claim.status}; `sextant claims plan claim={claim.name}` has its runs."
     text = f"{claim.status}, over {replicates_told(first)}{images}."
     if claim.verdict == "undecided":

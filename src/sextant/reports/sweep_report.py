@@ -41,8 +41,8 @@ def write_report(results: SweepResults) -> list[Path]:
         The files: ``report.md``, ``cells.csv``, ``seeds.csv`` (every run), ``contrasts.csv``, ``dates.csv``,
         ``cells.tex``, ``contrasts.tex``, ``cost.csv``, ``pooled.csv`` if there is a noise floor, those of a published
         set of corruptions if the runs were tested under one, ``confidence.csv`` if they are classifiers, those of
-        particle counts if several were tested, ``metrics.csv`` and ``differences.csv`` (contrasts
-        in these) if the runs have metrics beside their measure, and figures. For a search, see
+        particle counts if several were tested, ``metrics.csv`` and ``differences.csv`` (contrasts in
+        these) if the runs have metrics beside their measure, and figures. For a search, see
         :func:`~sextant.reports.search_report.write_search_report`; for a sweep over tasks,
         :func:`~sextant.reports.tasks_report.write_tasks_report`.
     """

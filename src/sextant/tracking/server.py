@@ -86,7 +86,8 @@ def main(command: Sequence[str]) -> int:
     def pass_on() -> None:
         for line in child.stderr or ():
             if not line.startswith(EXPECTED):
-                os.write(sys.stderr.fileno(), line)
+                with suppress(OSError):  # it is read on, so that the server never waits
+                    os.write(sys.stderr.fileno(), line)
 
     passing = threading.Thread(target=pass_on, daemon=True)
     for thread in (threading.Thread(target=watch, daemon=True), passing):

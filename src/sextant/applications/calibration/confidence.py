@@ -57,7 +57,7 @@ def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple
 
 
 def _distinct(a: float, b: float) -> tuple[str, str]:
-    """Two numbers by so few digits, at least two, as tell them apart."""
+    """Two numbers with the fewest digits, at least two, that tell them apart."""
     shown = ((f"{a:.{digits}g}", f"{b:.{digits}g}") for digits in range(2, 18))
     return next((pair for pair in shown if pair[0] != pair[1]), (f"{a:.2g}", f"{b:.2g}"))
 

@@ -53,7 +53,7 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
             tuple(
                 command(
                     "localize", map="<map>", input=seen.folder / each, **more,
-                    output=Path("localization", each.stem or seen.folder.resolve().name),
+                    output=Path("localization", each.with_suffix("") if each.name else seen.folder.resolve().name),
                 )
                 for each, more in list(given.items())[:MOST_STREAMS]
             ),

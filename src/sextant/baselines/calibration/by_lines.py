@@ -31,7 +31,7 @@ def cameras_by_lines(
 
 
 def look_of_lines(image: UInt8[ndarray, "h w 3"]) -> tuple[int, float, float]:
-    """What an image offers to methods that need lines.
+    """Lines and brightness of an image.
 
     Returns:
         The number of segments longer than a tenth of the height, their share of the length of all segments (1 without

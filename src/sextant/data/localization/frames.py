@@ -171,7 +171,7 @@ def _of_localizing(folder: Path, output: Path) -> bool:
 
 
 def open_video(path: Path) -> Any:
-    """OpenCV's reader of a video, which prints nothing: what is wrong with the file is reported by who reads it."""
+    """OpenCV's reader of a video, which prints nothing: what is wrong with the file is reported by the caller."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     import cv2
 

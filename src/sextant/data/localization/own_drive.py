@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from sextant.data.file_kinds import is_hidden
 from sextant.data.localization.camera import Camera, find_camera
 from sextant.data.localization.frames import VIDEOS, Frame, Photos, Video, find_frames
 from sextant.data.localization.odometry_file import motions_of, read_odometry
 from sextant.data.localization.rosbag import Bag, is_rosbag, open_rosbag
-from sextant.data.photo_files import images_below
+from sextant.data.photo_files import FOUND_IN_FOLDERS, images_below
 from sextant.errors import ArgumentError, UserError
 
 NO_ODOMETRY = "no odometry= was given: nothing measures the motion between images"
@@ -113,7 +114,8 @@ def open_drive(
 
 
 def _frames(path: Path, given: str, output: Path, every: int) -> Photos | Video:
-    streams = [each for each in path.glob("*") if is_rosbag(each) or each.suffix.lower() in VIDEOS]
-    if streams and not images_below(path):
+    there = [each for each in path.glob("*") if not is_hidden(each.name)]
+    streams = [each for each in there if is_rosbag(each) or each.suffix.lower() in VIDEOS]
+    if streams and not images_below(path) and not any(each.suffix.lower() in FOUND_IN_FOLDERS for each in there):
         raise UserError(f"input={given}: no photo there, but {min(streams).name}", f"input={min(streams)}")
     return find_frames(given, output, every)
