@@ -206,7 +206,19 @@ def picture(claim: DecidedClaim) -> str:
 
 def comparison_rows(claims: Sequence[DecidedClaim]) -> TextTable:
     """Every comparison of every claim, for a file."""
-    columns = "claim comparison effect low high unit expects matters verdict counts note".split()
+    columns = [
+        "claim",
+        "comparison",
+        "effect",
+        "low",
+        "high",
+        "unit",
+        "expects",
+        "matters",
+        "verdict",
+        "counts",
+        "note",
+    ]
     rows = []
     for claim in claims:
         for each in claim.comparisons:
