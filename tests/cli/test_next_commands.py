@@ -101,6 +101,14 @@ def test_what_follows_a_run_can_be_pasted(typed, own, tmp_path, monkeypatch):
     assert f"outputs={outputs}" in found["dashboard"]
 
 
+@pytest.mark.parametrize("typed", [["task.save_map=false"], ["observation=laser_field"], ["filter=interpolated"]])
+def test_no_prediction_follows_a_run_that_keeps_no_map(typed, tmp_path):
+    typed = ["task=localization", *typed]
+    config = checked(to_plain(compose(typed)))
+    directory = RunDirectory(tmp_path / "runs" / "localization" / "a-s0")
+    assert set(next_commands(config, directory, "a-s0", typed)) == {"evaluate", "sweep", "dashboard"}
+
+
 def test_an_option_of_ones_own_is_compared_with_the_default(tmp_path):
     config = checked(to_plain(compose(["inhibition=twin"])))
     directory = RunDirectory(tmp_path / "runs" / "classification" / "a-s0")
@@ -154,7 +162,6 @@ RUNS = {
         ["trainer=fast", *QUICK_CLASSIFIER, "trainer.max_epochs=1", "tracking=none"], ("Result", "3 images"), {}
     ),
     "a robot in the office of the tutorial": ([*ROBOT, "task.save_map=true"], ("On the test split", "3 images"), {}),
-    "a robot that keeps no map": ([*ROBOT, "task.save_map=false"], ("On the test split", ""), {}),
     "a camera": (list(PANORAMAS), ("On the test split", "3 photos calibrated"), {}),
     "places": (
         list(PLACES), ("On the test split", "6 queries looked up"),
