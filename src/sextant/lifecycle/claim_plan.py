@@ -71,7 +71,7 @@ def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
         alike = [each for each in decided.counting if (each.unit, each.matters) == (decided.unit, decided.matters)]
         spreads = [_spread(each.estimate) for each in alike if each.estimate.run]
         if not spreads:
-            raise UserError(f"claim {decided.name}: no stored run tells its spread", "Give design.spread in its file.")
+            raise UserError(f"claim {decided.name}: no stored run gives its spread", "Give design.spread in its file.")
         spread = max(spreads)
         if over_worlds:
             spread *= math.sqrt(1 + 1 / seeds)

@@ -53,7 +53,7 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
             tuple(
                 command(
                     "localize", map="<map>", input=seen.folder / each, **more,
-                    output=Path("localization", each.with_suffix("") if each.name else seen.folder.resolve().name),
+                    output=_answers(seen.folder, each),
                 )
                 for each, more in list(given.items())[:MOST_STREAMS]
             ),
@@ -161,6 +161,13 @@ def _spacing(seen: Seen, found: FoundPoses, folder: Path) -> float:
         where = np.array([(each.x, each.y) for each in poses])
     steps = np.linalg.norm(np.diff(where, axis=0), axis=1)
     return float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+
+
+def _answers(folder: Path, drive: Path) -> Path:
+    """Where the poses of a drive below a folder go; a dot in the name of a folder begins no suffix."""
+    if not drive.name:
+        return Path("localization", folder.resolve().name)
+    return Path("localization", drive if (folder / drive).is_dir() else drive.with_suffix(""))
 
 
 def _odometry(seen: Seen, images: Path) -> dict[str, Path]:
