@@ -1,4 +1,5 @@
-// Tables are sorted by a click on a heading: numbers by what they begin with, other text by the alphabet, nothing last.
+// Tables are sorted by a click on a heading: numbers by what they begin with, other text by the alphabet. What is missing
+// comes last both ways: an empty cell, and among numbers one without a number.
 const NUMBER = /^[[<±]?\s*([+-]?[\d,]*\.?\d+(?:e[+-]?\d+)?)/i;
 
 function value(row, column) {
@@ -8,7 +9,6 @@ function value(row, column) {
 }
 
 function compare(a, b) {
-  if (typeof a !== typeof b) return typeof a === "number" ? -1 : 1;
   return typeof a === "number" ? a - b : a.localeCompare(b, "en", { numeric: true });
 }
 
@@ -18,7 +18,9 @@ function sort(heading) {
   for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
   heading.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
   const rows = [...table.tBodies[0].rows].map((row) => [value(row, column), row]);
-  const [there, missing] = [rows.filter(([key]) => key !== null), rows.filter(([key]) => key === null)];
+  const numbers = rows.some(([key]) => typeof key === "number");
+  const isThere = ([key]) => key !== null && (!numbers || typeof key === "number");
+  const [there, missing] = [rows.filter(isThere), rows.filter((row) => !isThere(row))];
   there.sort(([a], [b]) => sign * compare(a, b));
   table.tBodies[0].append(...[...there, ...missing].map(([, row]) => row));
 }
