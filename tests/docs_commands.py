@@ -38,6 +38,7 @@ from sextant.lifecycle.evaluation import checkpoint_config
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design, sweep_words
 from sextant.recipes import recipe_of
+from sextant.reports.stored_cells import is_stored
 from sextant.zoo import PREFIX, model_file, names, read_card
 
 ROOT = Path(__file__).parents[1]
@@ -165,7 +166,8 @@ def _predict(command: Command, words: list[str]) -> None:
 
 def _report(command: Command, words: list[str]) -> None:
     given = parse_arguments(words, report.ReportOptions.meanings(), command.text)
-    _among("sweep", given["sweep"], [*groups()["sweep"], "search", SOMETHING])
+    if not is_stored(ROOT / given["sweep"]):
+        _among("sweep", given["sweep"], [*groups()["sweep"], "search", SOMETHING])
 
 
 def _claims(command: Command, words: list[str]) -> None:

@@ -12,7 +12,7 @@ from sextant.reports.divergence import divergence, what_to_do
 from sextant.reports.measure import ACCURACY
 from sextant.reports.page.html_page import html_page
 from sextant.reports.page.report_page import write_report_page
-from sextant.reports.results import SweepResults
+from sextant.reports.results import SweepResults, Training
 from sextant.reports.sweep_page import Progress, outcomes_told, sweep_page
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
@@ -68,7 +68,7 @@ def test_the_rate_that_is_proposed_may_work(tmp_path, rate, proposed):
     """Boundaries: rates so high that a tenth is as well; one that is usual; a tiny one."""
     run = RunDirectory(tmp_path)
     run.config.write_text(yaml.safe_dump({"trainer": {"max_epochs": 2}, "optimizer": {"lr": float(rate)}}))
-    text = what_to_do(ACCURACY, [run], ["train", "trainer=fast", f"optimizer.lr={rate}"])
+    text = what_to_do(ACCURACY, [Training.of(run)], ["train", "trainer=fast", f"optimizer.lr={rate}"])
     assert text.endswith(f"Try `sextant train trainer=fast optimizer.lr={proposed:g}`")
 
 

@@ -1,12 +1,14 @@
 """Cells of made-up sweeps, stored by blocks and joined: the report is that of the runs."""
 
 import json
+import os
 import shutil
 
 import numpy as np
 import pytest
 from made_up_sweep import PROTOCOL, MadeUpRun, made_up_sweep
 
+from sextant.atomic_files import write_json
 from sextant.errors import UserError
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.stored_cells import CELLS, PLAN, VALUES, join_cells, write_cells
@@ -29,7 +31,13 @@ def made_up(folder, seeds=4, protocol=OF_SET, **definition):
         return MadeUpRun(wrong, outcome, protocol, cost, seconds=10.0 / 3)
 
     arms = {arm: [run(arm, seed) for seed in range(seeds)] for arm in ARMS}
-    return made_up_sweep(folder, arms, question="Which?", **definition)
+    results = made_up_sweep(folder, arms, question="Which?", **definition)
+    for cell in results.cells:
+        directory = RunDirectory(folder / cell.cell.run)
+        directory.update_state({"started": 100 + cell.cell.pair})
+        directory.config.write_text("{trainer: {max_epochs: 3, batch_size: 128}, optimizer: {lr: 0.1}, seed: 0}")
+        write_json(directory.metrics, {**(directory.results() or {}), "epochs": 3, "steps": 1266})
+    return sweep_results(results.directory)
 
 
 def only_of(results, pairs, outputs):
@@ -56,10 +64,12 @@ def test_the_report_of_joined_blocks_is_that_of_the_runs(tmp_path):
         assert block.count("missing") == 4 * (4 - len(pairs))
         write_cells(block, tmp_path / f"block{number}")
     folders = ",".join(str(tmp_path / f"block{number}") for number in (2, 0, 1))
-    joined = sweep_results(folders, tmp_path / "whole")
-    expected = texts(whole, tmp_path)
-    shutil.rmtree(whole.directory / "report")
-    assert texts(joined, tmp_path) == expected
+    joined = sweep_results(folders, tmp_path / "elsewhere")
+    expected = texts(whole, tmp_path / "whole")
+    assert texts(joined, tmp_path / "elsewhere") == expected
+    assert "1 of 16 runs did not learn.** A run has diverged if its validation accuracy" in expected["report.md"]
+    assert "trained for 3 epochs, 1266 steps, at a learning rate of 0.1" in expected["report.md"]
+    assert expected["dates.csv"].splitlines()[1] == "1970-01-01T00:01:40+00:00,1970-01-01T00:01:43+00:00"
     assert {"effects.csv", "cost.csv", "corruptions.csv", "seeds.csv"} <= expected.keys()
 
 
@@ -83,11 +93,14 @@ def test_configs_and_digests_are_stored_without_seed_or_place(tmp_path):
     run.config.write_text("seed: 0\ninhibition: {where: first}\npaths: {outputs: /home/me}\n")
     run.update_state({"code": "c0de", "data": "da7a"})
     stored = write_cells(sweep_results(whole.directory), tmp_path / "block")
-    assert json.loads((stored / PLAN).read_text())["configs"] == {"net: first": {"inhibition": {"where": "first"}}}
+    assert json.loads((stored / PLAN).read_text())["configs"]["net: first"] == {"inhibition": {"where": "first"}}
     head, _, row, *_ = (stored / CELLS).read_text().splitlines()
     assert head.startswith("setting,arm,pair,seed,digest,code,data,outcome,seconds,parameters")
     assert row.startswith("net,first,0,0,first,c0de,da7a,finished,3.33")
-    assert str(tmp_path) not in (stored / PLAN).read_text() + (stored / CELLS).read_text()
+    text = (stored / PLAN).read_text() + (stored / CELLS).read_text()
+    assert whole.plan.here == os.getcwd()
+    assert str(tmp_path) not in text
+    assert os.getcwd() not in text
 
 
 def truncated(path):

@@ -10,6 +10,9 @@ from scipy import stats
 
 from sextant.composing.config_files import read_config_file
 from sextant.evaluation import Sample, holm, share_interval_of, stratified_difference
+from sextant.reports import sweep_report
+from sextant.reports.stored_cells import join_cells
+from sextant.reports.sweep_report import write_report
 from sextant.runs.outputs_folder import conf_dir
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -141,3 +144,14 @@ def test_what_is_certain_of_19_corruptions_holds_under_holm():
     kept = [float(row["difference"]) for row, p in zip(rows, corrected, strict=True) if p < 0.05]
     certain = [row for row in rows if float(row["low"]) > 0 or float(row["high"]) < 0]
     assert (sum(d < 0 for d in kept), sum(d > 0 for d in kept), len(certain)) == (10, 5, 17)
+
+
+@pytest.mark.slow
+@named(sorted(path.parents[1] for path in DOCS.glob("*/**/cells/block.json")))
+def test_a_stored_report_is_made_again_from_its_cells_byte_for_byte(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(sweep_report, "save_figure", lambda *_, **__: [])
+    report = write_report(join_cells([folder / "cells"], tmp_path))[0].parent
+    for path in folder.glob("*.csv"):
+        assert (report / path.name).read_bytes() == path.read_bytes(), path.name
+    made = (report / "report.md").read_text(encoding="utf-8").replace(f" outputs={tmp_path}", "")
+    assert made == (folder / "report.md").read_text(encoding="utf-8")

@@ -101,6 +101,7 @@ def _show_divergence(directory: RunDirectory, typed: Sequence[str] | None) -> No
 
     from sextant.reports.divergence import what_to_do
     from sextant.reports.measure import ACCURACY
+    from sextant.reports.results import Training
 
     if typed is not None:
         recipe = recipe_of(directory.path.parent.name)  # runs/<task>/<run>
@@ -108,7 +109,7 @@ def _show_divergence(directory: RunDirectory, typed: Sequence[str] | None) -> No
         if directory.arrays.exists():
             with np.load(directory.arrays, allow_pickle=False) as arrays:
                 measure = recipe.measured(arrays).measure
-        told = what_to_do(measure, [directory], ["train", *with_folders(typed)])
+        told = what_to_do(measure, [Training.of(directory)], ["train", *with_folders(typed)])
         console.print(told, markup=False, soft_wrap=True)
 
 

@@ -1,16 +1,12 @@
 """Runs that did not learn, in words: by which rule, how they were trained, and what to try."""
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
-
-import yaml
 
 from sextant.errors import command
 from sextant.reports.measure import Measure
-from sextant.reports.results import SweepResults
+from sextant.reports.results import SweepResults, Training
 from sextant.reports.tables import counted
-from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import SweepPlan
 
 #: how much longer, in how much smaller batches, and at how much lower a rate is proposed
@@ -23,43 +19,45 @@ def divergence(results: SweepResults) -> str:
     diverged = [cell for cell in results.cells if cell.outcome == "diverged"]
     if not diverged:
         return ""
-    measure = diverged[0].measure if diverged[0].values else results.measure
-    runs = _directories(results.plan, results.directory, {cell.cell.run for cell in diverged})
-    words, compared = results.plan.command, {key for cell in results.cells for key in cell.cell.factors}
+    measure = next((cell.measure for cell in diverged if cell.values), results.measure)
+    compared = {key for cell in results.cells for key in cell.cell.factors}
     compared |= {text.split("=")[0] for arm in _arms(results.plan) for text in arm.get("overrides", [])}
     ended = sum(cell.outcome in ("finished", "diverged") for cell in results.cells)
     learnt = ended - len(diverged)
     which = "None of the runs learnt" if not learnt else f"{len(diverged)} of {ended} runs did not learn"
+    trainings = [cell.training for cell in sorted(diverged, key=lambda cell: cell.cell.run) if cell.training]
+    words = ["train", "-m", *results.plan.own_words]
     missing = "" if learnt else " There is nothing to compare: means and contrasts are over runs that learnt."
-    return f"**{which}.**{missing} {what_to_do(measure, runs, ['train', '-m', *words], compared)}"
+    return f"**{which}.**{missing} {what_to_do(measure, trainings, words, compared)}"
 
 
-def what_to_do(measure: Measure, runs: Sequence[RunDirectory], words: Sequence[str], fixed: Iterable[str] = ()) -> str:
+def what_to_do(measure: Measure, trainings: Sequence[Training], words: Sequence[str], fixed: Iterable[str] = ()) -> str:
     """The rule by which runs diverged, how they were trained, and a command that may help.
 
     Args:
         measure: measure of the runs, which knows the rule.
-        runs: the runs that diverged.
+        trainings: how the runs that diverged were trained, which is said of the first.
         words: the command that made them, without ``sextant``.
         fixed: keys that the command must not set, since its runs differ in them.
     """
-    by_nan = not any(run.arrays.exists() for run in runs)  # such a run was not tested
+    by_nan = bool(trainings) and all(training.stopped for training in trainings)
     rule = "its training loss becomes infinite or not a number" if by_nan else measure.diverged
     text = f"A run has diverged if {rule}."
-    config, results = _config(runs[0]), runs[0].results() or {}
-    epochs, batch = (config.get("trainer", {}).get(key) for key in ("max_epochs", "batch_size"))
-    rate = config.get("optimizer", {}).get("lr")
-    if measure.trained_by and "steps" in results and rate is not None:
-        steps = f"{counted(results['epochs'], 'epoch')}, {counted(results['steps'], 'step')}"
-        text += f" {'They' if len(runs) > 1 else 'It'} trained for {steps}, at a learning rate of {rate:g}."
+    if not trainings:  # cells that were stored without them
+        return text
+    first = trainings[0]
+    rate, batch = first.rate, first.batch_size
+    if measure.trained_by and first.epochs is not None and first.steps is not None and rate is not None:
+        steps = f"{counted(first.epochs, 'epoch')}, {counted(first.steps, 'step')}"
+        text += f" {'They' if len(trainings) > 1 else 'It'} trained for {steps}, at a learning rate of {rate:g}."
     changes: dict[str, Any] = {}
     if by_nan:
         text += " Most often the learning rate is too high, or the data hold extreme values."
         changes = {} if rate is None else {"optimizer.lr": f"{min(rate / LOWER, LARGEST_RATE):g}"}
     elif measure.trained_by:
         text += " Most often that is too short, in batches that are too large, or at a wrong rate."
-        changes = {} if epochs is None else {"trainer.max_epochs": LONGER * epochs}
-        if "trainer.batch_size" in measure.trained_by and (batch or 0) > SMALLEST_BATCH:
+        changes = {} if first.max_epochs is None else {"trainer.max_epochs": LONGER * first.max_epochs}
+        if "trainer.batch_size" in measure.trained_by and batch is not None and batch > SMALLEST_BATCH:
             changes["trainer.batch_size"] = max(SMALLEST_BATCH, batch // SMALLER)
     else:
         text += f" {measure.remedy}"
@@ -70,17 +68,5 @@ def what_to_do(measure: Measure, runs: Sequence[RunDirectory], words: Sequence[s
     return f"{text} Try `{command(*kept, *(f'{key}={value}' for key, value in changes.items()))}`"
 
 
-def _directories(plan: SweepPlan, directory: Path, runs: Iterable[str]) -> list[RunDirectory]:
-    return [RunDirectory(directory.parents[1] / run) for run in sorted(runs)]
-
-
 def _arms(plan: SweepPlan) -> list[dict[str, Any]]:
     return list((plan.definition.get("arms") or {}).values())
-
-
-def _config(run: RunDirectory) -> dict[str, Any]:
-    try:
-        found = yaml.safe_load(run.config.read_text("utf-8"))
-    except (OSError, yaml.YAMLError):
-        return {}
-    return found if isinstance(found, dict) else {}

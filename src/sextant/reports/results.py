@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
+import yaml
 from jaxtyping import Float
 from numpy import ndarray
 
@@ -36,6 +37,40 @@ class Measured(Protocol):
 
 
 @dataclass(frozen=True)
+class Training:
+    """How a run was trained, as far as its record says.
+
+    Attributes:
+        stopped: whether a loss that is not a number ended it, before it could be tested.
+        max_epochs: the most epochs that its config allows.
+        batch_size: number of examples a step.
+        rate: learning rate.
+        epochs: epochs that it was trained for.
+        steps: steps that it was trained for.
+    """
+
+    stopped: bool
+    max_epochs: int | None = None
+    batch_size: int | None = None
+    rate: float | None = None
+    epochs: int | None = None
+    steps: int | None = None
+
+    @classmethod
+    def of(cls, run: RunDirectory) -> "Training":
+        """That of a run in its directory."""
+        try:
+            config = yaml.safe_load(run.config.read_text("utf-8"))
+        except (OSError, yaml.YAMLError):
+            config = None
+        config = config if isinstance(config, dict) else {}
+        trainer, results = config.get("trainer") or {}, run.results() or {}
+        rate = (config.get("optimizer") or {}).get("lr")
+        of_config = (trainer.get("max_epochs"), trainer.get("batch_size"), rate)
+        return cls(not run.arrays.exists(), *of_config, results.get("epochs"), results.get("steps"))
+
+
+@dataclass(frozen=True)
 class CellResult:
     """One planned run and its result.
 
@@ -51,6 +86,7 @@ class CellResult:
         metrics: all finite metrics of the run, by name.
         started: when the run was first started, in seconds since 1970; nan if its record does not say.
         headline: what the headline figure of a run under corruptions is; see :mod:`sextant.evaluation.headline`.
+        training: how a run that diverged was trained; None for others.
     """
 
     cell: Cell
@@ -64,6 +100,7 @@ class CellResult:
     metrics: Mapping[str, float] = field(default_factory=dict)
     started: float = math.nan
     headline: Mapping[str, Any] = field(default_factory=dict)
+    training: Training | None = None
 
     def value(self, condition: str) -> float:
         """The measure of this run under a condition."""
@@ -201,8 +238,9 @@ def _load(
     if results is None:
         failure = cell.message or run.state().get("failure")
         return CellResult(cell, "failed" if failure and failure != "interrupted" else "missing", {})
-    if results["outcome"] == "diverged" and not run.arrays.exists():  # stopped by a nan, and kept as diverged
-        return CellResult(cell, results["outcome"], {})
+    training = Training.of(run) if results["outcome"] == "diverged" else None
+    if training is not None and training.stopped:
+        return CellResult(cell, results["outcome"], {}, training=training)
     values_of = measured(run.path.parent.name)  # runs/<task>/<run>
 
     def values(arrays: Mapping[str, ndarray]) -> RunValues:
@@ -225,6 +263,7 @@ def _load(
         metrics={name: value for name, value in (results.get("metrics") or {}).items() if value is not None},
         started=float(run.state().get("started") or math.nan),
         headline=results.get("headline") or {},
+        training=training,
     )
 
 

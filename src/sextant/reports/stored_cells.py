@@ -8,6 +8,7 @@ made from such folders is that of the runs themselves.
 import csv
 import io
 import json
+import math
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -21,7 +22,7 @@ from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.errors import UserError
 from sextant.evaluation import CorruptionErrors
 from sextant.reports.measure import Measure
-from sextant.reports.results import CellResult, SweepResults
+from sextant.reports.results import CellResult, SweepResults, Training
 from sextant.reports.shared_set import SharedSet
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan
@@ -43,14 +44,21 @@ def write_cells(results: SweepResults, folder: Path) -> Path:
             continue
         cell, run = result.cell, RunDirectory(outputs / result.cell.run)
         state = run.state()
-        found = {"cost": result.cost, "metrics": result.metrics, "errors": result.errors and asdict(result.errors)}
+        found = {
+            "cost": result.cost,
+            "metrics": result.metrics,
+            "errors": result.errors and asdict(result.errors),
+            "started": None if math.isnan(result.started) else result.started,
+            "headline": result.headline,
+            "training": result.training and asdict(result.training),
+        }
         identity = [cell.setting, cell.arm, cell.pair, cell.seed, cell.digest, state.get("code"), state.get("data")]
         rows.append([*identity, result.outcome, result.seconds, result.parameters, json.dumps(found)])
         values |= {f"{number}/{condition}": images for condition, images in result.values.items()}
         if run.config.is_file() and (key := f"{cell.setting}: {cell.arm}") not in configs:
             configs[key] = {k: v for k, v in yaml.safe_load(run.config.read_text()).items() if k not in HERE}
     cells = [replace(cell, message="") for cell in results.plan.cells]
-    plan = asdict(replace(results.plan, cells=cells, mlflow_runs=[], tracking={}))
+    plan = asdict(replace(results.plan, cells=cells, mlflow_runs=[], tracking={}, here=""))
     shared = None if results.shared is None else asdict(results.shared)
     content = {"plan": plan, "measure": asdict(results.measure), "shared": shared, "configs": configs}
     write_json(folder / PLAN, content)
@@ -156,6 +164,10 @@ class _Block:
             errors,
             found["cost"],
             found["metrics"],
+            # cells that were stored by earlier releases lack these
+            math.nan if (started := found.get("started")) is None else float(started),
+            found.get("headline") or {},
+            Training(**found["training"]) if found.get("training") else None,
         )
 
 

@@ -103,9 +103,14 @@ class SweepPlan:
         return bool(self.definition.get("search"))
 
     @property
+    def own_words(self) -> list[str]:
+        """The overrides that it was called with, but for the choice of a block."""
+        return [word for word in self.command if "sweep.block=" not in word]
+
+    @property
     def train_command(self) -> str:
         """The command that runs it, with all of its blocks."""
-        return command("train", "-m", *(word for word in self.command if "sweep.block=" not in word))
+        return command("train", "-m", *self.own_words)
 
     def directory(self, outputs: Path) -> Path:
         """``outputs/sweeps/<name>-<digest8>``."""

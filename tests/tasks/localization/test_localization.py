@@ -171,7 +171,9 @@ def test_a_laser_needs_no_training(run):
 
 @pytest.mark.slow
 def test_poses_between_the_best_images_are_judged_as_those_of_a_filter(run):
-    directory = run("filter=interpolated", "filter.best=3", "task.starts=2", "trainer.max_epochs=1", "task.save_map=true")
+    directory = run(
+        "filter=interpolated", "filter.best=3", "task.starts=2", "trainer.max_epochs=1", "task.save_map=true"
+    )
     errors, found = arrays(directory)["position_error/summer_noon"], directory.results()["metrics"]
     assert np.nanmedian(errors) < 2  # of an office of many metres
     told = next(value for key, value in found.items() if "error_of_all_frames_median" in key and "summer_noon" in key)
