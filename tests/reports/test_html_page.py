@@ -168,6 +168,15 @@ def test_names_are_shown_as_they_are(report):
     assert "&lt;img src=x onerror" in page
 
 
+def test_what_a_click_shows_is_in_the_page_and_its_words_alone():
+    inside = "<details><summary>By corruption</summary>\n\n| a |\n| --- |\n| 1 |\n\n</details>\n"
+    page = html_page("t", inside, {})
+    assert "<details><summary>By corruption</summary>" in page
+    assert page.count("</details>") == 1
+    page = html_page("t", "<details><summary><img src=x></summary>\n\n<details open>\n", {})
+    assert "<details" not in page
+
+
 def test_markup_of_the_text_is_text_but_for_places_to_link_to():
     page = html_page("t", '## <a name="here"></a>`here`\n\n<form action=https://x><b>bold</b>\n\n<meta a>\n', {})
     assert '<a name="here"></a>' in page

@@ -41,8 +41,9 @@ def what_to_do(measure: Measure, trainings: Sequence[Training], words: Sequence[
         fixed: keys that the command must not set, since its runs differ in them.
     """
     by_nan = bool(trainings) and all(training.stopped for training in trainings)
-    rule = "its training loss becomes infinite or not a number" if by_nan else measure.diverged
-    text = f"A run has diverged if {rule}."
+    whose = "Their" if len(trainings) > 1 else "Its"
+    became = f"{whose} training loss became infinite or not a number."
+    text = became if by_nan else f"A run has diverged if {measure.diverged}."
     if not trainings:  # cells that were stored without them
         return text
     first = trainings[0]

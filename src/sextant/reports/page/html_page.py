@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 #: charts that replace a picture, by the picture's name without folder and suffix
 Charts = Mapping[str, Sequence[Spec]]
 
-#: the only HTML allowed in a text: anchors for links within the page
-ANCHOR = r'<a name="[\w-]+">|</a>'
+#: the only HTML allowed in a text: anchors for links within the page, and what is shown once its summary is clicked
+ALLOWED = r'<a name="[\w-]+">|</a>|<details><summary>[\w ,.()-]+</summary>|</details>'
 #: where a long name such as ``R@1_5m_night_to_noon`` may go on in the next line
 PART = r"(?<=\w_)(?=\w)|(?<=\w[/=])(?=[A-Za-z])"
 KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
@@ -94,7 +94,7 @@ def _body(text: str, charts: Charts, pictures: Path | None, data: list[str]) -> 
 
     def markup(self: object, found: "Sequence[Token]", number: int, options: object, env: object) -> str:
         content = found[number].content
-        return content if re.fullmatch(ANCHOR, content) else html.escape(content)
+        return content if re.fullmatch(ALLOWED, content.strip()) else html.escape(content)
 
     parser.add_render_rule("html_inline", markup)
     parser.add_render_rule("html_block", markup)
