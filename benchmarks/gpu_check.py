@@ -4,8 +4,6 @@ Takes at most eight minutes, whatever it is done with by then. Without a CUDA de
 """
 
 import json
-import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -14,7 +12,7 @@ from pathlib import Path
 import torch
 
 from benchmarks import gpu
-from benchmarks.machine import describe_machine
+from benchmarks.machine import describe_machine, run_for
 
 LIMIT_S, TESTS_S = 480, 300
 ROOT = Path(__file__).parents[1]
@@ -45,15 +43,7 @@ def run_tests(chosen: str = "gpu", seconds: float = TESTS_S) -> list[tuple[str, 
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "tests.jsonl"
         command = [sys.executable, "-m", "pytest", "-n", "4", *which, "-p", "benchmarks.outcome_log", "--timeout=240"]
-        process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, "SEXTANT_TEST_LOG": str(log)})
-        try:
-            process.wait(seconds)
-        except subprocess.TimeoutExpired:
-            process.terminate()
-            try:
-                process.wait(30)
-            except subprocess.TimeoutExpired:
-                process.kill()
+        run_for(seconds, command, ROOT, SEXTANT_TEST_LOG=str(log))
         return [tuple(json.loads(line)) for line in log.read_text().splitlines()] if log.is_file() else []
 
 

@@ -7,13 +7,13 @@ an interrupted one goes on from its last checkpoint: the same command again take
 """
 
 import math
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 
+from benchmarks.machine import run_for
 from sextant.errors import UserError, command
 from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.claim_plan import plan_claims
@@ -84,17 +84,10 @@ def main(arguments: list[str]) -> None:
 
 def run(words: list[str], seconds: float = LIMIT_S) -> int:
     """Run a command for at most so long; its exit status, or 124 if it was interrupted."""
-    process = subprocess.Popen(words, cwd=ROOT)
-    try:
-        return process.wait(seconds)
-    except subprocess.TimeoutExpired:
-        process.terminate()
-        try:
-            process.wait(30)
-        except subprocess.TimeoutExpired:
-            process.kill()
+    status = run_for(seconds, words, ROOT)
+    if status == 124:
         print(f"stopped after {seconds:.0f} s; the same command again takes it up", file=sys.stderr)
-        return 124
+    return status
 
 
 if __name__ == "__main__":

@@ -1,4 +1,11 @@
-"""What the figures were measured on."""
+"""What the figures were measured on, and for how long."""
+
+import os
+import signal
+import subprocess
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 
 from sextant.runs.provenance import provenance
 
@@ -10,3 +17,23 @@ def describe_machine() -> str:
         f"{hardware['processor']}, {hardware['cores']} cores, {hardware['memory_gib']} GiB; "
         f"python {versions['python']}, torch {versions['torch']}, pytorch-lightning {versions['pytorch-lightning']}"
     )
+
+
+def run_for(seconds: float, words: Sequence[str], folder: Path, **environment: str) -> int:
+    """Run a command for at most so long; its exit status, or 124 if time was up.
+
+    It is interrupted as Ctrl-C would, so that it can keep what it has. Half a minute later what is left of it is ended,
+    with all processes that it started.
+    """
+    process = subprocess.Popen(words, cwd=folder, env={**os.environ, **environment}, start_new_session=True)
+    try:
+        return process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGINT)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(30)
+        return 124
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()

@@ -1,11 +1,15 @@
 """What ``make gpu-claims`` lists, refuses and interrupts."""
 
 import sys
+import threading
+import time
 
+import psutil
 import pytest
 import torch
 
 from benchmarks import gpu_claims
+from benchmarks.machine import run_for
 from sextant.errors import UserError
 from sextant.lifecycle.sweep_plan import read_design, sweep_words
 
@@ -48,3 +52,17 @@ def test_a_block_is_interrupted_when_its_time_is_up(capsys):
     assert gpu_claims.run([sys.executable, "-c", "raise SystemExit(3)"]) == 3
     assert gpu_claims.run([sys.executable, "-c", "import threading; threading.Event().wait()"], seconds=0.2) == 124
     assert "takes it up" in capsys.readouterr().err
+
+
+def test_what_an_interrupted_block_started_ends_with_it(tmp_path):
+    child = "import os, signal, threading; signal.signal(signal.SIGINT, signal.SIG_IGN); "
+    child += "print(os.getpid(), flush=True); threading.Event().wait()"
+    starts = (
+        f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {child!r}], stdout=open('pid', 'w')).wait()"
+    )
+    assert run_for(5, [sys.executable, "-c", starts], tmp_path) == 124
+    left = int((tmp_path / "pid").read_text())
+    gone = time.monotonic() + 20
+    while psutil.pid_exists(left) and psutil.Process(left).status() != psutil.STATUS_ZOMBIE:
+        assert time.monotonic() < gone
+        threading.Event().wait(0.05)
