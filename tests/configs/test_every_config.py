@@ -1,19 +1,15 @@
 """Every YAML file composes, is legal, and what it describes can be built."""
 
-from typing import get_args
-
 import numpy as np
 import pytest
 import torch
-from omegaconf import OmegaConf
+from frozen import freeze
+from needed import CHOICES, LOCALIZATION, NEEDED, PLACE_LOSSES, words
 
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.config import validate
 from sextant.config.building import build
-from sextant.config.schema import CosfireTask
-from sextant.config.schema.parts import parts_of
-from sextant.config.schema.places.parts import PlaceLoss
 from sextant.data.localization.faults import Fault
 from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
@@ -26,51 +22,6 @@ from sextant.trained.backbone_layer import backbone_layer
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import occupancy_from_scans
 
-NEEDED = {
-    "corruption=files": ["corruption.folder=/nowhere"],
-    "dataset=image_folder": ["dataset.folder=/nowhere"],
-    "dataset=place_folders": ["dataset.folder=/nowhere"],
-    "dataset=panorama_folder": ["dataset.folder=/nowhere", "task=calibration"],
-    "dataset=panorama_mix": ["dataset.sources.real.folder=/nowhere", "task=calibration"],
-    "experiment=deepcalib_paper": ["dataset.folder=/nowhere"],
-    "experiment=localization_folder": ["dataset.folder=/nowhere"],
-    "experiment=calibration_photos": ["dataset.sources.real.folder=/nowhere"],
-    "experiment=calibration_held": ["dataset.sources.real.folder=/nowhere"],
-    "tracking=server": ["tracking.uri=http://127.0.0.1:1"],
-    "parameterization": ["task=calibration"],
-    "loss": ["task=calibration"],
-    "sampling": ["task=calibration"],
-    "pooling": ["task=place_recognition"],
-    "mining": ["task=place_recognition"],
-}
-PLACE_TARGETS = {get_args(part.model_fields["target"].annotation)[0] for part in parts_of(PlaceLoss)}
-PLACE_LOSSES = {
-    option
-    for option in groups()["loss"]
-    if OmegaConf.load(conf_dir() / "loss" / f"{option}.yaml")["_target_"] in PLACE_TARGETS
-}
-NEEDED |= {f"loss={name}": ["task=place_recognition"] for name in PLACE_LOSSES}
-LOCALIZATION = ("descriptor", "observation", "kernel", "likelihood", "motion", "filter", "recovery", "fault", "faults")
-NEEDED |= {group: ["task=localization"] for group in LOCALIZATION}
-NEEDED |= {group: ["task=cosfire"] for group in ("features", "bank", "strategy", "filters")}
-NEEDED |= {
-    "experiment=cosfire_places": ["features.run=gone"],
-    "sweep=cosfire_places": ["features.run=gone", "descriptor=run", "descriptor.run=gone"],
-    "bank=gabor": ["task=cosfire", "strategy=circles"],
-    "bank=dog": ["task=cosfire", "strategy=circles"],
-    "bank=channels": ["task=cosfire", "strategy=channel_peaks"],
-    "features=run": ["task=cosfire", "features.run=gone"],
-    "strategy=circles": ["task=cosfire", "bank=gabor"],
-    "strategy=channel_peaks": ["task=cosfire", "bank=channels"],
-}
-NEEDED |= {
-    "dataset=pose_folder": ["dataset.folder=/nowhere"],
-    "descriptor=files": ["task=localization", "descriptor.folder=/nowhere"],
-    "descriptor=landmarks": ["task=localization", "descriptor.photo=gone.png", "descriptor.points=[[3,4]]"],
-    "descriptor=network": ["task=localization", "backbone=place_cnn"],
-    "descriptor=run": ["task=localization", "descriptor.run=gone"],
-    "fault=wrong_season_map": ["task=localization", "fault.condition=winter_snow"],
-}
 NAMES = {"panorama_mix": "town_panoramas+panorama_folder", "cold": "office_walk"}
 NOT_BUILT = {
     "trainer",
@@ -88,7 +39,7 @@ NOT_BUILT = {
 }
 SCANNER = LaserScanner(beams=60, field_of_view_rad=3.14, max_range_m=15.0, range_sigma_m=0.02, dropout=0.0)
 GRID = occupancy_from_scans(SCANNER, np.zeros((1, 3)), np.full((1, 60), 2.0), 0.25)
-CHOICES = [(group, option) for group, options in groups().items() for option in options]
+CONFIGS = freeze.read("configs.json.gz")
 
 
 def test_there_are_configs():
@@ -99,7 +50,9 @@ def test_there_are_configs():
 @pytest.mark.parametrize(("group", "option"), CHOICES)
 def test_composes_validates_and_builds(group, option):
     choice = f"{group}={option}"
-    raw = to_plain(compose([choice, *NEEDED.get(choice, NEEDED.get(group, []))]))
+    raw = to_plain(compose([*words(group, option), *freeze.FOLDERS]))
+    if group != "sweep":  # what they are composed to, frozen/test_frozen.py compares
+        assert freeze.kept(raw) == CONFIGS[choice]["config"], "if it is meant: python tests/frozen/freeze.py"
     config = validate(raw)
     assert config.custom_targets() == []
     if group == "dataset":
@@ -129,17 +82,13 @@ def test_composes_validates_and_builds(group, option):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("option", groups()["sweep"])
-def test_every_arm_and_every_value_of_a_sweep_composes_and_validates(option):
-    choice = f"sweep={option}"
-    design = read_design([choice, *NEEDED.get(choice, [])])
-    # every cell of a sweep is run, so any that together hold each arm and each value will do
-    arms = list(design.arms)
-    for number in range(max(len(arms), *map(len, design.factors.values()), 1)):
-        setting = {key: values[number % len(values)] for key, values in design.factors.items()}
-        config = cell_config(design, setting, arms[number % len(arms)])[1]
-        if isinstance(config.task, CosfireTask):
-            check_parts(config, config.task)
+@pytest.mark.parametrize("option", [name for name in groups()["sweep"] if name.startswith("cosfire")])
+def test_every_arm_of_a_sweep_of_filters_has_what_its_methods_need(option):
+    """That each arm and each value of any sweep composes and validates, ``tests/frozen`` shows."""
+    design = read_design([f"sweep={option}", *NEEDED.get(f"sweep={option}", [])])
+    for arm in design.arms:
+        config = cell_config(design, {key: values[0] for key, values in design.factors.items()}, arm)[1]
+        check_parts(config, config.task)
 
 
 @pytest.mark.parametrize("option", [name for name in groups()["sweep"] if name.startswith("search_")])

@@ -1,0 +1,132 @@
+"""What was frozen stays as it was. What that is, and how it is written anew, freeze.py and freeze_runs.py say."""
+
+import tarfile
+from importlib import import_module
+
+import numpy as np
+import pytest
+from frozen import freeze
+from frozen.freeze_runs import ARMS, NAME, TASKS, answers, words_of
+
+import sextant
+from sextant.atomic_files import read_json
+from sextant.config import digest, validate
+from sextant.runs.directory import all_runs
+from sextant.runs.sweep_directory import read_plans
+
+#: parts of the names of metrics that are measured on the machine
+MEASURED = ("ms_per", "us_per", "peak_memory", "fit_map_s")
+CONFIGS = freeze.read("configs.json.gz")
+
+
+def test_every_stored_config_has_the_digest_that_it_had_and_no_part_of_an_unknown_class():
+    """Of every option; those of sweeps are composed of the same, see below."""
+    changed, custom = [], []
+    for name, frozen in ((name, frozen) for name, frozen in CONFIGS.items() if not name.startswith("sweep=")):
+        config = validate(frozen["config"] | freeze.paths())
+        changed += [name] * (digest(config.model_dump(by_alias=True)) != frozen["digest"])
+        custom += [name] * bool(config.custom_parts())
+    assert (changed, custom) == ([], [])
+
+
+@pytest.mark.slow
+def test_what_was_refused_as_the_value_of_a_key_is_refused():
+    differing = {}
+    for name, number in freeze.read("wrong.json.gz").items():
+        choice, _, key = name.partition(" ")
+        plain = CONFIGS[choice]["config"] | freeze.paths()
+        if number is not None and not freeze.refuses(plain, tuple(key.split(".")), freeze.WRONG[number]):
+            differing[name] = freeze.WRONG[number]
+    assert differing == {}
+
+
+def test_what_was_public_can_be_imported():
+    frozen = freeze.read("names.json")
+    gone = [
+        f"{package}.{name}"
+        for package, names in frozen["public"].items()
+        for name in names
+        if not hasattr(import_module(package), name)
+    ]
+    assert gone == []
+
+
+def test_each_verb_prints_the_help_that_it_printed():
+    assert freeze.helps() == freeze.read("help.json")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_every_arm_of_a_sweep_composes_to_the_config_that_it_had():
+    """What options are composed to, ``configs/test_every_config.py`` compares."""
+    found = {name: freeze.of_config(plain) for name, plain in freeze.cells()}
+    stored = {name: config for name, config in CONFIGS.items() if name.startswith("sweep=")}
+    assert found.keys() == stored.keys()
+    assert {name for name in stored if found[name] != stored[name]} == set()
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """The frozen files in a folder of their own."""
+    root = tmp_path_factory.mktemp("frozen")
+    with tarfile.open(freeze.HERE / NAME) as archive:
+        archive.extractall(root, filter="data")
+    return root
+
+
+@pytest.fixture(scope="module")
+def where(stored):
+    return [f"paths.outputs={stored / 'outputs'}", f"paths.cache={stored / 'cache'}"]
+
+
+def run_of(stored, task):
+    """The first run of a task."""
+    return next(run for run in all_runs(stored / "outputs") if run.state()["task"] == task)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_a_stored_run_is_evaluated_to_its_metrics(stored, where, task):
+    run = run_of(stored, task)
+    words = [word for word in words_of(task, stored / "data") if word.startswith("dataset.folder=")]
+    found = sextant.evaluate(run.path, [*words, *where]).metrics
+    expected = {key: value for key, value in read_json(run.metrics)["metrics"].items() if key.startswith("test/")}
+    assert expected
+    differing = {
+        key: (found.get(key), value)
+        for key, value in expected.items()
+        if not any(word in key for word in MEASURED)
+        and found.get(key) != pytest.approx(value, rel=1e-4, abs=1e-6, nan_ok=True)
+    }
+    assert differing == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "task", ["classification", "cosfire", "localization"]
+)  # others keep the path of their pictures
+def test_a_stored_run_is_a_finished_run_of_its_config(stored, where, task):
+    words = [*words_of(task, stored / "data"), *where, "reuse=any_code"]
+    outcome = sextant.run(words)
+    assert outcome.reused
+    assert outcome.directory.parent == stored / "outputs" / "runs" / task
+
+
+@pytest.mark.slow
+def test_a_sweep_goes_on_with_its_finished_cells(stored, where):
+    quick = [*words_of("classification", stored / "data"), *ARMS, *where, "reuse=any_code"]
+    whole = sextant.sweep(overrides=quick)
+    half = sextant.sweep(overrides=[*quick, "optimizer.lr=0.03"])
+    reused = [sum(outcome.reused for outcome in sweep.outcomes) for sweep in (whole, half)]
+    assert (reused, whole.count("failed") + half.count("failed")) == ([4, 2], 0)
+    assert {whole.directory, half.directory} == set(read_plans(stored / "outputs"))
+    assert {row["status"] for row in sextant.load_results(whole.directory)} == {"finished"}
+
+
+@pytest.mark.slow
+def test_a_stored_map_and_a_stored_localizer_answer_as_they_did(stored):
+    frozen, found = read_json(stored / "answers.json"), answers(stored)
+    assert [name for name, _ in found["matches"]] == [name for name, _ in frozen["matches"]]
+    similar = [[value for _, value in each["matches"]] for each in (found, frozen)]
+    assert similar[0] == pytest.approx(similar[1], abs=1e-5)
+    assert np.array(found["poses"]) == pytest.approx(np.array(frozen["poses"]), abs=1e-3)
