@@ -16,7 +16,7 @@ from scipy import ndimage
 from skimage.color import hsv2rgb, rgb2hsv
 from skimage.util import random_noise
 
-from sextant.corruptions.weather.frost_textures import KINDS, frost_texture
+from sextant.corruptions.textures import KINDS, frost_texture
 
 Picture = np.ndarray  # (h, w, 3), or (h, w, 1) for digits; float64 in [0, 1]
 RNG = np.random.default_rng(0)

@@ -18,8 +18,7 @@ from sextant.baselines import Hog, PatchNormalised, Pixels, WhitenedPCA
 from sextant.baselines.descriptor import unit_norm
 from sextant.baselines.whitening import whitening
 from sextant.models import EfficientNetLite0
-from sextant.models.pooling.gem import generalised_mean
-from sextant.models.pooling.netvlad import NetVLAD
+from sextant.models.pooling import NetVLAD, generalised_mean
 
 SMALL, LARGE = (32, 64), (128, 192)
 STAGES, VLAD_STAGE = (3, 4, 5, 6, 7, 8), 5

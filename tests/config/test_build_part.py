@@ -8,7 +8,9 @@ from hydra.utils import instantiate
 
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
-from sextant.config.build_part import MOVED, build_part, named
+from sextant.config.build_part import build_part, named
+from sextant.config.names import FIRST, MOVED, with_first_names, with_present_names
+from sextant.config.schema.parts import known_targets
 
 PARTS = [(group, option) for group in ("pooling", "backbone", "inhibition") for option in sorted(groups()[group])]
 IMAGES = {"in_channels": 3, "image_size": (96, 128), "num_classes": 8}
@@ -36,7 +38,19 @@ def test_what_a_config_names_is_built_as_hydra_builds_it(group, option):
 @pytest.mark.parametrize("old", MOVED)
 def test_what_stored_configs_name_is_found_where_it_is_today(old):
     assert named(old) is named(MOVED[old])
-    assert f"{named(old).__module__}.{named(old).__qualname__}" == MOVED[old]
+    assert named(old).__module__ in MOVED[old]
+    node = {"motion": [{"_target_": old, "inner": {"_target_": old}}], "name": old}
+    now = with_present_names(node)
+    assert now == {"motion": [{"_target_": MOVED[old], "inner": {"_target_": MOVED[old]}}], "name": old}
+    assert with_first_names(now) == node
+    assert with_present_names(now) == now
+
+
+def test_a_part_that_moved_has_one_first_and_one_present_path():
+    assert len(FIRST) == len(MOVED)
+    assert not FIRST.keys() & MOVED.keys()
+    assert MOVED.keys().isdisjoint(known_targets())
+    assert FIRST.keys() <= known_targets()
 
 
 def test_nodes_within_a_node_are_built_first():

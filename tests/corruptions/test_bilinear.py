@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from sextant.corruptions.filtering.bilinear import _gathered, bilinear
+from sextant.corruptions.filtering import _gathered, bilinear
 
 SCIPY = {"reflect": "reflect", "mirror": "mirror", "nearest": "nearest"}
 

@@ -2,7 +2,7 @@ import numpy as np
 import torch
 from skimage.feature import canny
 
-from sextant.corruptions.shapes.canny_edges import CannyEdges
+from sextant.corruptions.shapes import CannyEdges
 
 EDGES = CannyEdges(((),), "canny_edges", levels=(1,))
 

@@ -8,8 +8,7 @@ import torch
 from corruptions.every_corruption import ALL, clips
 
 from sextant.corruptions import Condition, CorruptionSuite, GaussianNoise, cifar10_c
-from sextant.corruptions.filtering.bilinear import bilinear
-from sextant.corruptions.filtering.shifted_sum import shifted_sum
+from sextant.corruptions.filtering import bilinear, shifted_sum
 from sextant.errors import UserError
 
 COUNT = 8

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from sextant.corruptions import cifar10_c, imagenet_c
-from sextant.corruptions.blur.defocus_blur import DefocusBlur, disk_kernel
+from sextant.corruptions.blur import DefocusBlur, disk_kernel
 
 ROWS = [row for build in (cifar10_c, imagenet_c) for row in build(["defocus_blur"])["defocus_blur"].table]
 

@@ -5,7 +5,7 @@ import torch
 from scipy import ndimage
 
 from sextant.corruptions import cifar10_c, imagenet_c
-from sextant.corruptions.digital.elastic_transform import ElasticDraw, ElasticTransform
+from sextant.corruptions.digital import ElasticDraw, ElasticTransform
 
 SHAPES = pytest.mark.parametrize("shape", [(32, 32), (40, 56), (64, 28)], ids=str)
 

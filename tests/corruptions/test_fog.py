@@ -2,8 +2,8 @@ import pytest
 import torch
 
 from sextant.corruptions import cifar10_c, imagenet_c
-from sextant.corruptions.weather.fog import Fog
-from sextant.corruptions.weather.plasma import plasma
+from sextant.corruptions.textures import plasma
+from sextant.corruptions.weather import Fog
 
 FOG = Fog(((0.2, 3.0), (1.5, 1.75)), "fog", levels=(1, 2))
 
@@ -32,7 +32,7 @@ def test_a_bigger_map_can_be_asked_for_and_never_is_too_small():
 def test_maps_that_do_not_fit_at_once_make_the_same_fog(monkeypatch):
     clean = torch.rand(5, 3, 32, 32)
     together = FOG(clean, 2, torch.arange(5), 0)
-    monkeypatch.setattr("sextant.corruptions.weather.fog.MAP_POINTS", 2 * 32 * 32)
+    monkeypatch.setattr("sextant.corruptions.weather.MAP_POINTS", 2 * 32 * 32)
     assert torch.equal(FOG(clean, 2, torch.arange(5), 0), together)
 
 

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from sextant.corruptions.luma import luma
-from sextant.corruptions.weather.frost import Frost
-from sextant.corruptions.weather.frost_textures import HEIGHT, KINDS, WIDTH, frost_texture
+from sextant.corruptions.textures import HEIGHT, KINDS, WIDTH, frost_texture
+from sextant.corruptions.weather import Frost
 
 FROST = Frost(((1, 0.2), (0.75, 0.45)), "frost", levels=(1, 2), shrink=0.2)
 

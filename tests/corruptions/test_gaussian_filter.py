@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from sextant.corruptions import imagenet_c
-from sextant.corruptions.filtering.gaussian_filter import gaussian_filter, gaussian_matrix, gaussian_weights
+from sextant.corruptions.filtering import gaussian_filter, gaussian_matrix, gaussian_weights
 
 
 @given(

@@ -4,7 +4,7 @@ import torch
 from scipy import ndimage
 
 from sextant.corruptions import cifar10_c, mnist_c
-from sextant.corruptions.blur.glass_blur import GlassBlur
+from sextant.corruptions.blur import GlassBlur
 from sextant.corruptions.eight_bit import SLACK
 
 ROW = (0.7, 2, 2)

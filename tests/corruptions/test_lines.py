@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.corruptions.shapes.dotted_line import DottedLine
-from sextant.corruptions.shapes.line_overlay import line_overlay, mnist_cells, mnist_coordinates
-from sextant.corruptions.shapes.stripe import Stripe
-from sextant.corruptions.shapes.zigzag import Zigzag
+from sextant.corruptions.shapes import DottedLine, Stripe, Zigzag, line_overlay, mnist_cells, mnist_coordinates
 
 ONE = ((),)
 BLACK = torch.zeros(1, 1, 28, 28, dtype=torch.float64)

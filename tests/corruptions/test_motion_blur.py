@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.corruptions import cifar10_c, eight_bit
-from sextant.corruptions.blur.motion_blur import MotionBlur
-from sextant.corruptions.filtering.motion_kernel import motion_blur, motion_offsets, motion_weights
-from sextant.corruptions.filtering.shifted_sum import _sum_of_gathers, shifted_sum
+from sextant.corruptions.blur import MotionBlur
+from sextant.corruptions.filtering import _sum_of_gathers, motion_blur, motion_offsets, motion_weights, shifted_sum
 
 
 def slowly(image, radius, sigma, degrees):

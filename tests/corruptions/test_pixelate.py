@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from sextant.corruptions import cifar10_c, imagenet_c, to_bytes
-from sextant.corruptions.digital.pixelate import box_resize
+from sextant.corruptions.digital import box_resize
 
 
 def noise(height, width, channels=3):

@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.corruptions.weather.plasma import _grids, map_side, plasma
+from sextant.corruptions.textures import _grids, map_side, plasma
 
 
 def point_by_point(noise, decay):

@@ -10,11 +10,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from skimage.transform import AffineTransform, warp
 
-from sextant.corruptions.shapes.affine_warp import affine_warp
-from sextant.corruptions.shapes.rotate import Rotate
-from sextant.corruptions.shapes.scale import Scale
-from sextant.corruptions.shapes.shear import Shear
-from sextant.corruptions.shapes.translate import Translate
+from sextant.corruptions.shapes import Rotate, Scale, Shear, Translate, affine_warp
 
 ANGLES = (0.2, 0.4, 0.6, 0.8, 1.0)
 FACTORS = tuple(1 / s for s in (0.9, 0.8, 0.7, 0.6, 0.5))

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from sextant.corruptions import cifar10_c, imagenet_c
 from sextant.corruptions.luma import luma
-from sextant.corruptions.weather.snow import Snow
+from sextant.corruptions.weather import Snow
 
 
 def blown(layer, radius, sigma, degrees):

@@ -7,7 +7,7 @@ import torch
 from skimage.filters import gaussian
 
 from sextant.corruptions import cifar10_c, imagenet_c
-from sextant.corruptions.weather.spatter import Spatter
+from sextant.corruptions.weather import Spatter
 
 
 def one_image(image, noise, row):

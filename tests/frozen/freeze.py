@@ -26,6 +26,7 @@ from sextant import cli
 from sextant.composing.compose import compose, composing_many, to_plain
 from sextant.composing.config_files import groups
 from sextant.config import digest, validate
+from sextant.config.names import with_first_names
 from sextant.errors import UserError
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design
@@ -79,8 +80,8 @@ def configs() -> dict[str, dict[str, Any]]:
 
 
 def kept(plain: dict[str, Any]) -> dict[str, Any]:
-    """A config without what differs between machines."""
-    return {key: value for key, value in plain.items() if key not in ("paths", "hydra")}
+    """A config by first names, without what differs between machines."""
+    return with_first_names({key: value for key, value in plain.items() if key not in ("paths", "hydra")})
 
 
 def of_config(plain: dict[str, Any]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from frozen.freeze_runs import ARMS, NAME, TASKS, answers, words_of
 import sextant
 from sextant.atomic_files import read_json
 from sextant.config import digest, validate
+from sextant.config.build_part import named
 from sextant.runs.directory import all_runs
 from sextant.runs.sweep_directory import read_plans
 
@@ -49,6 +50,8 @@ def test_what_was_public_can_be_imported():
         if not hasattr(import_module(package), name)
     ]
     assert gone == []
+    for target in frozen["targets"]:
+        assert callable(named(target))
 
 
 def test_each_verb_prints_the_help_that_it_printed():

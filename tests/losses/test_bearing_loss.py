@@ -11,7 +11,13 @@ from scipy.optimize import minimize
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, PerspectiveCamera, vfov_from_focal
 from sextant.losses import BearingLoss
-from sextant.losses.bearing import bearing_difference, bearing_grid, harmonic_weights, one_at_a_time, world_bearings
+from sextant.losses.camera_losses import (
+    bearing_difference,
+    bearing_grid,
+    harmonic_weights,
+    one_at_a_time,
+    world_bearings,
+)
 
 DIRECT, HORIZON = Parameterization("direct"), Parameterization("horizon")
 ALL = [

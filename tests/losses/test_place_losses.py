@@ -16,7 +16,7 @@ from sextant.losses import (
     TripletMarginLoss,
     TripletRatioLoss,
 )
-from sextant.losses.triplet_ratio import triplet_ratio
+from sextant.losses.place_losses import triplet_ratio
 from sextant.retrieval import Relation, all_triplets
 
 LOSSES = {

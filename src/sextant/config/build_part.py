@@ -5,18 +5,15 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-TARGET, PARTIAL = "_target_", "_partial_"
+from sextant.config.names import MOVED, TARGET
+
+PARTIAL = "_partial_"
 #: modules whose functions no config may call, whatever path leads to them
 REFUSED = frozenset({
     "_io", "_pickle", "code", "codeop", "ctypes", "importlib", "io", "marshal", "multiprocessing", "nt", "os", "pickle",
     "posix", "pty", "runpy", "shutil", "signal", "socket", "subprocess", "sys", "webbrowser",
 })  # fmt: skip
 REFUSED_BUILTINS = frozenset(f"builtins.{name}" for name in ("__import__", "breakpoint", "compile", "eval", "exec"))
-#: present locations of parts that moved; configs, and therefore digests, keep their old import paths
-MOVED = {
-    "sextant.cli.descriptors.TrainedDescriptor": "sextant.recipes.descriptors.TrainedDescriptor",
-    "sextant.cli.descriptors.DescriptorFiles": "sextant.recipes.descriptors.DescriptorFiles",
-}
 
 
 def build_part(node: Mapping[str, Any], **arguments: Any) -> Any:

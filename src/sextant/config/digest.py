@@ -5,6 +5,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from sextant.config.names import with_first_names
+
 #: Keys that do not change the result: where it is computed and kept, how it is shown, how many processes load data.
 NUISANCE = ("seed", "paths", "tracking", "sweep", "launcher", "reuse", "hydra")
 NUISANCE_WITHIN = {"trainer": ("workers", "progress", "log_every"), "dataset": ("download",)}
@@ -29,7 +31,8 @@ def identity(config: Mapping[str, Any]) -> dict[str, Any]:
             kept[group] = {key: value for key, value in kept[group].items() if key not in names}
     for path, usual in LATER.items():
         kept = _without(kept, path.split("."), usual)
-    return kept
+    found: dict[str, Any] = with_first_names(kept)
+    return found
 
 
 def _without(config: Mapping[str, Any], path: list[str], usual: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,8 +5,7 @@ from sextant.corruptions.benchmark_suite import BenchmarkSuite, benchmark_set, c
 from sextant.corruptions.corrupt import corrupt
 from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.eight_bit import eight_bit, to_bytes
-from sextant.corruptions.noise.contrast_poisson import ContrastPoisson
-from sextant.corruptions.noise.gaussian_noise import GaussianNoise
+from sextant.corruptions.noise import ContrastPoisson, GaussianNoise
 from sextant.corruptions.perturbation_suite import PerturbationSuite
 from sextant.corruptions.protocol import Protocol
 from sextant.corruptions.stored_suite import StoredSuite

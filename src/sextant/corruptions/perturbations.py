@@ -33,14 +33,11 @@ from torch import Tensor
 
 from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.eight_bit import eight_bit
-from sextant.corruptions.filtering.bilinear import bilinear
-from sextant.corruptions.filtering.motion_kernel import motion_blur
-from sextant.corruptions.noise.clipped_gaussian_noise import ClippedGaussianNoise
-from sextant.corruptions.noise.shot_noise import ShotNoise
+from sextant.corruptions.filtering import bilinear, motion_blur
+from sextant.corruptions.noise import ClippedGaussianNoise, ShotNoise
 from sextant.corruptions.seeding import generators, image_seeds
-from sextant.corruptions.shapes.affine_warp import affine_warp
-from sextant.corruptions.weather.brightness import Brightness
-from sextant.corruptions.weather.snow import Snow, SnowDraw
+from sextant.corruptions.shapes import affine_warp
+from sextant.corruptions.weather import Brightness, Snow, SnowDraw
 
 Images = Float[Tensor, "b c h w"]
 NOISE_FRAMES = 30

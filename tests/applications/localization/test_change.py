@@ -18,7 +18,7 @@ from sextant.atomic_files import write_sealed_json
 from sextant.data.localization.own_drive import open_drive
 from sextant.errors import UserError
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.motion.paced import PacedMotion
+from sextant.localization.motion import PacedMotion
 
 
 class Street:

@@ -4,8 +4,7 @@ import torch
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
 from sextant.errors import UserError
-from sextant.localization.hyperparameters.joint_likelihood import joint_log_likelihood
-from sextant.localization.hyperparameters.trainable_kernel import TrainableKernel
+from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
 from sextant.localization.observation.exact_gp import ExactGP
 from sextant.localization.pose_kernel import PoseKernel
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from localization.observation.smooth_map import descriptors_at, poses_in_room
 
 from sextant.errors import UserError
-from sextant.localization.hyperparameters.joint_likelihood import joint_log_likelihood
-from sextant.localization.hyperparameters.trainable_kernel import TrainableKernel
+from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
 from sextant.localization.pose_kernel import PoseKernel
 
 SPATIAL = st.sampled_from(["rbf", "matern32", "matern52"])

@@ -6,10 +6,14 @@ from hypothesis import strategies as st
 from localization.observation.smooth_map import KERNEL, poses_in_room, smooth_map
 
 from sextant.errors import UserError
-from sextant.localization.hyperparameters.joint_likelihood import joint_log_likelihood
-from sextant.localization.hyperparameters.ordering import random_order
-from sextant.localization.hyperparameters.trainable_kernel import TrainableKernel
-from sextant.localization.hyperparameters.vecchia import Conditioning, preceding_neighbours, vecchia_log_likelihood
+from sextant.localization.hyperparameters import (
+    Conditioning,
+    TrainableKernel,
+    joint_log_likelihood,
+    preceding_neighbours,
+    random_order,
+    vecchia_log_likelihood,
+)
 from sextant.localization.pose_kernel import PoseKernel
 
 

@@ -10,8 +10,7 @@ from small_worlds import generator
 
 from sextant.errors import UserError
 from sextant.geometry import se2_between, se2_compose, se2_exp, se2_log, wrap_angle
-from sextant.localization.motion import ExponentialMotion, IdentityMotion, OdometryMotion
-from sextant.localization.motion.paced import PacedMotion
+from sextant.localization.motion import ExponentialMotion, IdentityMotion, OdometryMotion, PacedMotion
 
 NOISY = [
     ExponentialMotion((0.05, 0.02, 0.01), (0.01, 0.002, 0.001), (0.02, 0.01, 0.01)),

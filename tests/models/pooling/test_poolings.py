@@ -7,9 +7,7 @@ import torch
 from sklearn.cluster import KMeans
 
 from sextant.errors import UserError
-from sextant.models.pooling import Average, FeatureMixer, Flatten, GeM, NetVLAD
-from sextant.models.pooling.cells_and_vlad import CellsAndVLAD
-from sextant.models.pooling.gem import generalised_mean
+from sextant.models.pooling import Average, CellsAndVLAD, FeatureMixer, Flatten, GeM, NetVLAD, generalised_mean
 
 CHANNELS, SIZE = 6, (3, 4)
 

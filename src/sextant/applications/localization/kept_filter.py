@@ -14,8 +14,7 @@ from sextant.localization import motion, recovery, resampling
 from sextant.localization.kld_size import KLDSize
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.map_support import MapSupport, map_spacing
-from sextant.localization.motion import MotionModel
-from sextant.localization.motion.spacing import motion_of_spacing
+from sextant.localization.motion import MotionModel, motion_of_spacing
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, Recovery

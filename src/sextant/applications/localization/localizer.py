@@ -49,8 +49,7 @@ from sextant.localization.foresight import Foresight, drawn_evenly, foreseen
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.map_support import images_near, map_spacing
-from sextant.localization.motion import MotionModel
-from sextant.localization.motion.paced import PacedMotion
+from sextant.localization.motion import MotionModel, PacedMotion
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
@@ -83,7 +82,7 @@ PARTS: dict[str, tuple[type, str]] = {
     "kernel": (PoseKernel, 'PoseKernel("rbf", (2.0, 2.0), 1.0, 0.01, 0.001) of sextant.localization.pose_kernel'),
     "observation": (ObservationModel, "LocalGP(16) of sextant.localization.observation.local_gp"),
     "likelihood": (Likelihood, "Likelihood(tempering=0.125) of sextant.localization.likelihood"),
-    "motion": (MotionModel, "motion_of_spacing(2.0) of sextant.localization.motion.spacing"),
+    "motion": (MotionModel, "motion_of_spacing(2.0) of sextant.localization.motion"),
     "recovery": (Recovery, "NoRecovery() of sextant.localization.recovery"),
 }
 Start = Literal["uniform", "appearance"] | Initialisation

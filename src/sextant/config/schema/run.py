@@ -5,6 +5,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, model_validator
 
+from sextant.config.names import with_present_names
 from sextant.config.schema.calibration.cameras import CameraLoss, Parameterization, Sampling
 from sextant.config.schema.calibration.datasets import Panoramas
 from sextant.config.schema.classification.augmentations import Augmentation
@@ -76,12 +77,13 @@ class Config(Node):
 
     @property
     def plain(self) -> Mapping[str, Any]:
-        """The original values, unchanged; parts are built from these, and checkpoints store them."""
+        """The original values, by present names; parts are built from these, and checkpoints store them."""
         return self._plain
 
     @model_validator(mode="wrap")
     @classmethod
     def _keep_plain(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        values = with_present_names(values)
         config = handler(values)
         if isinstance(values, Mapping):
             config._plain = values

@@ -7,19 +7,15 @@ perturbations", ICLR 2019; parameters of ``make_cifar_c.py`` in hendrycks/robust
 from sextant.corruptions.sets.benchmark_set import BENCHMARK_15, EXTRA_4, BenchmarkSet, Recipe
 
 _FAMILIES = {
-    "gaussian_noise": Recipe("noise.clipped_gaussian_noise.ClippedGaussianNoise", (0.04, 0.06, 0.08, 0.09, 0.10)),
-    "shot_noise": Recipe("noise.shot_noise.ShotNoise", (500, 250, 100, 75, 50)),
-    "impulse_noise": Recipe("noise.impulse_noise.ImpulseNoise", (0.01, 0.02, 0.03, 0.05, 0.07)),
-    "defocus_blur": Recipe("blur.defocus_blur.DefocusBlur", ((0.3, 0.4), (0.4, 0.5), (0.5, 0.6), (1, 0.2), (1.5, 0.1))),
-    "glass_blur": Recipe(
-        "blur.glass_blur.GlassBlur", ((0.05, 1, 1), (0.25, 1, 1), (0.4, 1, 1), (0.25, 1, 2), (0.4, 1, 2))
-    ),
-    "motion_blur": Recipe("blur.motion_blur.MotionBlur", ((6, 1), (6, 1.5), (6, 2), (8, 2), (9, 2.5))),
-    "zoom_blur": Recipe(
-        "blur.zoom_blur.ZoomBlur", ((1.06, 0.01), (1.11, 0.01), (1.16, 0.01), (1.21, 0.01), (1.26, 0.01))
-    ),
+    "gaussian_noise": Recipe("noise.ClippedGaussianNoise", (0.04, 0.06, 0.08, 0.09, 0.10)),
+    "shot_noise": Recipe("noise.ShotNoise", (500, 250, 100, 75, 50)),
+    "impulse_noise": Recipe("noise.ImpulseNoise", (0.01, 0.02, 0.03, 0.05, 0.07)),
+    "defocus_blur": Recipe("blur.DefocusBlur", ((0.3, 0.4), (0.4, 0.5), (0.5, 0.6), (1, 0.2), (1.5, 0.1))),
+    "glass_blur": Recipe("blur.GlassBlur", ((0.05, 1, 1), (0.25, 1, 1), (0.4, 1, 1), (0.25, 1, 2), (0.4, 1, 2))),
+    "motion_blur": Recipe("blur.MotionBlur", ((6, 1), (6, 1.5), (6, 2), (8, 2), (9, 2.5))),
+    "zoom_blur": Recipe("blur.ZoomBlur", ((1.06, 0.01), (1.11, 0.01), (1.16, 0.01), (1.21, 0.01), (1.26, 0.01))),
     "snow": Recipe(
-        "weather.snow.Snow",
+        "weather.Snow",
         (
             (0.1, 0.2, 1, 0.6, 8, 3, 0.95),
             (0.1, 0.2, 1, 0.5, 10, 4, 0.9),
@@ -29,21 +25,21 @@ _FAMILIES = {
         ),
     ),
     "frost": Recipe(
-        "weather.frost.Frost", ((1, 0.2), (1, 0.3), (0.9, 0.4), (0.85, 0.4), (0.75, 0.45)), options={"shrink": 0.2}
+        "weather.Frost", ((1, 0.2), (1, 0.3), (0.9, 0.4), (0.85, 0.4), (0.75, 0.45)), options={"shrink": 0.2}
     ),
-    "fog": Recipe("weather.fog.Fog", ((0.2, 3), (0.5, 3), (0.75, 2.5), (1, 2), (1.5, 1.75)), options={"map_size": 32}),
-    "brightness": Recipe("weather.brightness.Brightness", (0.05, 0.1, 0.15, 0.2, 0.3)),
-    "contrast": Recipe("digital.contrast.Contrast", (0.75, 0.5, 0.4, 0.3, 0.15)),
+    "fog": Recipe("weather.Fog", ((0.2, 3), (0.5, 3), (0.75, 2.5), (1, 2), (1.5, 1.75)), options={"map_size": 32}),
+    "brightness": Recipe("weather.Brightness", (0.05, 0.1, 0.15, 0.2, 0.3)),
+    "contrast": Recipe("digital.Contrast", (0.75, 0.5, 0.4, 0.3, 0.15)),
     "elastic_transform": Recipe(
-        "digital.elastic_transform.ElasticTransform",
+        "digital.ElasticTransform",
         ((0, 0, 0.08), (0.05, 0.2, 0.07), (0.08, 0.06, 0.06), (0.1, 0.04, 0.05), (0.1, 0.03, 0.03)),
     ),
-    "pixelate": Recipe("digital.pixelate.Pixelate", (0.95, 0.9, 0.85, 0.75, 0.65)),
-    "jpeg_compression": Recipe("digital.jpeg_compression.JPEGCompression", (80, 65, 58, 50, 40)),
-    "speckle_noise": Recipe("noise.speckle_noise.SpeckleNoise", (0.06, 0.1, 0.12, 0.16, 0.2)),
-    "gaussian_blur": Recipe("blur.gaussian_blur.GaussianBlur", (0.4, 0.6, 0.7, 0.8, 1)),
+    "pixelate": Recipe("digital.Pixelate", (0.95, 0.9, 0.85, 0.75, 0.65)),
+    "jpeg_compression": Recipe("digital.JPEGCompression", (80, 65, 58, 50, 40)),
+    "speckle_noise": Recipe("noise.SpeckleNoise", (0.06, 0.1, 0.12, 0.16, 0.2)),
+    "gaussian_blur": Recipe("blur.GaussianBlur", (0.4, 0.6, 0.7, 0.8, 1)),
     "spatter": Recipe(
-        "weather.spatter.Spatter",
+        "weather.Spatter",
         (
             (0.62, 0.1, 0.7, 0.7, 0.5, 0),
             (0.65, 0.1, 0.8, 0.7, 0.5, 0),
@@ -52,7 +48,7 @@ _FAMILIES = {
             (0.65, 0.1, 0.5, 0.68, 0.6, 1),
         ),
     ),
-    "saturate": Recipe("digital.saturate.Saturate", ((0.3, 0), (0.1, 0), (1.5, 0), (2, 0.1), (2.5, 0.2))),
+    "saturate": Recipe("digital.Saturate", ((0.3, 0), (0.1, 0), (1.5, 0), (2, 0.1), (2.5, 0.2))),
 }
 
 CIFAR10_C = BenchmarkSet(

@@ -24,7 +24,7 @@ from sextant.geometry import (
     vfov_from_focal,
     wrap_angle,
 )
-from sextant.losses.bearing import bearing_grid, world_bearings
+from sextant.losses.camera_losses import bearing_grid, world_bearings
 
 GRID = 15  # points along each side of the image
 PIXELS = 480  # of height, to which undistortion errors are scaled

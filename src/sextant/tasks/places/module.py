@@ -21,7 +21,7 @@ from sextant.evaluation.places.positives import Positives
 from sextant.evaluation.places.retrieval import chance_recall, recall
 from sextant.evaluation.protocols import places_converged
 from sextant.losses import PlaceLoss
-from sextant.losses.place_loss import Pairing
+from sextant.losses.place_losses import Pairing
 from sextant.models.place_net import PlaceNet
 from sextant.retrieval import CachedHardMining, Mining, NoMining, gathered, relations
 from sextant.retrieval.nearest import nearest_neighbours

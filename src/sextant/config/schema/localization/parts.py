@@ -87,14 +87,14 @@ class NetworkDescriptor(Descriptor):
 class TrainedDescriptor(Descriptor):
     """The network of a run of place recognition."""
 
-    target: Literal["sextant.cli.descriptors.TrainedDescriptor"] = Field(alias="_target_")
+    target: Literal["sextant.recipes.descriptors.TrainedDescriptor"] = Field(alias="_target_")
     run: str = Field(examples=["place_recognition/1a2b3c4d-s0"])
 
 
 class DescriptorFiles(Descriptor):
     """Vectors that were computed elsewhere."""
 
-    target: Literal["sextant.cli.descriptors.DescriptorFiles"] = Field(alias="_target_")
+    target: Literal["sextant.recipes.descriptors.DescriptorFiles"] = Field(alias="_target_")
     folder: str = Field(examples=["descriptors"])
 
 
@@ -275,7 +275,7 @@ class OdometryMotion(Motion):
 class SpacingMotion(Motion):
     """Noise as a share of the spacing of the map's images."""
 
-    target: Literal["sextant.localization.motion.spacing.motion_of_spacing"] = Field(alias="_target_")
+    target: Literal["sextant.localization.motion.motion_of_spacing"] = Field(alias="_target_")
 
 
 class IdentityMotion(Motion):

@@ -43,7 +43,7 @@ class NetVLAD(Pooling):
 class CellsAndVLAD(Pooling):
     """Means over cells beside residuals to learnt centres."""
 
-    target: Literal["sextant.models.pooling.cells_and_vlad.CellsAndVLAD"] = Field(alias="_target_")
+    target: Literal["sextant.models.pooling.CellsAndVLAD"] = Field(alias="_target_")
     clusters: int = Field(ge=2, le=1024, examples=[32])
     grid: list[Count] = Field(min_length=2, max_length=2, examples=["[4,6]"])
     cells: float = Field(gt=0, examples=[1.0])

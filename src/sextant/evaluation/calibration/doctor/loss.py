@@ -11,7 +11,7 @@ from torch import Tensor
 
 from sextant.evaluation.calibration.doctor.finding import DOUBLE, Finding, random_cameras
 from sextant.geometry import CameraParameters, Parameterization
-from sextant.losses.bearing import bearing_difference, bearing_grid, world_bearings
+from sextant.losses.camera_losses import bearing_difference, bearing_grid, world_bearings
 
 #: tilt, roll, focal and k1 of the camera whose losses are examined, as in the design's table
 TRUTH = (math.radians(8), math.radians(5), 0.8, -0.2)

@@ -1,1 +1,0 @@
-"""Blur: out of focus, in motion, behind glass."""

@@ -1,1 +1,0 @@
-"""Digital: contrast, colour, warping and compression, as processing and storage leave them."""

@@ -1,1 +1,0 @@
-"""Noise: sensor and transmission noise, each pixel on its own."""

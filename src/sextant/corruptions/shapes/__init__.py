@@ -1,1 +1,0 @@
-"""Shapes: MNIST-C's motions of a digit, lines over it, and its edges."""

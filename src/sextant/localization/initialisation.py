@@ -1,0 +1,186 @@
+"""Initialisation: the belief a filter starts from."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float64
+from torch import Tensor
+
+from sextant.errors import ArgumentError
+from sextant.geometry.planar import wrap_angle
+from sextant.localization.appearance_proposal import AppearanceProposal
+from sextant.localization.belief import Belief
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.motion import check_not_negative
+from sextant.localization.observation.evidence import Evidence
+
+
+class Initialisation(ABC):
+    """Makes the first belief of r runs."""
+
+    #: Whether the first image is part of the first belief, so that it must not weigh it again.
+    uses_evidence: bool = False
+
+    @abstractmethod
+    def start(
+        self,
+        prior: MapPrior,
+        runs: int,
+        particles: int,
+        evidence: Evidence | None,
+        seen: Bool[Tensor, "r"] | None,
+        generator: torch.Generator,
+    ) -> Belief:
+        """The first belief.
+
+        Args:
+            prior: where the robot may be before anything is seen.
+            runs: r, the number of runs.
+            particles: number of particles in each run.
+            evidence: evidence of the first image of each run, for initialisations that use it.
+            seen: in which runs there is an image; None for all.
+            generator: generator of random numbers.
+        """
+
+
+def weighed(poses: Float64[Tensor, "r p 3"], log_weights: Float64[Tensor, "r p"]) -> Belief:
+    """A belief with the given weights; a run in which none is above zero gets equal weights."""
+    usable = torch.where(log_weights.isfinite(), log_weights, -torch.inf)
+    none = (usable == -torch.inf).all(1, keepdim=True)
+    return Belief.of(poses, torch.where(none, 0.0, usable))
+
+
+@dataclass(frozen=True)
+class UniformStart(Initialisation):
+    """Particles drawn from the map's prior; the first image weighs them in the first step.
+
+    Example:
+        >>> exact = MapPrior(torch.tensor([[0.0, 0, 0], [5, 0, 0]], dtype=torch.float64), 0.0, 0.0)
+        >>> belief = UniformStart().start(exact, 1, 100, None, None, torch.Generator().manual_seed(0))
+        >>> belief.poses[..., 0].unique()  # without jitter they are at the images themselves
+        tensor([0., 5.], dtype=torch.float64)
+    """
+
+    def start(
+        self,
+        prior: MapPrior,
+        runs: int,
+        particles: int,
+        evidence: Evidence | None,
+        seen: Bool[Tensor, "r"] | None,
+        generator: torch.Generator,
+    ) -> Belief:
+        """Draw from the prior, with equal weights."""
+        return Belief.uniform(prior.sample(runs, particles, generator))
+
+
+@dataclass(frozen=True)
+class GaussianStart(Initialisation):
+    """Particles around one pose in each run; the first image weighs them in the first step.
+
+    Attributes:
+        mean: the pose of each run, or one pose for all.
+        sigma: standard deviations of x, y (metres, axes of the map) and heading (rad).
+
+    Raises:
+        UserError: a deviation is negative or not finite.
+        ValueError: a pose is not finite.
+
+    Example:
+        >>> pose = torch.tensor([[3.0, 0.0, 0.0]], dtype=torch.float64)
+        >>> start = GaussianStart(pose, sigma=(0.5, 0.2, 0.0))  # the heading is known
+        >>> belief = start.start(MapPrior(pose, 0.5, 0.1), 1, 10_000, None, None, torch.Generator().manual_seed(0))
+        >>> belief.poses[0].std(0).round(decimals=1)
+        tensor([0.5000, 0.2000, 0.0000], dtype=torch.float64)
+    """
+
+    mean: Float64[Tensor, "r 3"]
+    sigma: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        check_not_negative("sigma", self.sigma, 3)
+        if not bool(self.mean.isfinite().all()):
+            raise ValueError("a pose to start from is not finite")
+
+    def start(
+        self,
+        prior: MapPrior,
+        runs: int,
+        particles: int,
+        evidence: Evidence | None,
+        seen: Bool[Tensor, "r"] | None,
+        generator: torch.Generator,
+    ) -> Belief:
+        """Draw from the Gaussians, with equal weights."""
+        mean = self.mean.expand(runs, 3)[:, None]
+        noise = torch.randn(runs, particles, 3, generator=generator, dtype=mean.dtype, device=mean.device)
+        poses = mean + noise * mean.new_tensor(self.sigma)
+        return Belief.uniform(torch.cat([poses[..., :2], wrap_angle(poses[..., 2:])], dim=2))
+
+
+@dataclass(frozen=True)
+class AppearanceStart(Initialisation):
+    r"""Particles at the map images that the first image looks like.
+
+    A map image i is drawn with :math:`q(i) \propto e^{l(z | x_i)}`, and a particle near it from :math:`p(x | i)`. The
+    image z is then part of the belief already and must not weigh these particles again. The weights that make the
+    belief the posterior under the map's prior are
+
+    .. math:: W \propto \frac{p_0(i, x)\, e^{l(z \mid x)}}{q(i)\, p(x \mid i)} \propto e^{l(z \mid x) - l(z \mid x_i)},
+
+    which are uniform where the likelihood hardly changes over the jitter.
+
+    Without a first image (no evidence, a run that has not ``seen`` one, or an image that no map image explains),
+    particles are drawn from the map's prior.
+
+    Attributes:
+        top: draw from the best K images only; None for all.
+        weigh_jitter: weigh each particle by how well its own pose explains the image, relative to the map image it was
+            drawn at. This is exact, at the cost of one likelihood per particle; without it, weights are uniform.
+
+    Raises:
+        UserError: ``top`` is below 1.
+
+    Example:
+        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> start, prior = AppearanceStart(top=3), MapPrior(line, 0.0, 0.0)  # no jitter: at the images themselves
+        >>> start.start(prior, 1, 1000, AtTen(), None, torch.Generator().manual_seed(0)).poses[..., 0].unique()
+        tensor([ 9., 10., 11.], dtype=torch.float64)
+    """
+
+    top: int | None = None
+    weigh_jitter: bool = False
+    uses_evidence = True
+
+    def __post_init__(self) -> None:
+        if self.top is not None and self.top < 1:
+            raise ArgumentError(f"top={self.top} must be at least 1", "Or null for all images of the map.")
+
+    def start(
+        self,
+        prior: MapPrior,
+        runs: int,
+        particles: int,
+        evidence: Evidence | None,
+        seen: Bool[Tensor, "r"] | None,
+        generator: torch.Generator,
+    ) -> Belief:
+        """Draw from q with jitter, and from the prior in runs without an image."""
+        anywhere = prior.sample(runs, particles, generator)
+        if evidence is None:
+            return Belief.uniform(anywhere)
+        proposal = AppearanceProposal.of(evidence.over_map(), self.top)
+        rows, scores = proposal.draw(particles, generator)
+        there = prior.around(rows, generator)
+        usable = proposal.log_total.isfinite()
+        if seen is not None:
+            usable = usable & seen
+        poses = torch.where(usable[:, None, None], there, anywhere)
+        log_weights = poses.new_zeros(poses.shape[:2])
+        if self.weigh_jitter:
+            log_weights = torch.where(usable[:, None], evidence.log_likelihood(poses) - scores, log_weights)
+        return weighed(poses, log_weights)

@@ -1,0 +1,291 @@
+"""Motion models: where a robot may be after the motion that odometry reports."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float64
+from torch import Tensor
+
+from sextant.errors import ArgumentError
+from sextant.geometry.planar import se2_compose, se2_exp, wrap_angle
+
+
+class MotionModel(ABC):
+    r"""Draws :math:`x_t \sim p(x_t \mid x_{t-1}, u_t)` for every particle.
+
+    A motion with a value that is not finite is unknown: odometry is missing. The particles of such a run diffuse around
+    where they were, :math:`x_t = x_{t-1} \circ \exp(\epsilon)`, where :math:`\epsilon` has the standard deviations
+    :meth:`if_unknown` in the robot's frame.
+    """
+
+    def sample(
+        self,
+        poses: Float64[Tensor, "r p 3"],
+        motion: Float64[Tensor, "r 3"],
+        generator: torch.Generator,
+    ) -> Float64[Tensor, "r p 3"]:
+        """Poses after each run's motion, one draw for each particle.
+
+        Args:
+            poses: poses before the motion.
+            motion: ``b_from_c``, the increment in the robot's frame; nan where odometry is missing.
+            generator: generator of random numbers, from which as many are drawn whether or not a motion is known.
+        """
+        noise = torch.randn(poses.shape, generator=generator, dtype=poses.dtype, device=poses.device)
+        known: Bool[Tensor, "r"] = motion.isfinite().all(1)
+        if bool(known.all()):
+            return se2_compose(poses, self.increments(motion, noise))
+        told = self.increments(motion.masked_fill(~known[:, None], 0.0), noise)
+        return se2_compose(poses, torch.where(known[:, None, None], told, self.unmeasured(noise)))
+
+    def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
+        """The motion of each particle where motion is unknown, as a function of standard normal noise."""
+        return se2_exp(noise * noise.new_tensor(self.if_unknown()))
+
+    @abstractmethod
+    def if_unknown(self) -> Sequence[float]:
+        """Standard deviations along, across (metres) and in heading (rad) of an unknown motion."""
+
+    @abstractmethod
+    def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "#r #p 3"]:
+        """The motion of each particle, as a function of standard normal noise."""
+
+
+def check_not_negative(argument: str, values: Sequence[float], count: int) -> None:
+    """Refuse anything but ``count`` finite numbers of at least 0.
+
+    Raises:
+        ArgumentError: names the argument and the values.
+    """
+    if len(values) != count or not all(0 <= value < float("inf") for value in values):
+        raise ArgumentError(
+            f"{argument}={list(values)} must be {count} finite numbers of at least 0",
+            f"For example {argument}=[{','.join(['0.1'] * count)}]",
+        )
+
+
+@dataclass(frozen=True)
+class IdentityMotion(MotionModel):
+    """:math:`x_t = x_{t-1}`, whatever odometry says. There is no noise, so particles never spread.
+
+    Example:
+        >>> poses, metre = torch.ones(1, 1, 3).double(), torch.tensor([[1.0, 0.0, 0.0]]).double()
+        >>> IdentityMotion().sample(poses, metre, torch.Generator())
+        tensor([[[1., 1., 1.]]], dtype=torch.float64)
+    """
+
+    def if_unknown(self) -> Sequence[float]:
+        """No motion."""
+        return (0.0, 0.0, 0.0)
+
+    def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r 1 3"]:
+        """No motion."""
+        return torch.zeros_like(motion)[:, None]
+
+
+#: The noise of an unknown motion, in multiples of the noise of a step.
+STEPS_IF_UNKNOWN = 20.0
+
+
+@dataclass(frozen=True)
+class ExponentialMotion(MotionModel):
+    r""":math:`x_t = x_{t-1} \circ u_t \circ \exp(\epsilon)`, :math:`\epsilon \sim \mathcal N(0, \mathrm{diag}(v))`, and
+
+    .. math:: v = \sigma_{step}^2 + |t|\, v_{metre} + |\theta|\, v_{radian}
+
+    for a motion :math:`u = (t, \theta)`. The noise grows like a random walk with the distance and with the turn.
+
+    Args:
+        per_step: standard deviations along, across (metres) and in heading (rad), however small the motion.
+        per_metre: variances for each metre travelled.
+        per_radian: variances for each radian turned.
+        unknown: standard deviations where odometry is missing; None for twenty times ``per_step``. Then what cannot err
+            with odometry cannot err without it either: a train stays on its line.
+
+    Raises:
+        UserError: an argument is not three finite numbers of at least 0.
+
+    Example:
+        >>> import torch
+        >>> model = ExponentialMotion(per_step=(0.0, 0.0, 0.0), per_metre=(0.04, 0.0, 0.0))
+        >>> poses, metre = torch.zeros(1, 1000, 3).double(), torch.tensor([[1.0, 0.0, 0.0]]).double()
+        >>> moved = model.sample(poses, metre, torch.Generator().manual_seed(0))
+        >>> round(moved[0, :, 0].std().item(), 2)  # along, after one metre: sqrt(0.04)
+        0.2
+    """
+
+    per_step: tuple[float, float, float] = (0.025, 0.01, 0.015)
+    per_metre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    per_radian: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    unknown: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("per_step", "per_metre", "per_radian"):
+            check_not_negative(name, getattr(self, name), 3)
+        check_not_negative("unknown", self.if_unknown(), 3)
+
+    def if_unknown(self) -> Sequence[float]:
+        """``unknown``, or twenty times ``per_step``."""
+        return [STEPS_IF_UNKNOWN * sigma for sigma in self.per_step] if self.unknown is None else self.unknown
+
+    def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
+        """:math:`u \\circ \\exp(\\epsilon)`."""
+        way, turn = motion[:, :2].norm(dim=1), motion[:, 2].abs()
+        variance = (
+            motion.new_tensor(self.per_step).square()
+            + way[:, None] * motion.new_tensor(self.per_metre)
+            + turn[:, None] * motion.new_tensor(self.per_radian)
+        )
+        return se2_compose(motion[:, None], se2_exp(noise * variance.sqrt()[:, None]))
+
+
+@dataclass(frozen=True)
+class OdometryMotion(MotionModel):
+    r"""The odometry model with four alphas; noiseless when they are 0.
+
+    .. math:: \hat\delta_{1} &= \delta_{1} + \mathcal N(0, \alpha_1 \delta_1^2 + \alpha_2 d^2) \\
+       \hat d &= d + \mathcal N(0, \alpha_3 d^2 + \alpha_4 (\delta_1^2 + \delta_2^2)) \\
+       \hat\delta_{2} &= \delta_{2} + \mathcal N(0, \alpha_1 \delta_2^2 + \alpha_2 d^2)
+
+    Source: Thrun, Burgard & Fox, "Probabilistic Robotics", MIT Press 2005, table 5.6, with the robot's frame as the
+    origin. The table leaves two cases open. A robot that drives backwards has not turned round first: the first
+    rotation is folded into [-π/2, π/2], and d is then negative. Where the robot hardly moves, the direction is noise:
+    in the variances the first rotation then counts as zero, and the second as the whole turn.
+
+    Args:
+        alphas: variance of rotation by rotation, of rotation by translation (rad²/m²), of translation by translation,
+            of translation by rotation (m²/rad²).
+        least_translation: distance in metres below which the direction of a motion is treated as noise.
+        unknown: standard deviations along, across and in heading where odometry is missing.
+
+    Raises:
+        UserError: a value is negative or not finite, or an argument has the wrong number of values.
+
+    Example:
+        >>> exact, motion = OdometryMotion(alphas=(0.0, 0.0, 0.0, 0.0)), torch.tensor([[-1.0, 0.0, 0.0]]).double()
+        >>> exact.sample(torch.zeros(1, 1, 3).double(), motion, torch.Generator())  # a metre backwards
+        tensor([[[-1.,  0.,  0.]]], dtype=torch.float64)
+    """
+
+    alphas: tuple[float, float, float, float] = (0.2, 0.2, 0.2, 0.2)
+    least_translation: float = 0.01
+    unknown: tuple[float, float, float] = (0.5, 0.2, 0.2)
+
+    def __post_init__(self) -> None:
+        check_not_negative("alphas", self.alphas, 4)
+        check_not_negative("least_translation", [self.least_translation], 1)
+        check_not_negative("unknown", self.unknown, 3)
+
+    def if_unknown(self) -> Sequence[float]:
+        """``unknown``."""
+        return self.unknown
+
+    def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
+        """The motion with noise on each of its three parts."""
+        first, way, second = _parts(motion)
+        small = way.abs() < self.least_translation
+        turned = torch.where(small, 0.0, first)
+        turned_after = torch.where(small, motion[:, 2], second)
+        a1, a2, a3, a4 = self.alphas
+        variances = torch.stack(
+            [
+                a1 * turned**2 + a2 * way**2,
+                a3 * way**2 + a4 * (turned**2 + turned_after**2),
+                a1 * turned_after**2 + a2 * way**2,
+            ],
+            dim=1,
+        )
+        parts = torch.stack([first, way, second], dim=1)[:, None] + noise * variances.sqrt()[:, None]
+        first, way, second = parts.unbind(2)
+        return torch.stack([way * first.cos(), way * first.sin(), wrap_angle(first + second)], dim=2)
+
+
+def _parts(motion: Float64[Tensor, "r 3"]) -> tuple[Tensor, Tensor, Tensor]:
+    direction = torch.atan2(motion[:, 1], motion[:, 0])
+    back = direction.abs() > math.pi / 2
+    first = torch.where(back, wrap_angle(direction + math.pi), direction)
+    way = motion[:, :2].norm(dim=1)
+    return first, torch.where(back, -way, way), wrap_angle(motion[:, 2] - first)
+
+
+#: one particle in this many spreads further along with a pace, one in this many without, and one in this many turns
+#: wider
+FURTHER_ONE_IN, UNPACED_ONE_IN, TURNING_ONE_IN = 4, 2, 4
+#: factor of the standard deviations of an unknown motion for these particles
+FURTHER = 4.0
+
+
+@dataclass(frozen=True)
+class PacedMotion(MotionModel):
+    r"""Moves as ``measured`` where motion is known; where it is unknown, three in four particles keep the pace.
+
+    .. math:: x_t = x_{t-1} \circ \exp\big((v, 0, 0) + D\,\epsilon\big),
+
+    where v is the pace and ε has the standard deviations ``measured.if_unknown()``. Robots mostly go on as before:
+    D = I. One particle in four has D = diag(1, 1, 4), for a robot that turns a corner. Another has v = 0 and
+    D = diag(4, 1, 1), for a robot that stops, turns back or drives faster than any particle expected. Without a pace
+    v = 0, and half of the particles behave like the latter. A particle keeps its role until it is resampled. A model
+    without noise along the heading gets no pace either.
+
+    Args:
+        measured: model of known motions, and of the standard deviations of unknown ones.
+        pace: distance along the heading from one step to the next, in the unit of the map
+            (:class:`~sextant.localization.pace.Pace`); None if it is not known.
+
+    Example:
+        >>> from sextant.localization.motion import ExponentialMotion
+        >>> model = PacedMotion(ExponentialMotion((0.1, 0.0, 0.0), unknown=(1e-9, 0.0, 0.0)), pace=2.0)
+        >>> unknown = torch.full((1, 3), torch.nan).double()
+        >>> model.sample(torch.zeros(1, 4, 3).double(), unknown, torch.Generator())[0, :, 0].round().abs().tolist()
+        [2.0, 2.0, 2.0, 0.0]
+    """
+
+    measured: MotionModel
+    pace: float | None
+
+    def if_unknown(self) -> Sequence[float]:
+        """The standard deviations of ``measured``."""
+        return self.measured.if_unknown()
+
+    def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "#r #p 3"]:
+        """The increments of ``measured``."""
+        return self.measured.increments(motion, noise)
+
+    def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
+        """Of every four particles, the last spreads further and the third turns wider."""
+        deviations = noise.new_tensor(self.if_unknown())
+        twist = noise * deviations
+        kept = twist.new_tensor([(self.pace or 0.0) if deviations[0] > 0 else 0.0, 0.0, 0.0])
+        number = torch.arange(noise.shape[1], device=noise.device)[:, None]
+        one_in = UNPACED_ONE_IN if self.pace is None else FURTHER_ONE_IN
+        further, turning = number % one_in == one_in - 1, number % TURNING_ONE_IN == 2
+        turned = torch.where(turning, twist * twist.new_tensor([1.0, 1.0, FURTHER]), twist)
+        return se2_exp(torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), turned + kept))
+
+
+def motion_of_spacing(spacing: float, line: bool = False) -> ExponentialMotion:
+    """Odometry that errs by three tenths over one spacing of a map, and by two spacings where it is missing.
+
+    Wheels err by a tenth or less, but in the same way in each step. Images have to correct step by step what the noise
+    does not allow for, and the filter falls behind without knowing it (docs/localization_change.md).
+
+    Args:
+        spacing: spacing of the map's images, in the unit of positions, above 0
+            (:func:`~sextant.localization.map_support.map_spacing`).
+        line: whether positions lie along a line, with no errors across it.
+
+    >>> motion_of_spacing(2.0).unknown
+    (4.0, 0.4, 0.1)
+    >>> motion_of_spacing(2.0, line=True).unknown
+    (4.0, 0.0, 0.0)
+    """
+    aside = 0.0 if line else 1.0
+    return ExponentialMotion(
+        per_step=(0.01 * spacing, aside * 0.01 * spacing, aside * 0.005),
+        per_metre=(0.09 * spacing, aside * 0.001 * spacing, aside * 0.002 / max(1.0, spacing)),
+        per_radian=(0.0, aside * 0.001 * spacing**2, aside * 0.002),
+        unknown=(2 * spacing, aside * 0.2 * spacing, aside * 0.1),
+    )
