@@ -30,13 +30,13 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path / "outputs"))
 
 
-def run_all(folder, choose=lambda command: True):
-    """Run the commands for a folder, and return them; a command that fails raises ``SystemExit``."""
+def run_all(folder, choose=lambda command: True, smaller=()):
+    """Run the commands for a folder, ``smaller`` added, and return them; one that fails raises ``SystemExit``."""
     printed = [command for each in inspect(folder).suggestions for command in each.commands if choose(command)]
     for command in printed:
         program, verb, *words = shlex.split(command)
         assert program == "sextant"
-        cli.run(verb, words)
+        cli.run(verb, [*words, *smaller])
     return printed
 
 
@@ -127,7 +127,7 @@ def test_commands_for_drives_a_metre_apart_run_and_find_the_robot(tmp_path, caps
     print(rates)
     assert max(rates.values()) > 0
 
-    walks = run_all(files, lambda command: command.startswith("sextant walk"))
+    walks = run_all(files, lambda command: command.startswith("sextant walk"), ["photos=6"])
     assert any(f"odometry={files}/third/odometry.csv" in command for command in walks)
     printed = [command for each in inspect(files).suggestions for command in each.commands if "map=<map>" in command]
     assert len(printed) == 2

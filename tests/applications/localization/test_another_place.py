@@ -29,7 +29,7 @@ def test_in_the_wrong_building_all_is_lost_and_in_the_right_one_hardly_anything(
     corridors, gardens = real_data / "corridor_twice", real_data / "gardens_point"
     for home, size in SIZES.items():
         seen = {
-            "corridors": photos(corridors / "query", size, count=20),
+            "corridors": photos(corridors / "query", size),
             "gardens": photos(gardens / "day_right", size, 1, 3, 20),
             "gardens by night": photos(gardens / "night_right", size, 1, 3, 20),
             "hallway": hallway(real_data / "ie_tower", size, "f08_hallway_main"),
