@@ -208,6 +208,9 @@ def test_what_is_printed_after_a_run_runs_as_it_is_printed(name, tmp_path, monke
         "<panoramas>": "panoramas", "<folder>": "photos",
     }  # fmt: skip
     printed = {"evaluate": tested, "predict": answered, "sweep": "6 planned, "}
+    if name != "a classifier":  # whose sweep is run whole; of the others, the arm of another option
+        own["seed=0,1,2"] = "seed=0"
+        printed["sweep"] = "2 planned, "
     for what, line in lines:
         text = line
         for placeholder, path in own.items():

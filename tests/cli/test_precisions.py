@@ -1,4 +1,4 @@
-"""Every task under every precision of the schema: from the first step to the arrays, the table and the figures."""
+"""Every task under every other precision of the schema, from its first step to its arrays, table and figures."""
 
 import platform
 from typing import get_args
@@ -23,7 +23,8 @@ from sextant.lifecycle.run_reporter import RunReporter
 from sextant.runs.directory import RunDirectory
 
 PRECISIONS = get_args(Trainer.model_fields["precision"].annotation)
-ON_CPU = [precision for precision in PRECISIONS if precision != "16-mixed"]
+USUAL = "32-true"  # of the runs of all other tests
+ON_CPU = [precision for precision in PRECISIONS if precision not in ("16-mixed", USUAL)]
 
 
 def classification(root, cache, *overrides):
@@ -73,9 +74,7 @@ def cache(tmp_path_factory):
     return office_cache(tmp_path_factory)
 
 
-@pytest.mark.parametrize(
-    "precision", [name if name == "bf16-mixed" else pytest.param(name, marks=pytest.mark.slow) for name in ON_CPU]
-)
+@pytest.mark.parametrize("precision", ON_CPU)
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: task.__name__)
 def test_a_run_ends_with_its_report(tmp_path, cache, task, precision, monkeypatch):
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX512")  # bfloat16 is computed in anywhere
@@ -106,6 +105,6 @@ def test_a_processor_without_bfloat16_computes_in_float32_and_says_so(tmp_path, 
 
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: task.__name__)
 def test_half_precision_of_a_gpu_is_refused_on_the_cpu_before_anything_runs(tmp_path, cache, task):
-    assert set(PRECISIONS) - set(ON_CPU) == {"16-mixed"}
+    assert set(PRECISIONS) == {"16-mixed", USUAL, *ON_CPU}
     with pytest.raises(UserError, match=r"trainer\.precision=16-mixed needs trainer=gpu"):
         validate(task(tmp_path, cache, "trainer.precision=16-mixed"))

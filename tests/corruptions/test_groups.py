@@ -1,8 +1,5 @@
 """Where the corruptions are: one looks in the folder of a family."""
 
-import subprocess
-import sys
-
 import pytest
 
 from sextant.corruptions import cifar10_c, imagenet_c, mnist_c
@@ -27,10 +24,3 @@ def test_a_corruption_lies_in_the_folder_of_its_family(corruptions):
 def test_what_mnist_c_alone_has_are_shapes():
     ours = {name: group(corruption) for name, corruption in mnist_c().items()}
     assert {name for name, where in ours.items() if where == "shapes"} == SHAPES
-
-
-@pytest.mark.slow
-def test_heavy_libraries_wait_until_a_corruption_needs_them():
-    code = "import sys, sextant.corruptions; print(*{'cv2', 'numba', 'skimage', 'scipy'} & set(sys.modules))"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert loaded == []

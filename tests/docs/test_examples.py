@@ -26,10 +26,11 @@ NOT_RUN = {
     "TiledMapBuilder(folder)": "streams a map of its own; smaller in tests/localization",
     "localize_walk(": "needs a walk and a map; tests/applications/walks",
     "load_store(": "needs a town, which takes minutes to render; smaller in tests/data/rendered",
+    "sextant.sweep(": "trains four networks; tests/lifecycle/test_library.py runs it and reads what it prints",
     "town.renderer(look)": "renders for half a minute; smaller in tests/worlds",
 }
 #: what an example holds that takes long
-SLOW = ("sextant.sweep(", "Landmarks(")
+SLOW = ("Landmarks(",)
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +57,9 @@ def names(tmp_path, monkeypatch):
     monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path / "outputs"))
     for folder in ("docs", "examples"):
         (tmp_path / folder).symlink_to(ROOT / folder)
-    drawn(tmp_path / "photo.jpg", (640, 480), glyphs=((310, 190),))
+    drawn(tmp_path / "photo.jpg", (400, 300), glyphs=((310, 190),))
     for k in range(4):
-        drawn(tmp_path / "photos" / f"{k}.png", (640, 480), glyphs=((100 + 90 * k, 150),))
+        drawn(tmp_path / "photos" / f"{k}.png", (400, 300), glyphs=((100 + 90 * k, 150),))
     (tmp_path / "photos" / "broken.jpg").write_bytes(b"")
     (tmp_path / "odometry.csv").write_text("x,y,theta\n0,0,0\n1,0,0.1\n")
     for light in ("day", "night"):

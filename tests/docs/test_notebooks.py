@@ -1,6 +1,7 @@
 """The notebooks run from their first cell to their last, and show what they showed when they were stored."""
 
 import json
+import os
 import re
 
 import pytest
@@ -13,16 +14,28 @@ def stored(path):
     return json.loads(path.read_text("utf-8"))["cells"]
 
 
+@pytest.fixture(scope="module")
+def kernel():
+    """One for all: what a notebook imports is read once, and its names are forgotten before the next one runs."""
+    from jupyter_client.manager import AsyncKernelManager
+    from nbclient.util import run_sync
+
+    given = {name: value for name, value in os.environ.items() if name != "SEXTANT_DATA"} | {"PYTHONWARNINGS": "ignore"}
+    manager = AsyncKernelManager(kernel_name="python3")
+    run_sync(manager.start_kernel)(cwd=str(ROOT / "notebooks"), env=given)
+    yield manager
+    run_sync(manager.shutdown_kernel)(now=True)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs(path, monkeypatch):
+def test_a_notebook_runs(path, kernel):
     import nbformat
     from nbclient import NotebookClient
 
-    monkeypatch.setenv("PYTHONWARNINGS", "ignore")
-    monkeypatch.delenv("SEXTANT_DATA", raising=False)
-    notebook = nbformat.read(path, 4)
-    NotebookClient(notebook, timeout=240, resources={"metadata": {"path": str(path.parent)}}).execute()
+    forgets = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("%reset -f")])
+    for notebook in (forgets, nbformat.read(path, 4)):
+        NotebookClient(notebook, km=kernel, timeout=240).execute()
     kinds = [[output["output_type"] for output in cell.get("outputs", [])] for cell in notebook.cells]
     assert [set(each) for each in kinds] == [
         {output["output_type"] for output in cell.get("outputs", [])} for cell in stored(path)

@@ -39,9 +39,9 @@ RUN = {
         ("corruption.corruptions.gaussian.levels=[0.1]", "tracking=none"),
         "test/accuracy/gaussian/0.1",
     ),
-    "python predict.py run=<run> input=<folder> output=<folder>": ((), "16 images classified"),
+    "python predict.py run=<run> input=<folder> output=<folder>": ((), "4 images classified"),
     f"python predict.py task=cosfire {PROTOTYPE}": ((), "image"),
-    "python train.py task=cosfire": (QUICK_FILTERS[1:], "cosfire_svm"),
+    "python train.py task=cosfire": (QUICK_FILTERS[1:] + PLAIN[3:], "cosfire_svm"),
     "python train.py task=cosfire bank=gabor strategy=circles": (QUICK_FILTERS[1:] + PLAIN[2:], "cosfire_svm"),
     "python train.py inhibition=push_pull corruption=gaussian": (
         tuple(each for each in ONCE if "contrast_poisson" not in each),
@@ -142,8 +142,8 @@ def desk(tmp_path_factory):
         for k in range(12):
             Image.fromarray(picture(k + 100 * (name == "b"), 32, 32)).save(folder / "classes" / name / f"{k}.png")
     (folder / "photos").mkdir()
-    for k in range(16):
-        Image.fromarray(picture(k, 60, 80)).resize((640, 480)).save(folder / "photos" / f"{k}.png")
+    for k in range(4):
+        Image.fromarray(picture(k, 60, 80)).resize((400, 300)).save(folder / "photos" / f"{k}.png")
     for name in ("map", "run"):
         (folder / "drives" / name).mkdir(parents=True)
         for k in range(30):

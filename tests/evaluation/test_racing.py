@@ -101,7 +101,7 @@ def test_whatever_the_scores(seed, trials, seeds):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("spread", "images"), [(0.005, None), (0.02, None), (0.05, None), (0.01, 143)])
+@pytest.mark.parametrize(("spread", "images"), [(0.005, None), (0.05, None), (0.01, 143)])
 def test_racing_saves_runs_and_loses_little(spread, images):
     saved, with_racing, with_all = simulated(spread, images, searches=50)
     assert saved.mean() > 0.45

@@ -116,7 +116,7 @@ def test_cameras_are_found_elsewhere_as_here(cameras, form, tmp_path):
 
 @pytest.mark.slow
 def test_what_filters_look_at_is_exported_and_filters_without_a_network_are_not(tmp_path):
-    run = digits_run(tmp_path / "network")
+    run = digits_run(tmp_path / "network", "trainer.max_epochs=1", "task.images=60", "task.filters_per_class=1")
     exported = export_run(str(run.path), "onnx", tmp_path / "out")
     content = read_trained(run.last_checkpoint)
     images = np.random.default_rng(0).random((2, 1, 28, 28), dtype=np.float32)

@@ -136,8 +136,9 @@ def test_a_cell_that_fails_is_an_outcome(tmp_path):
 @pytest.mark.slow
 def test_workers_compute_what_this_process_does(swept, tmp_path):
     found, _, given = swept
-    there = sextant.sweep(overrides=[*given, f"paths.outputs={tmp_path}"], workers=2)
-    assert [outcome.metrics for outcome in there.outcomes] == [outcome.metrics for outcome in found.outcomes]
+    there = sextant.sweep(overrides=[*given, f"paths.outputs={tmp_path}", "inhibition=none"], workers=2)
+    assert len(there.outcomes) == 2
+    assert [outcome.metrics for outcome in there.outcomes] == [outcome.metrics for outcome in found.outcomes[:2]]
 
 
 def test_config_files_of_ones_own_are_found(swept, outputs, tmp_path):

@@ -26,7 +26,7 @@ from sextant.tracking.registry import answered
 from sextant.tracking.server import guarded
 from sextant.tracking.store import open_store
 
-REQUESTS = 100
+REQUESTS = 30
 
 
 def photo(number, kind="png"):
@@ -160,7 +160,7 @@ def test_a_bad_name_is_reported(outputs, places):
 
 
 @pytest.mark.slow
-def test_a_served_model_answers_a_hundred_requests(outputs, places, monkeypatch):
+def test_a_served_model_answers_many_requests(outputs, places, monkeypatch):
     register_run(str(places), "served", outputs)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -113,7 +113,7 @@ def test_the_posterior_is_as_sure_as_it_is_right(frames, together):
 
 @pytest.mark.slow
 def test_too_little_noise_is_found_out():
-    values = errors(3, 0.25)
+    values = errors(3, 0.25, worlds=WORLDS // 4)  # the effect is large
     found = posterior_calibration(values, 3, confidence=0.9999)
     assert found.mean > 2 * found.high
     assert (values <= stats.chi2.ppf(0.95, 3)).mean() < 0.7

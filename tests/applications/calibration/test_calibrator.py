@@ -1,6 +1,4 @@
 import math
-import subprocess
-import sys
 import weakref
 from dataclasses import replace
 
@@ -9,6 +7,7 @@ import pytest
 import torch
 from cli.photo_calibration.fakes import Fake, exif, photo
 from PIL import Image
+from support import imported_anew
 from tiny_calibration import CAMERAS, tiny_checkpoint, tiny_module
 
 import sextant
@@ -82,20 +81,16 @@ def test_what_a_run_trained_calibrates_without_its_module(checkpoint, tmp_path):
     assert 0.4 * 120 < camera.focal_px < 1.6 * 120
 
 
-@pytest.mark.slow
-def test_neither_hydra_nor_lightning_nor_mlflow_need_be_there(checkpoint, tmp_path):
-    program = f"""
-import sys
-for name in {BLOCKED!r}:
-    sys.modules[name] = None
-import sextant
-calibrator = sextant.PhotoCalibrator.load({str(checkpoint)!r})
-camera = calibrator.calibrate({str(photo(tmp_path / "a.png"))!r})
-matrix, distortion = camera.opencv()
-print(camera.focal_px == matrix[0, 0], camera.verdict, len(calibrator.one_camera([camera.name, camera.name]).cameras))
-"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert (done.stdout.split()[0], done.stdout.split()[-1], done.stderr) == ("True", "2", "")
+def test_neither_hydra_nor_lightning_nor_mlflow_need_be_there(checkpoint, tmp_path, capfd):
+    with imported_anew(*BLOCKED) as anew:
+        assert anew.PhotoCalibrator is not PhotoCalibrator
+        calibrator = anew.PhotoCalibrator.load(checkpoint)
+        camera = calibrator.calibrate(photo(tmp_path / "a.png"))
+        matrix, _ = camera.opencv()
+        assert camera.focal_px == matrix[0, 0]
+        assert len(calibrator.one_camera([camera.name, camera.name]).cameras) == 2
+    assert sextant.PhotoCalibrator is PhotoCalibrator
+    assert capfd.readouterr() == ("", "")
 
 
 def test_another_task_is_refused(checkpoint):

@@ -195,7 +195,7 @@ def test_gravity_is_one_direction_in_what_colmap_reconstructs(real_data, tmp_pat
     photos = real_data / "photos" / "sceaux_castle"
     one = PhotoCalibrator.load().one_camera(sorted(photos.glob("*.[jJ][pP][gG]")))
     database, priors = write_colmap(one.cameras, tmp_path / "out")
-    extraction = pycolmap.FeatureExtractionOptions(num_threads=1, use_gpu=False, max_image_size=1000)
+    extraction = pycolmap.FeatureExtractionOptions(num_threads=1, use_gpu=False, max_image_size=640)
     pycolmap.extract_features(database, photos, extraction_options=extraction)
     pycolmap.match_exhaustive(database, matching_options=pycolmap.FeatureMatchingOptions(num_threads=1, use_gpu=False))
     options = pycolmap.IncrementalPipelineOptions(num_threads=1)

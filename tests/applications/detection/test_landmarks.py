@@ -53,7 +53,7 @@ def test_the_photo_may_be_larger_than_the_images(example, tmp_path):
 
 @pytest.mark.slow
 def test_beside_an_ordinary_descriptor_they_count_as_much_as_they_are_to(example, tmp_path):
-    images = np.stack([scene(tmp_path / f"{x}.png", x) for x in range(30, 200, 10)])
+    images = np.stack([scene(tmp_path / f"{x}.png", x) for x in range(30, 200, 25)])
     for weight in (1.0, 3.0):
         both = landmarks(example, beside="hog", weight=weight).add(example, [(60, 40), (110, 80)]).fit(images)
         rows = both.describe(images)
@@ -112,7 +112,7 @@ def test_landmarks_come_before_the_filters(example, tmp_path):
 @pytest.mark.slow
 def test_a_run_of_localization_by_three_clicks_in_a_rendered_office(tmp_path, tmp_path_factory):
     cache, photo = office_cache(tmp_path_factory), tmp_path / "photo.png"
-    size = ("dataset.width=48", "dataset.height=36", "dataset.metres=[20.0,6.0,8.0]")
+    size = ("dataset.width=48", "dataset.height=36", "dataset.metres=[8.0,3.0,4.0]", "dataset.conditions=[summer_noon]")
     rng = np.random.default_rng(0)
     Image.fromarray(rng.integers(0, 255, (9, 12, 3), np.uint8)).resize((96, 72), Image.Resampling.NEAREST).save(photo)
     words = ["descriptor=landmarks", f"descriptor.photo={photo}", "descriptor.points=[[48,36],[30,30],[60,40]]"]

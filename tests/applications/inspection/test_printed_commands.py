@@ -17,7 +17,7 @@ from sextant.lifecycle.checks import checked, preflight, require_possible
 from sextant.recipes import recipe_of
 from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
 
-SIZE = (224, 168)
+SIZE = (112, 84)
 FEW = ["one camera", "classes", "two rides", "two trajectories", "known cameras", "names with UTM"]
 
 
@@ -30,13 +30,13 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path / "outputs"))
 
 
-def run_all(folder, choose=lambda command: True):
-    """Run the commands for a folder, and return them; a command that fails raises ``SystemExit``."""
+def run_all(folder, choose=lambda command: True, smaller=()):
+    """Run the commands for a folder, ``smaller`` added, and return them; one that fails raises ``SystemExit``."""
     printed = [command for each in inspect(folder).suggestions for command in each.commands if choose(command)]
     for command in printed:
         program, verb, *words = shlex.split(command)
         assert program == "sextant"
-        cli.run(verb, words)
+        cli.run(verb, [*words, *smaller])
     return printed
 
 
@@ -106,18 +106,18 @@ def test_commands_for_drives_a_metre_apart_run_and_find_the_robot(tmp_path, caps
     town, way = Town(streets, seed=3), random_walk(streets, 150, seed=1)
     mapped, second = (drive(streets, way, seed=seed).sample_by_distance(1).poses for seed in (2, 5))
     files = tmp_path / "files"
-    shoot(files / "map", town, mapped[:80], condition("summer_noon"))
-    images = shoot(files / "second", town, second[10:60], condition("autumn_morning"))
-    shoot(files / "third", town, second[10:30], condition("autumn_morning"))
+    shoot(files / "map", town, mapped[:50], condition("summer_noon"))
+    images = shoot(files / "second", town, second[10:40], condition("autumn_morning"))
+    shoot(files / "third", town, second[10:22], condition("autumn_morning"))
     (files / "third" / "poses.csv").unlink()
-    rows = [f"{k:03d}.png,{x},{y},{turn}" for k, (x, y, turn) in enumerate(second[10:30])]
+    rows = [f"{k:03d}.png,{x},{y},{turn}" for k, (x, y, turn) in enumerate(second[10:22])]
     (files / "third" / "odometry.csv").write_text("\n".join(["file,x,y,theta", *rows]))
     video = cv2.VideoWriter(str(files / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, SIZE)
     for image in images:
         video.write(np.ascontiguousarray(image[..., ::-1]))
     video.release()
     bags = Bags(2)
-    bags.write(files, [("/camera", k + 1, bags.image(k + 1, image, "rgb8")) for k, image in enumerate(images[:30])])
+    bags.write(files, [("/camera", k + 1, bags.image(k + 1, image, "rgb8")) for k, image in enumerate(images[:12])])
 
     trained = run_all(files, lambda command: command.startswith("sextant train"))
     assert len(trained) == 1
@@ -127,7 +127,7 @@ def test_commands_for_drives_a_metre_apart_run_and_find_the_robot(tmp_path, caps
     print(rates)
     assert max(rates.values()) > 0
 
-    walks = run_all(files, lambda command: command.startswith("sextant walk"))
+    walks = run_all(files, lambda command: command.startswith("sextant walk"), ["photos=6"])
     assert any(f"odometry={files}/third/odometry.csv" in command for command in walks)
     printed = [command for each in inspect(files).suggestions for command in each.commands if "map=<map>" in command]
     assert len(printed) == 2

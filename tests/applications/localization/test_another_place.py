@@ -20,7 +20,7 @@ def photos(folder, size, start=0, step=1, count=40):
 def hallway(tower, size, video):
     with (tower / "labels.csv").open() as file:
         files = [row["file"] for row in csv.DictReader(file) if row["video"] == video]
-    return np.stack([np.asarray(Image.open(tower / name).convert("RGB").resize(size)) for name in files[:40]])
+    return np.stack([np.asarray(Image.open(tower / name).convert("RGB").resize(size)) for name in files[:20]])
 
 
 @pytest.mark.slow
@@ -30,10 +30,10 @@ def test_in_the_wrong_building_all_is_lost_and_in_the_right_one_hardly_anything(
     for home, size in SIZES.items():
         seen = {
             "corridors": photos(corridors / "query", size),
-            "gardens": photos(gardens / "day_right", size, 1, 3),
-            "gardens by night": photos(gardens / "night_right", size, 1, 3),
+            "gardens": photos(gardens / "day_right", size, 1, 3, 20),
+            "gardens by night": photos(gardens / "night_right", size, 1, 3, 20),
             "hallway": hallway(real_data / "ie_tower", size, "f08_hallway_main"),
-            "castle": photos(real_data / "strecha_posed", size, 0, 1, 30),
+            "castle": photos(real_data / "strecha_posed", size, 0, 1, 15),
         }
         folder, step, count = (
             ("corridor_twice/map", 1, 40) if home == "corridors" else ("gardens_point/day_left", 2, 60)

@@ -3,8 +3,6 @@
 import json
 import math
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -70,10 +68,7 @@ def same(a, b):
     )
 
 
-@pytest.mark.slow
-def test_importing_the_package_is_light_and_it_has_no_other_names():
-    code = "import sextant, sys; assert 'torch' not in sys.modules and 'numpy' not in sys.modules; sextant.Localizer"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+def test_the_package_has_no_other_names():
     with pytest.raises(AttributeError, match="Localiser"):
         sextant.Localiser  # noqa: B018
 

@@ -2,12 +2,11 @@
 
 import json
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import torch
+from support import imported_anew
 from test_imports import HEAVY
 from tiny_places import Pixels, ride, scene, tiny_checkpoint
 
@@ -471,22 +470,14 @@ def test_models_of_other_tasks_are_refused(checkpoint, tmp_path):
         PlaceMap.load(tmp_path / "other.ckpt")
 
 
-@pytest.mark.slow
-def test_it_needs_neither_hydra_nor_lightning_nor_mlflow_and_prints_nothing(rides, checkpoint, tmp_path):
-    program = f"""
-import sys
-from sextant import PlaceMap
-places = PlaceMap.load(sys.argv[1])
-places.add(sys.argv[2])
-places.save(sys.argv[4])
-found = PlaceMap.open(sys.argv[4]).look_up(sys.argv[3])
-assert len(found.matches) == 5
-heavy = [name for name in {HEAVY} if name in sys.modules]
-assert not heavy, heavy
-"""
-    given = map(str, [checkpoint, rides[0], rides[1] / "000.png", tmp_path / "map"])
-    done = subprocess.run([sys.executable, "-c", program, *given], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+def test_it_needs_neither_hydra_nor_lightning_nor_mlflow_and_prints_nothing(rides, checkpoint, tmp_path, capfd):
+    with imported_anew(*HEAVY) as anew:
+        assert anew.PlaceMap is not PlaceMap
+        places = anew.PlaceMap.load(checkpoint)
+        places.add(rides[0])
+        places.save(tmp_path / "map")
+        assert len(anew.PlaceMap.open(tmp_path / "map").look_up(rides[1] / "000.png").matches) == 5
+    assert capfd.readouterr() == ("", "")
 
 
 def test_it_is_where_users_look_for_it():

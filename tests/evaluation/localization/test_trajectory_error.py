@@ -210,10 +210,10 @@ def test_made_up_drives_have_the_errors_that_evo_finds(seed):
 @pytest.mark.real_data
 @pytest.mark.slow
 def test_a_real_drive_has_the_errors_that_evo_finds(real_data):
-    """Visual odometry (ORB-SLAM) on the first drive of KITTI: 4541 poses."""
+    """Visual odometry (ORB-SLAM) on the first drive of KITTI: 1500 of its 4541 poses."""
     drives = []
     for file in ("poses/00.txt", "estimates/00_ORB.txt"):
-        rows = np.loadtxt(real_data / "kitti" / file).reshape(-1, 3, 4)
+        rows = np.loadtxt(real_data / "kitti" / file).reshape(-1, 3, 4)[:1500]
         drives.append(np.concatenate([rows, np.broadcast_to([[[0.0, 0, 0, 1]]], (len(rows), 1, 4))], axis=1))
     compare_with_evo(*drives, 1e-9)
 

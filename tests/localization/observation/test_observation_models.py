@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import pytest
 
 from sextant.config.schema.localization.parts import Observation
@@ -28,10 +25,3 @@ def test_a_name_that_is_none_is_refused(name):
 def test_only_models_are_found_as_attributes():
     with pytest.raises(AttributeError, match="made_up"):
         _ = observation.made_up
-
-
-@pytest.mark.slow
-def test_nothing_slow_is_imported_before_a_model_is_asked_for():
-    code = "import sys, sextant.localization.observation; print(any(m in sys.modules for m in ('numba', 'gpytorch')))"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "False"
