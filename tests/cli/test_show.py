@@ -12,7 +12,7 @@ import pytest
 from sextant.applications.calibration.written_cameras import WrittenCameras
 from sextant.atomic_files import write_json
 from sextant.cli.console import console
-from sextant.cli.photo_calibration.telling import tell
+from sextant.cli.photo_calibration.predict import tell
 from sextant.cli.show import show_next, show_result, show_start
 from sextant.composing.compose import compose, to_plain
 from sextant.lifecycle.checks import checked

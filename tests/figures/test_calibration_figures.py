@@ -11,11 +11,14 @@ from PIL import Image
 
 from sextant.evaluation.calibration.sparsification import sparsification
 from sextant.evaluation.conformal import coverage_curve
-from sextant.figures.calibration.coverage import coverage_curves
-from sextant.figures.calibration.error_by_parameter import binned_quartiles, error_by_parameter
-from sextant.figures.calibration.scatter import predicted_against_true
+from sextant.figures.calibration.errors import (
+    binned_quartiles,
+    coverage_curves,
+    error_by_parameter,
+    predicted_against_true,
+    sparsification_curves,
+)
 from sextant.figures.calibration.sheet import calibration_sheet
-from sextant.figures.calibration.sparsification import sparsification_curves
 from sextant.figures.style import COLOURS, save_figure
 from sextant.geometry import CameraParameters
 

@@ -5,9 +5,14 @@ import pytest
 from matplotlib.colors import to_hex
 
 from sextant.evaluation.classification.corruption_error import CORRUPTION_FAMILIES
-from sextant.figures.classification.corruption_difference import BETTER, WORSE, DifferenceBar, corruption_difference
-from sextant.figures.classification.corruption_families import by_family
-from sextant.figures.classification.corruption_heatmap import corruption_heatmap
+from sextant.figures.classification import (
+    BETTER,
+    WORSE,
+    DifferenceBar,
+    by_family,
+    corruption_difference,
+    corruption_heatmap,
+)
 from sextant.figures.style import save_figure
 
 ERRORS = {"fog": (0.1, 0.4), "gaussian_noise": (0.2, 0.9), "stripe": (0.3,)}

@@ -7,8 +7,7 @@ from matplotlib.colors import to_hex
 from PIL import Image
 from torch import nn
 
-from sextant.figures.classification.first_kernels import first_kernels
-from sextant.figures.classification.severity_curves import severity_curves
+from sextant.figures.classification import first_kernels, severity_curves
 from sextant.figures.confusion_matrix import confusion_matrix
 from sextant.figures.contact_sheet import contact_sheet
 from sextant.figures.contrast_forest import ForestRow, contrast_forest

@@ -12,10 +12,9 @@ import pytest
 from sextant.applications.localization.written_poses import draw_trajectory
 from sextant.evaluation.places.condition_recall import factor_recall
 from sextant.evaluation.places.positives import Positives
-from sextant.figures.classification.corruption_difference import DifferenceBar, corruption_difference
+from sextant.figures.classification import DifferenceBar, corruption_difference
 from sextant.figures.contrast_forest import ForestRow, contrast_forest
-from sextant.figures.places.invariance_curves import invariance_curves
-from sextant.figures.places.similarity_matrix import similarity_matrix
+from sextant.figures.places import invariance_curves, similarity_matrix
 from sextant.figures.search_history import TrialPoint, search_history
 
 NAN = float("nan")

@@ -7,11 +7,18 @@ from matplotlib.colors import to_hex
 from sextant.evaluation.places.condition_recall import ConditionRecall, factor_recall
 from sextant.evaluation.places.positives import Positives
 from sextant.evaluation.places.precision_recall import precision_recall
-from sextant.figures.places.condition_confusion import condition_confusion
-from sextant.figures.places.invariance_curves import invariance_curves
-from sextant.figures.places.precision_recall import precision_recall_curves
-from sextant.figures.places.retrieval_gallery import RIGHT, UNKNOWN, WRONG, Retrieved, retrieval_gallery
-from sextant.figures.places.similarity_matrix import MOST_CELLS, similarity_matrix
+from sextant.figures.places import (
+    MOST_CELLS,
+    RIGHT,
+    UNKNOWN,
+    WRONG,
+    Retrieved,
+    condition_confusion,
+    invariance_curves,
+    precision_recall_curves,
+    retrieval_gallery,
+    similarity_matrix,
+)
 from sextant.figures.style import save_figure
 
 GOOD = precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, True, False]), 4)

@@ -1,1 +1,1 @@
-"""Figures from arrays, one per file; each function returns a matplotlib figure and writes nothing."""
+"""Figures from arrays; each function returns a matplotlib figure and writes nothing."""

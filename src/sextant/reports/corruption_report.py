@@ -4,9 +4,13 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
-from sextant.figures.classification.corruption_difference import DifferenceBar, corruption_difference
-from sextant.figures.classification.corruption_heatmap import corruption_heatmap
-from sextant.figures.classification.corruption_radar import LEAST, corruption_radar
+from sextant.figures.classification import (
+    LEAST,
+    DifferenceBar,
+    corruption_difference,
+    corruption_heatmap,
+    corruption_radar,
+)
 from sextant.reports.corruption_contrasts import CorruptionContrast, corruption_contrasts
 from sextant.reports.corruption_errors import ArmErrors, arm_errors, baseline_of, scored_sets
 from sextant.reports.corruption_tables import (

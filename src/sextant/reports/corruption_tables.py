@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from sextant.evaluation import CORRUPTION_FAMILIES, CorruptionBaseline, PairedDifference, corruption_score
-from sextant.figures.classification.corruption_families import by_family
+from sextant.figures.classification import by_family
 from sextant.reports.corruption_contrasts import CorruptionContrast, of_corruption
 from sextant.reports.corruption_errors import ArmErrors, OverSeeds
 from sextant.reports.results import SweepResults

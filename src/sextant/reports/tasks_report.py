@@ -11,8 +11,7 @@ from typing import Any
 
 from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
 from sextant.evaluation.headline import CLEAN, PREFIX, relative_loss
-from sextant.figures.classification.corruption_families import by_family
-from sextant.figures.classification.corruption_heatmap import corruption_heatmap
+from sextant.figures.classification import by_family, corruption_heatmap
 from sextant.figures.style import save_figure
 from sextant.reports.corruption_errors import OverSeeds
 from sextant.reports.results import SweepResults

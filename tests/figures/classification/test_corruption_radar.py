@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from sextant.evaluation import ALL_19, CORRUPTION_FAMILIES
-from sextant.figures.classification.corruption_difference import DifferenceBar, corruption_difference
-from sextant.figures.classification.corruption_heatmap import corruption_heatmap
-from sextant.figures.classification.corruption_radar import corruption_radar
+from sextant.figures.classification import DifferenceBar, corruption_difference, corruption_heatmap, corruption_radar
 from sextant.figures.style import save_figure
 
 ERRORS = {

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.layers.cosfire import ChannelPeaks, VectorKeypoints
-from sextant.layers.cosfire.strategy import keep_apart, peaks
+from sextant.layers.cosfire.strategies import keep_apart, peaks
 
 GRID = torch.arange(3, dtype=torch.float64)[:, None]
 places = st.tuples(st.integers(1, 9), st.integers(1, 9))

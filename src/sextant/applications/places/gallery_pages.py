@@ -16,7 +16,7 @@ from sextant.data.image_files import decode_image
 from sextant.reporter import Advance
 
 if TYPE_CHECKING:
-    from sextant.figures.places.retrieval_gallery import Retrieved
+    from sextant.figures.places import Retrieved
 
 QUERIES, ON_A_PAGE = 40, 8
 MATCHES = 5
@@ -41,7 +41,7 @@ def write_gallery(
     Raises:
         UserError: the disk is full, or the folder cannot be written to.
     """
-    from sextant.figures.places.retrieval_gallery import retrieval_gallery
+    from sextant.figures.places import retrieval_gallery
     from sextant.figures.style import save_figure
 
     good = [row for row in rows if "error" not in row]
@@ -65,7 +65,7 @@ def write_gallery(
 def _retrieved(
     row: Mapping[str, Any], number: int, reference: DescribedPhotos, queries: DescribedPhotos, places: KnownPlaces
 ) -> "Retrieved":
-    from sextant.figures.places.retrieval_gallery import Retrieved
+    from sextant.figures.places import Retrieved
 
     matches = row.get("sequence_matches", row["matches"])[:MATCHES]
     truth = None

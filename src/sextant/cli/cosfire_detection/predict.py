@@ -6,6 +6,7 @@ from typing import Any
 
 from jaxtyping import Float
 from numpy import ndarray
+from rich.markup import escape
 
 from sextant.applications.detection.detector import Detection, ExampleDetector
 from sextant.applications.detection.images import UprightImage, read_image
@@ -13,14 +14,14 @@ from sextant.applications.detection.network import TrainedFeatures
 from sextant.applications.detection.options import PHOTO
 from sextant.applications.detection.written_detections import filter_facts, write_detections
 from sextant.applications.write_errors import telling_write_errors
+from sextant.cli.console import console, rows_table
 from sextant.cli.cosfire_detection.inputs import DetectionInputs
-from sextant.cli.cosfire_detection.telling import tell
-from sextant.cli.skipped_files import skipped_of
+from sextant.cli.output_folder import tell_written
+from sextant.cli.skipped_files import skipped_of, tell_skipped
 from sextant.cli.work_progress import work_progress
 from sextant.data.photos.file_stems import file_stems
-from sextant.errors import UserError
-from sextant.figures.cosfire.filter import cosfire_filter
-from sextant.figures.cosfire.responses import cosfire_responses
+from sextant.errors import NAMED, UserError
+from sextant.figures.cosfire import cosfire_filter, cosfire_responses
 from sextant.figures.style import save_figure
 
 #: name of the prototype's picture, which later commands do not mistake for an input
@@ -117,3 +118,31 @@ def _remarks(
             "so that things in them are of other sizes: give longest= the largest side, or scales="
         )
     return remarks
+
+
+def tell(
+    rows: Sequence[Mapping[str, Any]], skipped: Mapping[str, str], remarks: Sequence[str], written: Sequence[Path]
+) -> None:
+    """Print what was found, which images failed, remarks on the scores, and where the files are."""
+    good = [row for row in rows if row["file"] not in skipped]
+    ordered = sorted(good, key=_best, reverse=True)
+    table = [
+        {
+            "image": Path(row["file"]).name,
+            "found": f"{len(row['detections']):,}",
+            "best score": f"{_best(row):.2f}" if row["detections"] else "–",
+        }
+        for row in ordered[:NAMED]
+    ]
+    console.print(rows_table("Detections", table))
+    if len(ordered) > NAMED:
+        console.print(f"[dim]and {len(ordered) - NAMED:,} more in detections.json[/]")
+    tell_skipped(skipped)
+    for remark in remarks:
+        console.print(f"[dim]{escape(remark)}[/]")
+    total = sum(len(row["detections"]) for row in good)
+    tell_written(f"{total:,} detections in {len(good):,} images", len(skipped), written)
+
+
+def _best(row: Mapping[str, Any]) -> float:
+    return max((float(found["score"]) for found in row["detections"]), default=0.0)

@@ -1,9 +1,11 @@
-"""Matches a folder of queries with a folder of map photos and writes the matches to files."""
+"""Matches a folder of queries with a folder of map photos, writes the matches to files, and prints them."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from rich.markup import escape
 
 from sextant.applications.inspection.suggestion import overrides_of
 from sextant.applications.places.describing import LARGEST_STRETCH, DescribedPhotos
@@ -17,12 +19,14 @@ from sextant.applications.places.rows import counts, query_rows
 from sextant.applications.places.run_facts import Temperature
 from sextant.applications.places.written_matches import write_matches
 from sextant.applications.write_errors import telling_write_errors
-from sextant.cli.place_matching import telling
+from sextant.cli.console import console, rows_table
+from sextant.cli.output_folder import tell_written
 from sextant.cli.place_matching.inputs import PlaceInputs, refuse_overlap
 from sextant.cli.place_matching.options import PlaceOptions
+from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress
 from sextant.data.unusable_files import nothing_usable
-from sextant.errors import UserError
+from sextant.errors import NAMED, UserError
 
 
 def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -76,7 +80,7 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     kept = [path for path in (output / "map", output / "queries") if options.descriptors and path.is_dir()]
     if options.colmap:
         kept.append(write_row_pairs(rows, reference.photos.folder, queries.photos.folder, output))
-    telling.tell(rows, counted, described, remarks, [output / "matches.csv", output / "matches.json", *pages, *kept])
+    tell(rows, counted, described, remarks, [output / "matches.csv", output / "matches.json", *pages, *kept])
     return rows
 
 
@@ -127,11 +131,11 @@ def _remarks(
     elif temperature.value is None:
         told.append(f"no confidence, similarities only: {temperature.lacking}")
     else:
-        told.append(f"{telling.SUPPOSED} (temperature {temperature.value:.4g}, fitted on the run's validation split)")
+        told.append(f"{SUPPOSED} (temperature {temperature.value:.4g}, fitted on the run's validation split)")
         if options.sequence:
             told.append("the temperature is of single photos: matches by sequences have no confidence")
     if options.places == "none" and places.tolerance.positive < 1:
-        told.append(telling.ALONE)
+        told.append(ALONE)
     for key, photos in described.items():
         if photos.stretched:
             told.append(
@@ -162,3 +166,64 @@ def _comparison(places: PlaceMap, inputs: PlaceInputs, known: KnownPlaces, run: 
         f"heading_deg: {heading}}}",
     ]
     return shlex.join(words)
+
+
+#: the meaning of a confidence, shown in the terminal and in matches.json
+SUPPOSED = (
+    "confidence is the probability that the place of a match is the query's, supposing that its place is in the map: a "
+    "query of another place has some too"
+)
+ALONE = "each map image counts as a place of its own; if the map is a ride, give tolerance=<files> or places="
+
+
+def tell(
+    rows: Sequence[Mapping[str, Any]],
+    counted: Mapping[str, Any],
+    described: Mapping[str, DescribedPhotos],
+    remarks: Sequence[str],
+    written: Sequence[Path],
+) -> None:
+    """Print the matches, which photos failed, remarks, and where the files are."""
+    good = [row for row in rows if "error" not in row]
+    console.print(rows_table("Best matches", [_line(row) for row in good[:NAMED]]))
+    if len(good) > NAMED:
+        console.print(f"[dim]and {len(good) - NAMED:,} more in matches.csv[/]")
+    for key, photos in described.items():
+        tell_skipped(photos.failed, f"Skipped of {key}")
+    for remark in remarks:
+        console.print(f"[dim]{escape(remark)}[/]", soft_wrap=True)
+    if "right" in counted:
+        console.print(_truth(counted))
+    done = f"{len(good):,} queries looked up among {len(described['map'].index):,} map images"
+    tell_written(done, counted["failed"], written)
+
+
+def _line(row: Mapping[str, Any]) -> dict[str, str]:
+    best = row["matches"][0]
+    line = {"query": row["query"], "match": best["match"], "similarity": f"{best['similarity']:.3f}"}
+    line["margin"] = "–" if row["margin"] is None else f"{row['margin']:.3f}"
+    if "confidence" in best:
+        line["confidence"] = f"{best['confidence']:.2f}"
+    if "right" in best:
+        line["right"] = _verdict(row, best)
+    if "sequence_matches" in row:
+        line["by sequence"] = row["sequence_matches"][0]["match"]
+        if "right" in best:
+            line["right "] = _verdict(row, row["sequence_matches"][0])
+    return line
+
+
+def _verdict(row: Mapping[str, Any], match: Mapping[str, Any]) -> str:
+    return "not in the map" if not row["in_map"] else "yes" if match["right"] else "no"
+
+
+def _truth(counted: Mapping[str, Any]) -> str:
+    inside, looked_up = counted["in_map"], counted["queries"] - counted["failed"]
+    if not inside:
+        return f"none of the {looked_up:,} queries has its place in the map, so no match can be right"
+    told = f"best match right: {counted['right']:,} of the {inside:,} queries whose place is in the map"
+    if "mean_confidence_in_map" in counted:
+        told += f" (mean confidence {counted['mean_confidence_in_map']:.2f})"
+    if "right_by_sequence" in counted:
+        told += f", by sequences {counted['right_by_sequence']:,}"
+    return told + (f". {looked_up - inside:,} have no place in the map" if looked_up > inside else "")

@@ -21,7 +21,7 @@ from jaxtyping import Float64, Int64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.data.augmentation.augmix import AugMix
+from sextant.data.augmentation import AugMix
 from sextant.data.counters import uniforms
 
 

@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 from torch import Tensor
 
+from sextant.figures.calibration.errors import camera_quantities
 from sextant.figures.calibration.horizon import horizon_curve
-from sextant.figures.calibration.quantities import camera_quantities
 from sextant.figures.style import COLOURS, new_figure
 from sextant.geometry import CameraParameters, K2Family, k2_of_k1
 

@@ -1,22 +1,16 @@
 """COSFIRE filters, configured from one example, over Gabor filters, differences of Gaussians or networks' features."""
 
 from sextant.layers.cosfire.b_cosfire import BCosfire
-from sextant.layers.cosfire.bank import Bank, SteerableBank
+from sextant.layers.cosfire.banks import Bank, DoGBank, FeatureBank, GaborBank, SteerableBank, VectorBank, gabor_kernel
 from sextant.layers.cosfire.blur import Blur, gaussian_blur, max_blur
 from sextant.layers.cosfire.border import Border
-from sextant.layers.cosfire.channel_peaks import ChannelPeaks
-from sextant.layers.cosfire.concentric_circles import ConcentricCircles
 from sextant.layers.cosfire.cosfire import Cosfire
-from sextant.layers.cosfire.difference_of_gaussians import DoGBank
-from sextant.layers.cosfire.feature_bank import FeatureBank, VectorBank
-from sextant.layers.cosfire.gabor import GaborBank, gabor_kernel
 from sextant.layers.cosfire.keypoints import Keypoint, keypoints
 from sextant.layers.cosfire.mean import Mean, weighted_mean
 from sextant.layers.cosfire.presets import PRESETS, preset
-from sextant.layers.cosfire.strategy import Strategy
+from sextant.layers.cosfire.strategies import ChannelPeaks, ConcentricCircles, Strategy, VectorKeypoints
 from sextant.layers.cosfire.tolerance import Move, Tolerance
 from sextant.layers.cosfire.tuples import Tuples
-from sextant.layers.cosfire.vector_keypoints import VectorKeypoints
 
 __all__ = [
     "PRESETS",

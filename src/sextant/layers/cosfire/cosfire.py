@@ -22,10 +22,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from sextant.errors import UserError
-from sextant.layers.cosfire.bank import Bank, SteerableBank
+from sextant.layers.cosfire.banks import Bank, SteerableBank
 from sextant.layers.cosfire.blur import Blur
 from sextant.layers.cosfire.border import Border, padded
-from sextant.layers.cosfire.concentric_circles import ConcentricCircles
 from sextant.layers.cosfire.filter_parts import FilterParts
 from sextant.layers.cosfire.maxima import log_maxima, tile_maxima
 from sextant.layers.cosfire.mean import Mean, safe_log
@@ -33,7 +32,7 @@ from sextant.layers.cosfire.moved_image import moved_image
 from sextant.layers.cosfire.plan import Plan
 from sextant.layers.cosfire.responses import bilinear_responses, log_responses, whole_responses
 from sextant.layers.cosfire.saved_filters import load_filters, save_filters
-from sextant.layers.cosfire.strategy import Strategy
+from sextant.layers.cosfire.strategies import ConcentricCircles, Strategy
 from sextant.layers.cosfire.tolerance import Move, Tolerance
 from sextant.layers.cosfire.tuples import Tuples, part_weights
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.cluster.hierarchy import fcluster, linkage
 from torch import Tensor
 
-from sextant.layers.cosfire.strategy import peaks
+from sextant.layers.cosfire.strategies import peaks
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,10 @@ same port (``parametros3``); vessels - Azzopardi et al. 2015, for the sets DRIVE
 
 from collections.abc import Callable
 
+from sextant.layers.cosfire.banks import DoGBank, GaborBank
 from sextant.layers.cosfire.blur import Blur
-from sextant.layers.cosfire.concentric_circles import ConcentricCircles
 from sextant.layers.cosfire.cosfire import Cosfire
-from sextant.layers.cosfire.difference_of_gaussians import DoGBank
-from sextant.layers.cosfire.gabor import GaborBank
+from sextant.layers.cosfire.strategies import ConcentricCircles
 from sextant.layers.cosfire.tolerance import Tolerance
 
 

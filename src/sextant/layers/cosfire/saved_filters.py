@@ -15,16 +15,11 @@ from torch import Tensor, nn
 
 from sextant.atomic_files import write_atomically
 from sextant.errors import UserError
-from sextant.layers.cosfire.bank import Bank
+from sextant.layers.cosfire.banks import Bank, DoGBank, GaborBank
 from sextant.layers.cosfire.blur import Blur
-from sextant.layers.cosfire.channel_peaks import ChannelPeaks
-from sextant.layers.cosfire.concentric_circles import ConcentricCircles
-from sextant.layers.cosfire.difference_of_gaussians import DoGBank
 from sextant.layers.cosfire.filter_parts import ARRAYS
-from sextant.layers.cosfire.gabor import GaborBank
-from sextant.layers.cosfire.strategy import Strategy
+from sextant.layers.cosfire.strategies import ChannelPeaks, ConcentricCircles, Strategy, VectorKeypoints
 from sextant.layers.cosfire.tolerance import Tolerance
-from sextant.layers.cosfire.vector_keypoints import VectorKeypoints
 
 F = TypeVar("F", bound=nn.Module)
 KEY, VERSION = "sextant.cosfire", 2

@@ -225,11 +225,13 @@ def arrays(module: Calibration, report: CalibrationReport) -> dict[str, ndarray]
 def figures(module: Calibration, data: CalibrationData, report: CalibrationReport) -> "Iterator[tuple[str, Figure]]":
     """Yield figures: crops with horizons, errors against true parameters, predictions, and uncertainty."""
     from sextant.evaluation.conformal import coverage_curve
-    from sextant.figures.calibration.coverage import coverage_curves
-    from sextant.figures.calibration.error_by_parameter import error_by_parameter
-    from sextant.figures.calibration.scatter import predicted_against_true
+    from sextant.figures.calibration.errors import (
+        coverage_curves,
+        error_by_parameter,
+        predicted_against_true,
+        sparsification_curves,
+    )
     from sextant.figures.calibration.sheet import calibration_sheet
-    from sextant.figures.calibration.sparsification import sparsification_curves
 
     assert module.result is not None
     result, prediction = module.result, module.result.predictions["clean"]

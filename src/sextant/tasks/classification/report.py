@@ -98,9 +98,7 @@ def result_figures(
     test_images: UInt8[Tensor, "n c h w"],
 ) -> "Iterator[tuple[str, Figure]]":
     """Yield accuracy by severity or a heat map of errors, confusions, corrupted inputs, and first-layer kernels."""
-    from sextant.figures.classification.corruption_heatmap import corruption_heatmap
-    from sextant.figures.classification.first_kernels import first_kernels
-    from sextant.figures.classification.severity_curves import severity_curves
+    from sextant.figures.classification import corruption_heatmap, first_kernels, severity_curves
     from sextant.figures.confusion_matrix import confusion_matrix
     from sextant.figures.contact_sheet import contact_sheet
 

@@ -48,7 +48,7 @@ def recognition_figures(
 ) -> "Iterator[tuple[str, Figure]]":
     """Yield prototypes, filters and their responses, and the confusions and errors of the first method."""
     from sextant.figures.confusion_matrix import confusion_matrix
-    from sextant.figures.cosfire.recognition_errors import recognition_errors
+    from sextant.figures.cosfire import recognition_errors
 
     images = data.split("test").images[:: data.test_every]
     yield "prototypes", _prototypes(estimator)
@@ -83,7 +83,7 @@ def _prototypes(estimator: "CosfireEstimator") -> "Figure":
 
 
 def _filter(estimator: "CosfireEstimator", number: int) -> "Figure":
-    from sextant.figures.cosfire.filter import cosfire_filter
+    from sextant.figures.cosfire import cosfire_filter
 
     kept, filters = estimator.configured_from(), on_processor(estimator.filters)
     example = estimator.prototypes["pictures"][number].cpu().float() / 255
@@ -96,7 +96,7 @@ def _response(
     estimator: "CosfireEstimator", number: int, images: UInt8[Tensor, "n c h w"], labels: Int64[ndarray, "n"]
 ) -> "Figure":
     """The response over a test image of the filter's class, or over the first image if there is none."""
-    from sextant.figures.cosfire.responses import cosfire_responses
+    from sextant.figures.cosfire import cosfire_responses
 
     kept, filters = estimator.configured_from(), estimator.filters
     alike = np.flatnonzero(labels == int(kept.labels[number]))

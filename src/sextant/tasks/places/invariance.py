@@ -126,7 +126,7 @@ def invariance_table(found: Invariance) -> list[dict[str, str]]:
 
 def invariance_figure(found: Invariance) -> "Figure":
     """A panel per factor, a curve per method, the network first, and a line at the map's own value."""
-    from sextant.figures.places.invariance_curves import invariance_curves
+    from sextant.figures.places import invariance_curves
 
     curves = {factor: dict(reversed(list(methods.items()))) for factor, methods in found.curves.items()}
     return invariance_curves(curves, found.own, title=found.metric)

@@ -282,10 +282,12 @@ def percent(share: float) -> str:
 
 def figures(reports: list[QueryReport], places: PlaceImages, pairs: ConditionRecall) -> "Iterator[tuple[str, Figure]]":
     """Yield curves, similarity matrix and gallery of each condition, and recall between all pairs of conditions."""
-    from sextant.figures.places.condition_confusion import condition_confusion
-    from sextant.figures.places.precision_recall import precision_recall_curves
-    from sextant.figures.places.retrieval_gallery import retrieval_gallery
-    from sextant.figures.places.similarity_matrix import similarity_matrix
+    from sextant.figures.places import (
+        condition_confusion,
+        precision_recall_curves,
+        retrieval_gallery,
+        similarity_matrix,
+    )
 
     reference = places.rows_of(places.conditions[0])
     for report in reports:
@@ -313,7 +315,7 @@ def _gallery_rows(
     report: QueryReport, places: PlaceImages, query: Int64[ndarray, "m"], reference: Int64[ndarray, "n"]
 ) -> list:  # type: ignore[type-arg]
     """Queries evenly spaced along the traverse, each with its best matches and the right place."""
-    from sextant.figures.places.retrieval_gallery import Retrieved
+    from sextant.figures.places import Retrieved
 
     ours = report.methods[NETWORK]
     shown = np.unique(np.linspace(0, len(query) - 1, GALLERY_ROWS).round().astype(int))

@@ -1,11 +1,11 @@
-"""A COSFIRE filter drawn on the example that it was configured from."""
+"""Pictures of COSFIRE filters and of their detections."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Integer, UInt8
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,7 +15,8 @@ from matplotlib.transforms import Affine2D
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.figures.style import COLOURS, new_figure
+from sextant.figures.gallery import gallery
+from sextant.figures.style import COLOURS, new_figure, printable
 from sextant.layers.cosfire import Cosfire, DoGBank, GaborBank
 from sextant.layers.cosfire.tuples import offsets
 
@@ -148,3 +149,116 @@ def _bar(
     bar = Rectangle(corner, width, length, facecolor=colour, edgecolor="white", linewidth=0.6, alpha=opacity)
     bar.set_transform(Affine2D().rotate_deg_around(*centre, -math.degrees(theta)) + axes.transData)
     return bar
+
+
+#: most keypoints with their score beside them
+MOST_SCORES = 25
+#: opacity of the strongest response
+OPAQUE = 0.85
+
+
+def cosfire_responses(
+    image: UInt8[ndarray, "h w *c"],
+    response: Float[ndarray, "y x"],
+    points: Sequence[tuple[float, float, float]] = (),
+    *,
+    strongest: float | None = None,
+    title: str = "",
+) -> Figure:
+    """Image, response and keypoints side by side.
+
+    Args:
+        image: grey ``(h, w)`` or ``(h, w, 1)``, or RGB; bytes.
+        response: over the image, of any size: its cells cover the image.
+        points: x and y in pixels of the image, and the score of each.
+        strongest: the response at the top of the colour scale; None for the largest one in ``response``.
+        title: above the figure.
+
+    Example:
+        >>> response = np.zeros((16, 16))
+        >>> response[4, 8] = 0.9
+        >>> figure = cosfire_responses(np.zeros((32, 32), np.uint8), response, [(16.5, 8.5, 0.9)])
+        >>> [axes.get_title() for axes in figure.axes[:3]], figure.axes[2].texts[0].get_text()
+        (['image', 'response', '1 found'], '0.90')
+    """
+    picture = image[..., 0] if image.ndim == 3 and image.shape[2] == 1 else image
+    height, width = picture.shape[:2]
+    top = float(response.max()) if strongest is None else strongest
+    figure, axes = new_figure(3 * 3.2 + 0.6, 3.2 * height / width + 0.6, columns=3)
+    for cell in axes:
+        cell.imshow(picture, cmap="gray", vmin=0, vmax=255)
+    share = np.clip(response / top if top > 0 else np.zeros_like(response), 0, 1)
+    drawn = axes[1].imshow(
+        response,
+        cmap="inferno",
+        vmin=0,
+        vmax=top if top > 0 else 1,
+        alpha=OPAQUE * np.sqrt(share),  # so that weak responses are visible too
+        extent=(-0.5, width - 0.5, height - 0.5, -0.5),
+        interpolation="nearest",
+    )
+    figure.colorbar(drawn, ax=axes[1], shrink=0.7, pad=0.02).ax.tick_params(labelsize=7)
+    for number, (x, y, score) in enumerate(points):
+        axes[2].plot(x, y, "o", markersize=9, markerfacecolor="none", markeredgecolor="black", markeredgewidth=2.6)
+        axes[2].plot(x, y, "o", markersize=9, markerfacecolor="none", markeredgecolor=COLOURS[4], markeredgewidth=1.5)
+        if number < MOST_SCORES:
+            axes[2].annotate(
+                f"{score:.2f}",
+                (x, y),
+                xytext=(6, 4),
+                textcoords="offset points",
+                fontsize=7,
+                color="white",
+                bbox={"boxstyle": "round,pad=0.15", "facecolor": "black", "alpha": 0.6, "linewidth": 0},
+            )
+    names = ("image", "response", f"{len(points)} found")
+    for cell, name in zip(axes, names, strict=True):
+        cell.set(xticks=[], yticks=[], xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+        cell.set_title(name, fontsize=8)
+    if title:
+        figure.suptitle(printable(title), fontsize=9)
+    return figure
+
+
+#: images on the sheet
+MOST = 40
+
+
+def recognition_errors(
+    images: UInt8[ndarray, "n c h w"],
+    labels: Integer[ndarray, "n"],
+    answers: Integer[ndarray, "n"],
+    classes: Sequence[str],
+    *,
+    most: int = MOST,
+    title: str = "",
+) -> Figure | None:
+    """Misclassified test images, with ``truth → answer`` above each; None if there are none.
+
+    If there are more errors than ``most``, evenly spaced ones are shown, so that no class is left out because of its
+    position.
+
+    Args:
+        images: test images, bytes.
+        labels: true classes.
+        answers: classes predicted by the method.
+        classes: names in label order.
+        most: images on the sheet.
+        title: such as the name of the method; the number of errors is added.
+
+    Example:
+        >>> images, labels, answers = np.zeros((4, 1, 8, 8), np.uint8), np.array([0, 0, 1, 1]), np.array([0, 1, 1, 1])
+        >>> figure = recognition_errors(images, labels, answers, ["cat", "dog"], title="svm")
+        >>> figure.get_suptitle(), figure.axes[0].get_title()
+        ('svm: 1 of 4 wrong (25.00 %)', 'cat → dog')
+    """
+    wrong = np.flatnonzero(labels != answers)
+    if not len(wrong):
+        return None
+    shown = wrong[np.linspace(0, len(wrong) - 1, min(most, len(wrong))).round().astype(int)]
+    pictures = [images[i, 0] if images.shape[1] == 1 else images[i].transpose(1, 2, 0) for i in shown]
+    figure = gallery(pictures, [f"{classes[int(labels[i])]} → {classes[int(answers[i])]}" for i in shown])
+    told = f"{len(wrong):,} of {len(labels):,} wrong ({100 * len(wrong) / len(labels):.2f} %)"
+    told += f", {len(shown)} shown" if len(shown) < len(wrong) else ""
+    figure.suptitle(f"{title}: {told}" if title else told, fontsize=9)
+    return figure

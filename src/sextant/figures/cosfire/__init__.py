@@ -1,1 +1,0 @@
-"""Pictures of COSFIRE filters and of their detections."""
