@@ -32,7 +32,7 @@ from benchmarks.changed_walks import WALKS, photos
 from benchmarks.landmarks import office
 from benchmarks.machine import describe_machine
 from sextant import Localizer
-from sextant.baselines.descriptor import unit_norm
+from sextant.baselines.place_descriptors import unit_norm
 from sextant.cli.arguments import parse_arguments
 from sextant.data.localization.drive import Drive
 from sextant.evaluation import mean_interval, share_interval

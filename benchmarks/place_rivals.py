@@ -15,8 +15,8 @@ from torch import Tensor
 
 from benchmarks.place_sets import ImageSet, PlaceSet, in_batches
 from sextant.baselines import Hog, PatchNormalised, Pixels, WhitenedPCA
-from sextant.baselines.descriptor import unit_norm
-from sextant.baselines.whitening import whitening
+from sextant.baselines.learned_projections import whitening
+from sextant.baselines.place_descriptors import unit_norm
 from sextant.models import EfficientNetLite0
 from sextant.models.pooling import NetVLAD, generalised_mean
 

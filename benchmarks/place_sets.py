@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 
-from sextant.baselines.descriptor import unit_norm
+from sextant.baselines.place_descriptors import unit_norm
 from sextant.data.image_files import decode_image
 from sextant.evaluation.places.positives import Positives
 from sextant.retrieval.without_mean import Centring, centred

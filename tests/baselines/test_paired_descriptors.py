@@ -73,7 +73,7 @@ def test_each_condition_has_its_own_mean(fitted):
 def test_chunks_change_nothing(fitted, monkeypatch):
     _, query = pairs(seed=1)
     whole = fitted.describe_query(query)
-    monkeypatch.setattr("sextant.baselines.paired_descriptor.CHUNK", 7)
+    monkeypatch.setattr("sextant.baselines.learned_projections.CHUNK", 7)
     np.testing.assert_allclose(fitted.describe_query(query), whole, atol=1e-5)
 
 

@@ -3,7 +3,7 @@ import pytest
 from sklearn.exceptions import NotFittedError
 
 from sextant.baselines import Pixels, WhitenedPCA
-from sextant.baselines.descriptor import unit_norm
+from sextant.baselines.place_descriptors import unit_norm
 
 
 @pytest.fixture

@@ -5,15 +5,8 @@ cosine similarity. ``LDA`` and ``CCA`` instead learn from pairs of images, by ``
 describe images of the query's condition by ``describe_query(images)``, which for all others is ``describe``.
 """
 
-from sextant.baselines.cca import CCA
-from sextant.baselines.descriptor import PlaceDescriptor
-from sextant.baselines.grey import grey_images
-from sextant.baselines.hog import Hog
-from sextant.baselines.lda import LDA
-from sextant.baselines.paired_descriptor import PairedDescriptor
-from sextant.baselines.patch_normalised import PatchNormalised
-from sextant.baselines.pixels import Pixels
-from sextant.baselines.whitened_pca import WhitenedPCA
+from sextant.baselines.learned_projections import CCA, LDA, PairedDescriptor, WhitenedPCA
+from sextant.baselines.place_descriptors import Hog, PatchNormalised, Pixels, PlaceDescriptor, grey_images
 
 __all__ = [
     "CCA",

@@ -15,8 +15,8 @@ from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray
 from torch import Tensor, nn
 
-from sextant.baselines.descriptor import PlaceDescriptor, unit_norm
-from sextant.baselines.whitening import whitening
+from sextant.baselines.learned_projections import whitening
+from sextant.baselines.place_descriptors import PlaceDescriptor, unit_norm
 
 #: images described at a time
 BATCH = 64

@@ -27,7 +27,7 @@ from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
-    from sextant.baselines.descriptor import PlaceDescriptor
+    from sextant.baselines.place_descriptors import PlaceDescriptor
     from sextant.data.localization.described import Describer
     from sextant.data.localization.drive import Drive
     from sextant.data.places.image_rows import ImageRows

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float32, Int64
 from numpy import ndarray
 
-from sextant.baselines.descriptor import unit_norm
+from sextant.baselines.place_descriptors import unit_norm
 
 Similarity = Literal["cosine", "euclidean"]
 

@@ -12,7 +12,7 @@ from sextant.applications.demonstration.pictures import page_picture
 from sextant.applications.pixels import as_pixels
 from sextant.applications.places.describing import LARGEST_STRETCH
 from sextant.applications.places.place_map import PlaceMap
-from sextant.baselines.descriptor import unit_norm
+from sextant.baselines.place_descriptors import unit_norm
 from sextant.errors import UserError
 
 NETWORK = "zoo:places"

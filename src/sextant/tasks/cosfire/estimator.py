@@ -11,8 +11,8 @@ from jaxtyping import Float, Float32, Int64, UInt8
 from numpy import ndarray
 from torch import Tensor, nn
 
-from sextant.baselines.grey import LUMA
 from sextant.baselines.linear_svm import LinearSVM
+from sextant.baselines.place_descriptors import LUMA
 from sextant.layers.cosfire import Cosfire, DoGBank, GaborBank
 from sextant.models import FeatureMap
 from sextant.reporter import Advance

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from sextant.baselines.descriptor import unit_norm
+from sextant.baselines.place_descriptors import unit_norm
 from sextant.data.places import PlaceImages, PlaceTolerance
 from sextant.evaluation.places.condition_recall import ConditionRecall, condition_recall
 from sextant.evaluation.places.positives import Positives

@@ -9,10 +9,8 @@ from jaxtyping import Float32, Int64
 from numpy import ndarray
 
 from sextant.baselines import Hog, PatchNormalised, Pixels, WhitenedPCA
-from sextant.baselines.cca import CCA
-from sextant.baselines.descriptor import PlaceDescriptor, unit_norm
-from sextant.baselines.lda import LDA
-from sextant.baselines.paired_descriptor import PairedDescriptor
+from sextant.baselines.learned_projections import CCA, LDA, PairedDescriptor
+from sextant.baselines.place_descriptors import PlaceDescriptor, unit_norm
 from sextant.data.places import PlaceImages, PlaceTolerance
 
 #: images read and described at a time

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
 
-from sextant.baselines.descriptor import unit_norm
+from sextant.baselines.place_descriptors import unit_norm
 from sextant.corruptions import Condition
 from sextant.data.places import PlaceImages, PlaceTolerance
 from sextant.data.places.corrupted import corrupted_name
