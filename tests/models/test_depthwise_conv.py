@@ -3,7 +3,7 @@
 import torch
 from torch import nn
 
-from sextant.models.depthwise_conv import DepthwiseConv2d
+from sextant.models.convolutions import DepthwiseConv2d
 
 
 def _pair(**options):

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from sextant.errors import ArgumentError
 from sextant.layers.cell_means import cell_means
-from sextant.models.depthwise_conv import DepthwiseConv2d
+from sextant.models.convolutions import DepthwiseConv2d
 from sextant.models.fine_tuning import freeze, set_rate_factors
 from sextant.models.trunk_input import TrunkInput
 from sextant.models.trunk_weights import imagenet_weights

@@ -2,10 +2,8 @@
 
 from sextant.localization.recovery.augmented import AugmentedMCL
 from sextant.localization.recovery.bayes_restart import BayesRestart
-from sextant.localization.recovery.none import NoRecovery
-from sextant.localization.recovery.recovery import Injection, Memory, Recovery
+from sextant.localization.recovery.recovery import Injection, Memory, NoRecovery, Recovery, UniformInjection
 from sextant.localization.recovery.top_k import TopKInjection
-from sextant.localization.recovery.uniform import UniformInjection
 
 __all__ = [
     "AugmentedMCL",

@@ -21,8 +21,7 @@ from torch import Tensor
 
 from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.recovery.recovery import Injection, Memory, Recovery, check_share, whole_number
-from sextant.localization.recovery.uniform import anywhere
+from sextant.localization.recovery.recovery import Injection, Memory, Recovery, anywhere, check_share, whole_number
 from sextant.localization.weighed import Weighed
 
 Average = Literal["geometric", "arithmetic"]

@@ -1,13 +1,4 @@
-r"""The interface of recoveries: particles placed elsewhere, for a robot that is not where the filter believes it to be.
-
-A recovery adds a second measure to that of the kept particles,
-
-.. math:: e^{\kappa} \sum_i W_i e^{l(z \mid x_i)} \, \delta(x - x_i) + \sum_{k=1}^{m} e^{v_k}\, \delta(x - \tilde x_k),
-
-and the filter makes room for the m injected particles by thinning the others without bias
-(:func:`~sextant.localization.resampling.thin`); leaving out the m lightest would lose their mass. A recovery has no
-state of its own: what it remembers from step to step is passed to it and returned.
-"""
+"""Recoveries: particles placed elsewhere, for a robot that is not where the filter believes it to be."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -43,7 +34,17 @@ class Injection:
 
 
 class Recovery(ABC):
-    """Proposes particles after each observation."""
+    r"""Proposes particles after each observation.
+
+    A recovery adds a second measure to that of the kept particles,
+
+    .. math:: e^{\kappa} \sum_i W_i e^{l(z \mid x_i)} \, \delta(x - x_i) +
+       \sum_{k=1}^{m} e^{v_k}\, \delta(x - \tilde x_k),
+
+    and the filter makes room for the m injected particles by thinning the others without bias
+    (:func:`~sextant.localization.resampling.thin`); leaving out the m lightest would lose their mass. A recovery has no
+    state of its own: what it remembers from step to step is passed to it and returned.
+    """
 
     def memory(self, runs: int, device: torch.device | None = None) -> Memory:
         """The memory before the first observation; None for a recovery that remembers nothing."""
@@ -87,3 +88,76 @@ def check_share(argument: str, share: float) -> None:
     """
     if not 0 < share < 1:
         raise ArgumentError(f"{argument}={share} must lie between 0 and 1", f"For example {argument}=0.1")
+
+
+@dataclass(frozen=True)
+class NoRecovery(Recovery):
+    """Adds nothing.
+
+    Example:
+        >>> NoRecovery().memory(runs=3) is None  # it remembers nothing either
+        True
+    """
+
+    def inject(
+        self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
+    ) -> tuple[Injection | None, Memory]:
+        """Add nothing."""
+        return None, memory
+
+
+@dataclass(frozen=True)
+class UniformInjection(Recovery):
+    """Replaces a share of the posterior by the map's prior after the image has weighed it.
+
+    Each injected particle thus has the weight of an average one, and the next image decides. This is not a Bayesian
+    filter: that share of the belief is lost again at every step, whatever was seen.
+
+    Attributes:
+        share: share of the particles, and of the mass.
+
+    Raises:
+        UserError: the share is not between 0 and 1.
+
+    Example:
+        >>> from sextant.localization.belief import Belief
+        >>> from sextant.localization.observation import Evidence
+        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> weighed = Weighed.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
+        >>> injection, _ = UniformInjection(0.05).inject(weighed, MapPrior(line, 0.5, 0.1), None, torch.Generator())
+        >>> mass = (injection.log_weights.logsumexp(1) - weighed.log_evidence).exp()
+        >>> int(injection.count), float(mass.round(decimals=6))  # of 100 particles, and of the mass
+        (5, 0.05)
+    """
+
+    share: float = 0.05
+
+    def __post_init__(self) -> None:
+        check_share("share", self.share)
+
+    def inject(
+        self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
+    ) -> tuple[Injection | None, Memory]:
+        """Draw from the prior."""
+        count = whole_number(self.share, weighed.particles, generator)
+        return anywhere(weighed, prior, count, generator), memory
+
+
+def anywhere(
+    weighed: Weighed, prior: MapPrior, count: Int64[Tensor, "r"], generator: torch.Generator
+) -> Injection | None:
+    """``count`` draws from the prior with an average weight each, in place of an equal share of the posterior."""
+    most = int(count.max())
+    if most == 0:
+        return None
+    particles = weighed.particles
+    average = weighed.log_evidence - particles.double().log()
+    return Injection(
+        prior.sample(len(count), most, generator),
+        average[:, None].expand(-1, most),
+        count,
+        torch.log1p(-count.double() / particles),
+    )
