@@ -46,8 +46,8 @@ from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import ObservationModel, observation_model
-from sextant.localization.observation.inducing import SGPR
 from sextant.localization.observation.prediction import Prediction
+from sextant.localization.observation.sgpr import SGPR
 from sextant.localization.pose_kernel import PoseKernel, Spatial
 from sextant.recipes import recipe_of
 from sextant.tasks.localization.module import as_tensor

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.baselines import Hog, PatchNormalised, Pixels, WhitenedPCA, descriptor
+from sextant.baselines import Hog, PatchNormalised, Pixels, WhitenedPCA, place_descriptors
 
 KINDS = {
     "pixels": (Pixels(), 2048),
@@ -39,7 +39,7 @@ def test_chunks_change_nothing(kind, monkeypatch):
     fitted, _ = kind
     images = noise(7, 32, 64, 3)
     whole = fitted.describe(images)
-    monkeypatch.setattr(descriptor, "CHUNK", 3)
+    monkeypatch.setattr(place_descriptors, "CHUNK", 3)
     np.testing.assert_allclose(fitted.describe(images), whole, atol=1e-5)
 
 
@@ -48,7 +48,7 @@ def test_gain_and_offset_of_the_light_hardly_matter(kind, gain, offset):
     fitted, _ = kind
     images = noise(4, 32, 64, 3)
     lit = np.clip(np.rint(images * gain + offset), 0, 255).astype(np.uint8)
-    first, second = (descriptor.unit_norm(fitted.describe(each)) for each in (images, lit))
+    first, second = (place_descriptors.unit_norm(fitted.describe(each)) for each in (images, lit))
     assert (first * second).sum(1).min() > 0.99
 
 
@@ -70,4 +70,4 @@ def test_no_image_is_refused(kind):
 
 def test_rows_of_zeros_stay_zeros():
     rows = np.array([[3, 4], [0, 0]], np.float32)
-    np.testing.assert_allclose(descriptor.unit_norm(rows), [[0.6, 0.8], [0, 0]])
+    np.testing.assert_allclose(place_descriptors.unit_norm(rows), [[0.6, 0.8], [0, 0]])

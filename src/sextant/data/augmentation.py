@@ -18,6 +18,8 @@ from sextant.errors import UserError
 if TYPE_CHECKING:
     from torchvision.transforms.v2 import AugMix as TorchvisionAugMix
 
+__all__ = ["AugMix", "Augmentation", "AugmentedBatches", "NoAugmentation", "PadCropFlip"]
+
 
 class Augmentation(Protocol):
     """Changes a batch of training images."""

@@ -16,6 +16,14 @@ from torch import Generator, Tensor, nn
 from sextant.errors import ArgumentError, UserError
 from sextant.localization.pose_kernel import PoseKernel, Spatial
 
+__all__ = [
+    "Conditioning",
+    "TrainableKernel",
+    "joint_log_likelihood",
+    "random_order",
+    "vecchia_log_likelihood",
+]
+
 #: Positions closer than this share of the map's extent are one position.
 SAME = 1e-9
 #: Descriptors that are processed together.

@@ -15,6 +15,8 @@ from sextant.localization.map_prior import MapPrior
 from sextant.localization.motion import check_not_negative
 from sextant.localization.observation.evidence import Evidence
 
+__all__ = ["AppearanceStart", "GaussianStart", "Initialisation", "UniformStart"]
+
 
 class Initialisation(ABC):
     """Makes the first belief of r runs."""

@@ -12,6 +12,8 @@ from torch import Tensor
 from sextant.errors import ArgumentError
 from sextant.geometry.planar import se2_compose, se2_exp, wrap_angle
 
+__all__ = ["ExponentialMotion", "IdentityMotion", "MotionModel", "OdometryMotion"]
+
 
 class MotionModel(ABC):
     r"""Draws :math:`x_t \sim p(x_t \mid x_{t-1}, u_t)` for every particle.

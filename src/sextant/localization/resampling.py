@@ -7,6 +7,15 @@ import torch
 from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
+__all__ = [
+    "MultinomialResampling",
+    "Resampling",
+    "ResidualResampling",
+    "StratifiedResampling",
+    "SystematicResampling",
+    "thin",
+]
+
 
 class Resampling(ABC):
     """Draws ancestors in all runs at once.

@@ -12,6 +12,8 @@ from torch import Tensor, nn
 from sextant.errors import ArgumentError
 from sextant.layers.cell_means import cell_means
 
+__all__ = ["Average", "FeatureMixer", "Flatten", "GeM", "NetVLAD", "Pooling"]
+
 
 class Pooling(nn.Module):
     """Maps features ``(b, c, h, w)`` to ``(b, features)``.

@@ -8,7 +8,7 @@ from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in
 from sextant.errors import UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.observation.exact_gp import ExactGP
-from sextant.localization.observation.inducing import SGPR
+from sextant.localization.observation.sgpr import SGPR
 from sextant.localization.pose_kernel import PoseKernel
 
 

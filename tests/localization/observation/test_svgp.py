@@ -5,7 +5,8 @@ from localization.observation.smooth_map import KERNEL, poses_in_room, smooth_ma
 
 from sextant.errors import UserError
 from sextant.localization.observation.exact_gp import ExactGP
-from sextant.localization.observation.inducing import SGPR, SVGP
+from sextant.localization.observation.sgpr import SGPR
+from sextant.localization.observation.svgp import SVGP
 
 
 class TestSVGPPassesTheBattery(GaussianBattery):

@@ -12,6 +12,21 @@ from sextant.data.localization.localization_data import LocalizationData
 from sextant.data.localization.motions import compose_over
 from sextant.errors import ArgumentError, UserError
 
+__all__ = [
+    "Blackout",
+    "DroppedFrames",
+    "Fault",
+    "Kidnap",
+    "MissingOdometry",
+    "NoFault",
+    "NoisyMapPoses",
+    "OdometryScale",
+    "OdometrySlip",
+    "ThinnedMap",
+    "WrongSeasonMap",
+    "WrongStart",
+]
+
 
 class Fault:
     """A fault changes the drives that are localized, or their map; by default each method changes nothing.

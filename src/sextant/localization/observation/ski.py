@@ -30,8 +30,8 @@ from linear_operator.utils.warnings import NumericalWarning
 from torch import Tensor
 
 from sextant.errors import ArgumentError, UserError
+from sextant.localization.observation._inducing import factor_of, inducing_poses
 from sextant.localization.observation._pose_grid import PoseGrid
-from sextant.localization.observation.inducing import factor_of, inducing_poses
 from sextant.localization.observation.model import ObservationModel, stored
 from sextant.localization.observation.prediction import Prediction
 
