@@ -6,7 +6,7 @@ from omegaconf import OmegaConf
 
 from sextant.composing.config_files import groups
 from sextant.config.schema.parts import parts_of
-from sextant.config.schema.places.parts import PlaceLoss
+from sextant.config.schema.places import PlaceLoss
 from sextant.runs.outputs_folder import conf_dir
 
 CHOICES = [(group, option) for group, options in groups().items() for option in options]

@@ -18,7 +18,7 @@ from sextant.figures.calibration.errors import (
     predicted_against_true,
     sparsification_curves,
 )
-from sextant.figures.calibration.sheet import calibration_sheet
+from sextant.figures.calibration.overlay import calibration_sheet
 from sextant.figures.style import COLOURS, save_figure
 from sextant.geometry import CameraParameters
 

@@ -13,9 +13,9 @@ from sextant.applications.localization.written_poses import draw_trajectory
 from sextant.evaluation.places.condition_recall import factor_recall
 from sextant.evaluation.places.positives import Positives
 from sextant.figures.classification import DifferenceBar, corruption_difference
-from sextant.figures.contrast_forest import ForestRow, contrast_forest
+from sextant.figures.effects import ForestRow, contrast_forest
 from sextant.figures.places import invariance_curves, similarity_matrix
-from sextant.figures.search_history import TrialPoint, search_history
+from sextant.figures.searches import TrialPoint, search_history
 
 NAN = float("nan")
 MEAN, FLOOR, PUBLISHED = "mean over seeds, 95 % interval", "one pair of runs, seeds alone", "published, one run each"

@@ -12,7 +12,7 @@ from torchvision import models
 
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.config.schema.places.parts import OffTheShelf
+from sextant.config.schema.places import OffTheShelf
 from sextant.errors import UserError
 from sextant.models import ResNetCifar
 from sextant.models.trunk_input import IMAGENET_MEAN, IMAGENET_STD

@@ -72,7 +72,7 @@ def main(arguments: Sequence[str]) -> None:
         with _telling("json", options.json_file):
             write_json(options.json_file, found.facts())
     if options.figure:
-        from sextant.figures.localization.trajectory_plan import trajectory_plan
+        from sextant.figures.localization.trajectories import trajectory_plan
         from sextant.figures.style import save_figure
 
         path = options.figure

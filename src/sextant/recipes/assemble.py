@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.config import Config
 from sextant.config.building import build, part_name
-from sextant.config.schema.classification.corruptions import CorruptionSuite as CorruptionSuiteNode
+from sextant.config.schema.classification import CorruptionSuite as CorruptionSuiteNode
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 

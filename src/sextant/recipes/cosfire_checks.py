@@ -2,9 +2,9 @@
 
 from sextant.config import Config
 from sextant.config.schema import CosfireTask
-from sextant.config.schema.classification.corruptions import StoredSuite
-from sextant.config.schema.cosfire.parts import FeatureBank, VectorBank, VectorKeypoints
-from sextant.config.schema.localization.parts import NetworkDescriptor, WhitenedPCADescriptor
+from sextant.config.schema.classification import StoredSuite
+from sextant.config.schema.cosfire import FeatureBank, VectorBank, VectorKeypoints
+from sextant.config.schema.localization import NetworkDescriptor, WhitenedPCADescriptor
 from sextant.errors import UserError
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.config import Config
 from sextant.config.building import build, part_name
-from sextant.config.schema.cosfire.parts import FeatureBank, VectorBank
+from sextant.config.schema.cosfire import FeatureBank, VectorBank
 from sextant.config.schema.tasks import SceneChoice
 from sextant.config.trained import trained_config
 from sextant.data.source import ImageSource

@@ -15,9 +15,9 @@ from numpy import ndarray
 
 from sextant.config import Config
 from sextant.config.building import build, part_name
-from sextant.config.schema.localization.parts import NetworkDescriptor
+from sextant.config.schema.localization import NetworkDescriptor
 from sextant.config.schema.parts import CustomPart
-from sextant.config.schema.places.parts import Average, Flatten, GeM
+from sextant.config.schema.places import Average, Flatten, GeM
 from sextant.config.trained import STARTS_FROM
 from sextant.data.photo_files import walk_folder
 from sextant.data.picture_files import open_picture, why_unreadable

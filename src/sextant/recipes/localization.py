@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import LocalizationTask
-from sextant.config.schema.localization.parts import LASERS, ExponentialMotion, SpacingMotion
+from sextant.config.schema.localization import LASERS, ExponentialMotion, SpacingMotion
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 from sextant.recipes.assemble import (

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sextant.config.schema.places.parts import OffTheShelf
+from sextant.config.schema.places import OffTheShelf
 from sextant.data.source import file_sha256
 from sextant.errors import ArgumentError, UserError
 from sextant.user_files import absent

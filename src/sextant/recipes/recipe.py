@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 import numpy as np
 
 from sextant.config import Config
-from sextant.config.schema.classification.corruptions import PerturbationSuite, StoredSuite, TestConditions
+from sextant.config.schema.classification import PerturbationSuite, StoredSuite, TestConditions
 from sextant.config.schema.networks import TimmBackbone
 from sextant.data.source import file_sha256
 from sextant.errors import UserError

@@ -7,8 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sextant.evaluation import holm
-from sextant.figures.effect_map import effect_map
-from sextant.figures.error_against_cost import CostPoint, error_against_cost
+from sextant.figures.effects import CostPoint, effect_map, error_against_cost
 from sextant.reports.contrasts import ContrastRow, Sides, named_contrasts, noise_floor
 from sextant.reports.cost_report import multiplications
 from sextant.reports.factor_report import numeric_factors

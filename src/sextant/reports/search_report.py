@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sextant.evaluation import mean_interval
-from sextant.figures.search_history import TrialPoint, importance_bars, search_history
+from sextant.figures.searches import TrialPoint, importance_bars, search_history
 from sextant.figures.style import save_figure
 from sextant.reports.metric import seeds_interval
 from sextant.reports.results import SweepResults

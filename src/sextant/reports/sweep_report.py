@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from sextant.evaluation.paired import BLOCKS
 from sextant.evaluation.verdict import LEAST
 from sextant.figures.classification import severity_curves
-from sextant.figures.contrast_forest import ForestRow, contrast_forest
+from sextant.figures.effects import ForestRow, contrast_forest
 from sextant.figures.style import save_figure
 from sextant.reports.cell_tables import cells_legend, cells_table, diverged_table, runs_table, seed_rows
 from sextant.reports.confidence_report import confidence_section

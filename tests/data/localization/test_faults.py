@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from sextant.config.schema.localization.faults import Fault as FaultSchema
+from sextant.config.schema.localization import Fault as FaultSchema
 from sextant.config.schema.parts import Choice
 from sextant.data.localization import LocalizationData, faults
 from sextant.data.localization.motions import motions_along

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.data.photos.levelling import STEEPEST, level_photo
+from sextant.data.photos.straightening import STEEPEST, level_photo
 from sextant.geometry import perspective_bearings, rotation_from_tilt_roll
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 130.0

@@ -10,7 +10,7 @@ from layers.cosfire.cosfire_cases import random_images
 from scipy.ndimage import affine_transform
 
 from sextant.layers.cosfire import Move, Tolerance
-from sextant.layers.cosfire.moved_image import moved_image
+from sextant.layers.cosfire.tolerance import moved_image
 
 
 @given(

@@ -12,7 +12,7 @@ from sextant.applications.calibration.calibrator import PhotoCalibrator
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.demonstration.pictures import data_address, shrunk
 from sextant.data.photos import read_photo
-from sextant.data.photos.levelling import level_photo
+from sextant.data.photos.straightening import level_photo
 
 #: width in millimetres of full frame, the format for which photographers state focal lengths
 FULL_FRAME = 36

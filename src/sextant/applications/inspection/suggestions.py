@@ -1,20 +1,110 @@
-"""Tasks that fit what was found, with commands to copy."""
+"""What may be done with a folder of photos, poses or videos: the commands that fit it."""
 
+import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
 from sextant.applications.inspection.drives import localization
-from sextant.applications.inspection.known import known_cameras, level_panoramas, standard_sets
 from sextant.applications.inspection.photos import camera_groups, described
+from sextant.applications.inspection.poses import FoundPoses
 from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.suggestion import Suggestion, command, override
 from sextant.applications.inspection.times import FolderOfPhotos
-from sextant.applications.inspection.trajectory_pairs import trajectory_pairs
 from sextant.applications.inspection.traverses import ImageFolders, image_folders
+from sextant.data.name_matching import match_names
 from sextant.data.photos.header import PhotoHeader
+from sextant.data.reconstructions import NAMED_FORMATS
+from sextant.user_files import table_header
+
+#: files of a dataset in its published layout, below the folder that ``paths.data`` names
+STANDARD = {
+    "dataset=mnist": "MNIST/raw/train-images-idx3-ubyte",
+    "dataset=cifar10": "cifar-10-batches-py/data_batch_5",
+    "task=localization dataset=cold": "cold/seq1_night1.json",
+}
+
+
+def known_cameras(folder: Path, tables: Sequence[Path], headers: Mapping[Path, PhotoHeader]) -> dict[Path, str]:
+    """Folders of photos with known cameras, and the files that state them.
+
+    See :mod:`sextant.data.calibration.known_photos`.
+    """
+    found: dict[Path, str] = {}
+    for file in tables:
+        beside = any(each.is_relative_to(file.parent) for each in headers)
+        if beside and (file.name in ("K.txt", "calibration_computed.json") or "f_px" in _columns(folder / file)):
+            found.setdefault(file.parent, file.name)
+    return found
+
+
+def level_panoramas(folder: Path, tables: Sequence[Path], panoramas: Sequence[Path]) -> dict[Path, str]:
+    """Folders with a table of panoramas that has a column ``file``, but no cameras."""
+    inside = {path.parent for path in panoramas}
+    columns = {file: _columns(folder / file) for file in tables if file.parent in inside}
+    return {file.parent: file.name for file, names in columns.items() if "file" in names and "f_px" not in names}
+
+
+def standard_sets(folder: Path) -> dict[str, Path]:
+    """Options for each published dataset in a folder, or that the folder is part of, with its ``paths.data``."""
+    here = folder.resolve()
+    found: dict[str, Path] = {}
+    for overrides, file in STANDARD.items():
+        for base in (here, *here.parents[:2]):
+            whole = base / file
+            if os.path.isfile(whole) and whole.is_relative_to(here):  # False without permission to look
+                found[overrides] = base
+    return found
+
+
+def _columns(path: Path) -> set[str]:
+    """The column names of a CSV file; empty for any other file."""
+    if path.suffix.lower() != ".csv":
+        return set()
+    return set(table_header(path))
+
+
+#: largest number of commands
+MOST = 3
+#: words that the name of a reference contains
+REFERENCE = ("ground", "gt", "truth", "ref", "poses")
+
+
+def trajectory_pairs(seen: Seen) -> Iterator[Suggestion]:
+    """``sextant trajectory`` for pairs that have frames in common."""
+    usable = [each for each in seen.poses if not each.problem and each.poses is not None]
+    pairs = [pair for pair in combinations(usable, 2) if _same_frames(*pair)]
+    if not pairs:
+        return
+    commands = []
+    for pair in pairs[:MOST]:
+        files = [each.file for each in sorted(pair, key=lambda each: not _is_reference(each))]
+        commands.append(command("trajectory", *(str(seen.folder / file) for file in files), "figure=plan.png"))
+    why = f"{len(pairs):,} pairs of files have poses of the same frames; the reference comes first"
+    yield Suggestion("compare two trajectories", why, tuple(commands))
+
+
+def _same_frames(one: FoundPoses, other: FoundPoses) -> bool:
+    if one.images is not None and other.images is not None and one.images != other.images:
+        return False  # two drives
+    if one.format in NAMED_FORMATS and other.format in NAMED_FORMATS:
+        same = match_names(one.names, other.names)
+        return any(row is not None for row in same.rows) and one.file.with_suffix("") != other.file.with_suffix("")
+    if one.format != other.format:
+        return False
+    if one.times_s is not None and other.times_s is not None:
+        return one.times_s[0] <= other.times_s[1] and other.times_s[0] <= one.times_s[1]
+    first, second = one.file.stem, other.file.stem
+    return one.count == other.count and (first in second or second in first)
+
+
+def _is_reference(poses: FoundPoses) -> bool:
+    name = poses.file.as_posix().lower()
+    return any(word in name for word in REFERENCE)
+
 
 #: least shorter side of photos that reveal something of their camera, pixels
 SMALLEST_PHOTO = 200

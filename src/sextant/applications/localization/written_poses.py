@@ -16,7 +16,7 @@ from sextant.data.localization.pose_formats import write_tum
 from sextant.errors import ArgumentError
 
 if TYPE_CHECKING:
-    from sextant.figures.localization.particle_map import ParticleFrame
+    from sextant.figures.localization.particles import ParticleFrame
 
 COLUMNS = (
     "file", "x", "y", "heading_deg", "sigma_x", "sigma_y", "sigma_heading_deg", "mass", "modes", "lost", "error",
@@ -70,7 +70,7 @@ class Moment:
 
     def drawn(self) -> "ParticleFrame":
         """The frame that :mod:`sextant.figures.localization` draws."""
-        from sextant.figures.localization.particle_map import ParticleFrame
+        from sextant.figures.localization.particles import ParticleFrame
 
         told, problem = self.row.told, self.row.problem
         return ParticleFrame(
@@ -106,7 +106,7 @@ class Replay:
         Raises:
             UserError: OpenCV cannot write MP4 here.
         """
-        from sextant.figures.localization.particle_replay import particle_replay
+        from sextant.figures.localization.particles import particle_replay
 
         seen = any(moment.seen is not None for moment in self.kept)
         particle_replay(positions, (moment.drawn() for moment in self.kept), path, unit=unit, seen=seen)
@@ -147,7 +147,7 @@ def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Pat
 
 def draw_trajectory(rows: Sequence[Row], positions: Float64[ndarray, "n 2"], output: Path, unit: str = "m") -> None:
     """Draw ``trajectory.png``: the path over the map; where the localizer reports that it is lost, unconnected dots."""
-    from sextant.figures.localization.particle_map import ESTIMATE, draw_map, map_height
+    from sextant.figures.localization.particles import ESTIMATE, draw_map, map_height
     from sextant.figures.style import new_figure, save_figure
 
     figure, (axes,) = new_figure(6.0, map_height(positions, 6.0))

@@ -232,7 +232,7 @@ class DescribedMap:
     def pairs(self, k: int = 20) -> list[tuple[Path, Path]]:
         """Pair each photo of the map with the k others most similar to it, which may show the same place.
 
-        :func:`~sextant.applications.places.image_pairs.write_pairs` writes the pairs for COLMAP.
+        :func:`~sextant.applications.places.written_matches.write_pairs` writes the pairs for COLMAP.
 
         Raises:
             ArgumentError: k is not a whole number of at least 1.

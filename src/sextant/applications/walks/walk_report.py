@@ -37,7 +37,7 @@ def write_walk_report(
     Raises:
         OSError: a file cannot be written.
     """
-    from sextant.figures.localization.straightened_walk import WalkedImage, straightened_walk
+    from sextant.figures.localization.trajectories import WalkedImage, straightened_walk
     from sextant.figures.style import save_figure
 
     pictures = []

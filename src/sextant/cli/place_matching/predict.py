@@ -9,15 +9,18 @@ from rich.markup import escape
 
 from sextant.applications.inspection.suggestion import overrides_of
 from sextant.applications.places.describing import LARGEST_STRETCH, DescribedPhotos
-from sextant.applications.places.gallery_pages import write_gallery
-from sextant.applications.places.image_pairs import write_row_pairs
 from sextant.applications.places.known_places import KnownPlaces, check_truth, known_places
 from sextant.applications.places.matching import check_rides
 from sextant.applications.places.photo_folder import PhotoFolder
 from sextant.applications.places.place_map import PlaceMap
-from sextant.applications.places.rows import counts, query_rows
 from sextant.applications.places.run_facts import Temperature
-from sextant.applications.places.written_matches import write_matches
+from sextant.applications.places.written_matches import (
+    counts,
+    query_rows,
+    write_gallery,
+    write_matches,
+    write_row_pairs,
+)
 from sextant.applications.write_errors import telling_write_errors
 from sextant.cli.console import console, rows_table
 from sextant.cli.output_folder import tell_written

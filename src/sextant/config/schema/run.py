@@ -6,18 +6,16 @@ from typing import Any, Literal, Self
 from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, model_validator
 
 from sextant.config.names import with_present_names
-from sextant.config.schema.calibration.cameras import CameraLoss, Parameterization, Sampling
-from sextant.config.schema.calibration.datasets import Panoramas
-from sextant.config.schema.classification.augmentations import Augmentation
-from sextant.config.schema.classification.corruptions import TestConditions
-from sextant.config.schema.classification.datasets import LabelledImages
-from sextant.config.schema.cosfire.parts import Bank, Features, Filters, Strategy
+from sextant.config.schema.calibration import CameraLoss, Panoramas, Parameterization, Sampling
+from sextant.config.schema.classification import Augmentation, LabelledImages, TestConditions
+from sextant.config.schema.cosfire import Bank, Features, Filters, Strategy
 from sextant.config.schema.environment import Paths, Tracking, Trainer
 from sextant.config.schema.launchers import AnyLauncher, LocalLauncher
-from sextant.config.schema.localization.datasets import Drives
-from sextant.config.schema.localization.faults import Fault, FaultSuite
-from sextant.config.schema.localization.parts import (
+from sextant.config.schema.localization import (
     Descriptor,
+    Drives,
+    Fault,
+    FaultSuite,
     Likelihood,
     Motion,
     Observation,
@@ -28,8 +26,7 @@ from sextant.config.schema.localization.parts import (
 from sextant.config.schema.networks import Backbone, Inhibition
 from sextant.config.schema.optimization import Optimizer, Schedule
 from sextant.config.schema.parts import Choice, CustomPart, Node, Seed, known_targets, named_targets
-from sextant.config.schema.places.datasets import Places
-from sextant.config.schema.places.parts import Mining, PlaceLoss, Pooling
+from sextant.config.schema.places import Mining, PlaceLoss, Places, Pooling
 from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.tasks import Task, owners
 from sextant.config.schema.world_datasets import World

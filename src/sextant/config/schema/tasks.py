@@ -4,9 +4,9 @@ from typing import Annotated, ClassVar, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sextant.config.schema.calibration.cameras import CameraLoss, Canvas, FieldPrediction
+from sextant.config.schema.calibration import CameraLoss, Canvas, FieldPrediction
 from sextant.config.schema.parts import Count, Node, Part, Positive, Seed, Share, distinct
-from sextant.config.schema.places.parts import OffTheShelf, PlaceAugmentation, PlaceLoss, ToleranceByUnit, Whitening
+from sextant.config.schema.places import OffTheShelf, PlaceAugmentation, PlaceLoss, ToleranceByUnit, Whitening
 from sextant.config.schema.splits import BySplit, ImageSide
 
 RecognitionMethod = Literal[

@@ -6,11 +6,9 @@ bound memory; all lengths are still in pixels of the original.
 """
 
 from sextant.data.photos.exif import exif_focal_px
-from sextant.data.photos.photo import Photo
-from sextant.data.photos.pinhole import Pinhole, through_pinhole
 from sextant.data.photos.reading import photo_of_array, read_photo
-from sextant.data.photos.undistortion import Keep, straight_focal, undistort_photo
-from sextant.data.photos.view import NetworkView, network_view
+from sextant.data.photos.straightening import Keep, Pinhole, straight_focal, through_pinhole, undistort_photo
+from sextant.data.photos.view import NetworkView, Photo, network_view
 
 __all__ = [
     "Keep",

@@ -14,7 +14,7 @@ from PIL import Image
 from sextant.data.metadata import exif_of
 from sextant.data.photos.exif import exif_focal_px, exif_numbers, was_cropped
 from sextant.data.photos.gravity_tags import apple_gravity
-from sextant.data.photos.photo import Photo
+from sextant.data.photos.view import Photo
 from sextant.data.picture_files import open_picture, why_unreadable
 from sextant.data.pixel_values import WhiteLevels, eight_bits, rgb_bytes
 from sextant.data.upright import TURN, exif_orientation

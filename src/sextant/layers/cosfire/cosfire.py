@@ -26,14 +26,12 @@ from sextant.layers.cosfire.banks import Bank, SteerableBank
 from sextant.layers.cosfire.blur import Blur
 from sextant.layers.cosfire.border import Border, padded
 from sextant.layers.cosfire.filter_parts import FilterParts
-from sextant.layers.cosfire.maxima import log_maxima, tile_maxima
 from sextant.layers.cosfire.mean import Mean, safe_log
-from sextant.layers.cosfire.moved_image import moved_image
 from sextant.layers.cosfire.plan import Plan
-from sextant.layers.cosfire.responses import bilinear_responses, log_responses, whole_responses
+from sextant.layers.cosfire.responses import bilinear_responses, log_maxima, log_responses, tile_maxima, whole_responses
 from sextant.layers.cosfire.saved_filters import load_filters, save_filters
 from sextant.layers.cosfire.strategies import ConcentricCircles, Strategy
-from sextant.layers.cosfire.tolerance import Move, Tolerance
+from sextant.layers.cosfire.tolerance import Move, Tolerance, moved_image
 from sextant.layers.cosfire.tuples import Tuples, part_weights
 
 Shift = Literal["whole", "bilinear"]

@@ -28,7 +28,7 @@ class Watch:
     """
 
     def __init__(self, map_positions: Float64[ndarray, "n 2"], unit: str = "m", *, pictures: bool = True):
-        from sextant.figures.localization.particle_view import ParticleView
+        from sextant.figures.localization.particles import ParticleView
 
         self.unit = unit
         self._view, self._drawing = ParticleView(map_positions, unit=unit, seen=pictures), Lock()

@@ -6,7 +6,7 @@ from pathlib import Path
 from sextant.atomic_files import write_atomically
 from sextant.figures.charts import Spec
 from sextant.figures.interval_chart import IntervalRow, interval_chart
-from sextant.figures.search_chart import TrialMark, search_chart
+from sextant.figures.searches import TrialMark, search_chart
 from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.page.html_page import html_page
 from sextant.reports.results import SweepResults

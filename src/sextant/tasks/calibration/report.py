@@ -231,7 +231,7 @@ def figures(module: Calibration, data: CalibrationData, report: CalibrationRepor
         predicted_against_true,
         sparsification_curves,
     )
-    from sextant.figures.calibration.sheet import calibration_sheet
+    from sextant.figures.calibration.overlay import calibration_sheet
 
     assert module.result is not None
     result, prediction = module.result, module.result.predictions["clean"]

@@ -26,7 +26,7 @@ from sextant.worlds.occupancy import OCCUPIED, occupancy_from_scans
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sextant.figures.localization.particle_map import ParticleFrame
+    from sextant.figures.localization.particles import ParticleFrame
 
 #: number of runs drawn for each trial
 DRAWN = 4
@@ -169,7 +169,7 @@ def facts(found: Mapping[str, Judged], protocol: LocalizationProtocol) -> dict[s
 def figures(found: Mapping[str, Judged], data: LocalizationData) -> Iterator[tuple[str, "Figure"]]:
     """Figures of errors over time, and of success by number of particles."""
     from sextant.figures.localization.success_curves import SuccessCurve, success_curves
-    from sextant.figures.localization.trajectory_errors import RunErrors, trajectory_errors
+    from sextant.figures.localization.trajectories import RunErrors, trajectory_errors
 
     protocol = protocol_of(data)
     for name, judged in found.items():
@@ -217,7 +217,7 @@ def write_trajectories(found: Mapping[str, Judged], folder: Path) -> None:
 
 def write_replays(found: Mapping[str, Judged], data: LocalizationData, folder: Path) -> None:
     """Write animations of the particles of each trial's first run over the map."""
-    from sextant.figures.localization.particle_replay import particle_replay
+    from sextant.figures.localization.particles import particle_replay
 
     folder.mkdir(parents=True, exist_ok=True)
     seen = data.map.images is not None
@@ -234,7 +234,7 @@ def write_replays(found: Mapping[str, Judged], data: LocalizationData, folder: P
 
 def _moments(name: str, judged: Judged, data: LocalizationData) -> "Iterator[ParticleFrame]":
     """The first run of a trial, step by step, with what the camera sees if there is one."""
-    from sextant.figures.localization.particle_map import ParticleFrame
+    from sextant.figures.localization.particles import ParticleFrame
 
     outcome, map_images = judged.outcome, data.map.images
     runs, track = outcome.runs, outcome.track

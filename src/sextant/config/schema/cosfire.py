@@ -1,4 +1,4 @@
-"""COSFIRE filters: their filter bank or features, their configuration, and their response."""
+"""The config of COSFIRE: banks, strategies, filters and features."""
 
 from typing import Annotated, Literal
 

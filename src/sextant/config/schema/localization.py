@@ -1,10 +1,11 @@
-"""Parts of a localizer: descriptor, kernel, observation model, likelihood, motion, filter, recovery."""
+"""The config of localization: datasets, faults, and the parts of map and filter."""
 
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from sextant.config.schema.parts import (
+    Choice,
     Count,
     Node,
     NonNegative,
@@ -13,7 +14,136 @@ from sextant.config.schema.parts import (
     Seed,
     Share,
 )
+from sextant.config.schema.places import Traverses
 from sextant.config.schema.splits import ImageSide
+
+
+class Drives(Part):
+    """A dataset of drives with poses."""
+
+
+class PoseFolder(Drives):
+    """The user's own drives with poses."""
+
+    target: Literal["sextant.data.localization.PoseFolder"] = Field(alias="_target_")
+    folder: str = Field(examples=["/path/to/drives"])
+    map: str = Field(examples=["map"])
+    test: Traverses | None = Field(min_length=1, examples=["{run: run}"])
+    validation: Traverses | None = Field(min_length=1, examples=["{first: first}"])
+    poses: Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps"]
+    pose_file: str | None = Field(examples=["poses.csv"])
+    odometry: str | None = Field(examples=["odometry.csv"])
+    times: str | None = Field(examples=["names"])
+    plane: Literal["xy", "xz", "yz"]
+    ahead: Literal["x", "z"]
+    mounting: list[float] = Field(min_length=3, max_length=3, examples=["[0.0,0.0,0.0]"])
+    protocol: Literal["office", "town"]
+    max_gap_s: Positive | None = Field(examples=[5.0])
+    height: ImageSide = Field(examples=[64])
+    width: ImageSide = Field(examples=[96])
+    channels: Literal[1, 3]
+    skip_bad: bool
+
+
+Frame = Annotated[float, Field(gt=0)]
+#: a share, including 0 and 1
+Portion = Annotated[float, Field(ge=0, le=1)]
+
+
+class Fault(Part):
+    """A fault."""
+
+
+class NoFault(Fault):
+    """No fault."""
+
+    target: Literal["sextant.data.localization.faults.NoFault"] = Field(alias="_target_")
+
+
+class Kidnap(Fault):
+    """The kidnapped robot: it is carried elsewhere."""
+
+    target: Literal["sextant.data.localization.faults.Kidnap"] = Field(alias="_target_")
+    frame: Frame = Field(examples=[0.5])
+    distance: NonNegative = Field(examples=[10.0])
+    after: Count | None = Field(examples=[100])
+
+
+class WrongStart(Fault):
+    """The filter starts around a wrong pose."""
+
+    target: Literal["sextant.data.localization.faults.WrongStart"] = Field(alias="_target_")
+    distance: NonNegative = Field(examples=[5.0])
+    heading_deg: Annotated[float, Field(ge=0, le=180)] = Field(examples=[90.0])
+
+
+class DroppedFrames(Fault):
+    """Images are lost at random."""
+
+    target: Literal["sextant.data.localization.faults.DroppedFrames"] = Field(alias="_target_")
+    share: Portion = Field(examples=[0.5])
+
+
+class Blackout(Fault):
+    """No image arrives for a while."""
+
+    target: Literal["sextant.data.localization.faults.Blackout"] = Field(alias="_target_")
+    frame: Frame = Field(examples=[0.5])
+    length: Count = Field(examples=[30])
+
+
+class OdometryScale(Fault):
+    """Wrong odometry scale, as from wheels of another size."""
+
+    target: Literal["sextant.data.localization.faults.OdometryScale"] = Field(alias="_target_")
+    factor: Positive = Field(examples=[1.1])
+    turn: Positive = Field(examples=[1.0])
+
+
+class OdometrySlip(Fault):
+    """Slipping wheels."""
+
+    target: Literal["sextant.data.localization.faults.OdometrySlip"] = Field(alias="_target_")
+    frame: Frame = Field(examples=[0.5])
+    length: Count = Field(examples=[20])
+    kind: Literal["spinning", "sliding"]
+
+
+class MissingOdometry(Fault):
+    """Odometry is missing for a while."""
+
+    target: Literal["sextant.data.localization.faults.MissingOdometry"] = Field(alias="_target_")
+    frame: Frame = Field(examples=[0.5])
+    length: Count = Field(examples=[10])
+
+
+class NoisyMapPoses(Fault):
+    """Noise in the poses of the map images."""
+
+    target: Literal["sextant.data.localization.faults.NoisyMapPoses"] = Field(alias="_target_")
+    position: NonNegative = Field(examples=[0.5])
+    heading_deg: NonNegative = Field(examples=[5.0])
+
+
+class ThinnedMap(Fault):
+    """A map with fewer images."""
+
+    target: Literal["sextant.data.localization.faults.ThinnedMap"] = Field(alias="_target_")
+    keep: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.25])
+
+
+class WrongSeasonMap(Fault):
+    """A map made under another condition."""
+
+    target: Literal["sextant.data.localization.faults.WrongSeasonMap"] = Field(alias="_target_")
+    condition: str = Field(examples=["winter_noon"])
+
+
+class FaultSuite(Node):
+    """Several faults, each tested in runs of its own."""
+
+    faults: Annotated[dict[str, Choice[Fault]], Field(min_length=1)]
+
 
 #: x and y
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]

@@ -1,10 +1,41 @@
-"""Test conditions."""
+"""The config of classification: datasets, augmentations and corruptions."""
 
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from sextant.config.schema.parts import Choice, NonNegative, Part, Positive, Seed, distinct
+from sextant.config.schema.parts import Choice, NonNegative, Part, Positive, Seed, Share, distinct
+
+
+class Augmentation(Part):
+    """An augmentation of training images."""
+
+
+class NoAugmentation(Augmentation):
+    """Unchanged training images."""
+
+    target: Literal["sextant.data.augmentation.NoAugmentation"] = Field(alias="_target_")
+
+
+class PadCropFlip(Augmentation):
+    """Random shifts and mirror images."""
+
+    target: Literal["sextant.data.augmentation.PadCropFlip"] = Field(alias="_target_")
+    pad: int = Field(ge=0, le=64, examples=[4])
+    mode: Literal["reflect", "replicate", "constant"]
+    flip: bool
+
+
+class AugMix(Augmentation):
+    """AugMix."""
+
+    target: Literal["sextant.data.augmentation.AugMix"] = Field(alias="_target_")
+    severity: int = Field(ge=1, le=10, examples=[3])
+    width: int = Field(ge=1, le=16, examples=[3])
+    depth: int = Field(ge=-1, le=16, examples=[-1])
+    alpha: Positive = Field(examples=[1.0])
+    pad: int = Field(ge=0, le=64, examples=[4])
+    flip: bool
 
 
 class Corruption(Part):
@@ -71,3 +102,46 @@ class PerturbationSuite(TestConditions):
     target: Literal["sextant.corruptions.PerturbationSuite"] = Field(alias="_target_")
     names: list[str] | None = Field(examples=["[translate,rotate]"])
     seed: Seed = Field(examples=[0])
+
+
+class LabelledImages(Part):
+    """A dataset of labelled images."""
+
+
+class Digits(LabelledImages):
+    """scikit-learn's digit scans."""
+
+    target: Literal["sextant.data.digits.Digits"] = Field(alias="_target_")
+    size: int = Field(ge=12, le=512, examples=[28])
+
+
+class MNIST(LabelledImages):
+    """MNIST."""
+
+    target: Literal["sextant.data.mnist.MNIST"] = Field(alias="_target_")
+    download: bool
+
+
+class FashionMNIST(LabelledImages):
+    """Fashion-MNIST."""
+
+    target: Literal["sextant.data.mnist.FashionMNIST"] = Field(alias="_target_")
+    download: bool
+
+
+class CIFAR10(LabelledImages):
+    """CIFAR-10."""
+
+    target: Literal["sextant.data.cifar10.CIFAR10"] = Field(alias="_target_")
+    train_batches: int = Field(ge=1, le=5, examples=[5])
+    download: bool
+
+
+class ImageFolder(LabelledImages):
+    """The user's own images."""
+
+    target: Literal["sextant.data.image_folder.ImageFolder"] = Field(alias="_target_")
+    folder: str = Field(examples=["/path/to/images"])
+    size: int = Field(ge=12, le=1024, examples=[64])
+    channels: Literal[1, 3]
+    test_fraction: Share = Field(examples=[0.2])

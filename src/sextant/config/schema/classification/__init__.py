@@ -1,1 +1,0 @@
-"""Schemas of classification under corruptions."""
