@@ -195,7 +195,9 @@ def _play(source, moves, reach, copies):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class MotionBlur(BenchmarkCorruption[tuple[float, float], Tensor]):
-    """A one-sided Gaussian along a line at an angle drawn from U(-45°, 45°); see :mod:`.motion_kernel`.
+    """A one-sided Gaussian along a line at an angle drawn from U(-45°, 45°).
+
+    See :func:`~sextant.corruptions.filtering.motion_blur`.
 
     ImageMagick returns 8 bits, rounded to the nearest, and so does this.
     Source: Hendrycks & Dietterich, ICLR 2019.

@@ -100,7 +100,7 @@ def _gathered(
 
 @compiled
 def _inside(index, size, kind):  # type: ignore[no-untyped-def]
-    """As :func:`.border.inside`."""
+    """As :func:`inside`."""
     if 0 <= index < size:
         return index
     if kind == _REFLECT:

@@ -253,7 +253,7 @@ GRID = 5
 
 
 class PoseLensLoss(CameraLoss):
-    r"""The loss of the module.
+    r"""Errors of a camera's gravity direction, focal length and distortion, each on its own and by its size.
 
     .. math:: L = \rho(\hat g - g) + w_f\, \rho(\ln \hat f - \ln f)
               + w_k \frac1n \sum_i \rho\big(c_i(f, \hat k_1) - c_i(f, k_1)\big), \qquad

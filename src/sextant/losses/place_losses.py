@@ -208,8 +208,6 @@ def triplet_ratio(
 class TripletRatioLoss(TripletLoss):
     r"""The ratio loss, for each triplet
 
-    A triplet is active while ``d- < d+ + margin``.
-
     .. math:: L = \max\left(0,\; 1 - \frac{d_-}{d_+ + m}\right) + w\, d_+^2 .
 
     Apart from the pair term it lies in [0, 1], is active while :math:`d_- < d_+ + m`, and has the derivatives
