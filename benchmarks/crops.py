@@ -10,8 +10,7 @@ import numpy as np
 import torch
 
 from sextant.data.calibration import CameraDistribution, CameraDraw, Panoramas
-from sextant.data.calibration.crops import crop_batch
-from sextant.data.calibration.ray_sampling import Sampling
+from sextant.data.calibration.crops import Sampling, crop_batch
 from sextant.data.calibration.rays import Rays
 from sextant.geometry import CameraParameters
 

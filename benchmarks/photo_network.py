@@ -22,7 +22,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config.building import build
 from sextant.data.calibration.batches import Crops
 from sextant.data.calibration.datamodule import TEST
-from sextant.data.calibration.panorama_images import decode_panorama
+from sextant.data.calibration.panorama_folder import decode_panorama
 from sextant.data.calibration.panoramas import Panoramas
 from sextant.data.photos import Photo, network_view, read_photo
 from sextant.evaluation.calibration.errors import calibration_errors

@@ -2,8 +2,7 @@ import numpy as np
 import torch
 from calibration_toy import ToyPanoramas, distribution
 
-from sextant.data.calibration.augmentation import augmented, relit
-from sextant.data.calibration.batches import Crops
+from sextant.data.calibration.batches import Crops, augmented, relit
 
 
 def crops(augment):

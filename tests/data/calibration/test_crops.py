@@ -9,8 +9,7 @@ from worlds.handmade import OVERCAST, town_renderer
 
 from sextant.data.calibration import CameraDistribution, CameraDraw, Panoramas
 from sextant.data.calibration.batches import Crops
-from sextant.data.calibration.crops import crop_batch, crop_panoramas
-from sextant.data.calibration.ray_sampling import Sampling
+from sextant.data.calibration.crops import Sampling, crop_batch, crop_panoramas
 from sextant.data.calibration.rays import Rays, newton_steps
 from sextant.geometry import (
     CameraParameters,

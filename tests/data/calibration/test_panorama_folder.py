@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from sextant.data.calibration import PanoramaFolder, as_panorama_source
-from sextant.data.calibration.panorama_folder import split_scenes
-from sextant.data.calibration.panorama_images import UnfitImageError, decode_panorama
+from sextant.data.calibration.panorama_folder import UnfitImageError, decode_panorama, split_scenes
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 

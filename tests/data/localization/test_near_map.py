@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sextant.data.localization.drive import Drive
-from sextant.data.localization.near_map import along_map, longest_along_map
+from sextant.data.localization.office_drives import along_map, longest_along_map
 from sextant.errors import UserError
 
 MAPPED = Drive.of("map", "summer", np.column_stack([np.arange(0, 10.0), np.zeros(10), np.zeros(10)]))

@@ -4,9 +4,8 @@ import numpy as np
 import pytorch_lightning as pl
 from torch.utils.data import DataLoader
 
-from sextant.data.calibration.batches import Crops, CropSampler
+from sextant.data.calibration.batches import CropBatch, Crops, CropSampler
 from sextant.data.calibration.camera_distributions import CameraDistribution
-from sextant.data.calibration.crop_batch import CropBatch
 from sextant.data.calibration.panoramas import PanoramaSource
 from sextant.data.share import WHOLE, Share, SharedBatches
 from sextant.geometry import CameraParameters

@@ -1,28 +1,91 @@
 """A rendered dataset on disk: read lazily, rendered once, resumed after any interruption."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy import ndarray
 
-from sextant.data.rendered.creation import create_store
+from sextant.atomic_files import write_atomically
 from sextant.data.rendered.disk import DiskFullError, allocated_bytes, free_bytes, reporting_disk_errors
-from sextant.data.rendered.indices import Indices, chosen_items
 from sextant.data.rendered.journal import Journal
-from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, check_array, part_sha256
+from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, check_array, make_arrays, part_sha256
 from sextant.data.rendered.lock import Notify, log, store_lock
-from sextant.data.rendered.manifest import Manifest, read_manifest
-from sextant.data.rendered.plan import RenderPlan
+from sextant.data.rendered.manifest import Manifest, manifest_of, read_manifest, write_manifest
+from sextant.data.rendered.plan import RenderPlan, check_plan
 from sextant.data.rendered.rendering import ChunkWriter, written_chunks
 from sextant.errors import UserError, command
 from sextant.reporter import Advance
+
+#: One index, a slice, several indices, or a mask over all items.
+Indices: TypeAlias = int | slice | Sequence[int] | ndarray
+
+
+def chosen_items(indices: Indices, count: int) -> ndarray:
+    """Indices as an array, each from 0 to ``count - 1``; of dimension 0 for a single one.
+
+    Raises:
+        IndexError: an index is out of range or not an integer.
+    """
+    if isinstance(indices, slice):
+        return np.arange(count)[indices]
+    chosen = np.asarray(indices)
+    if chosen.size == 0:
+        return np.zeros(chosen.shape, dtype=np.int64)
+    if chosen.dtype == bool:
+        return np.flatnonzero(chosen) if chosen.shape == (count,) else np.arange(count)[chosen]
+    if not np.issubdtype(chosen.dtype, np.integer):
+        raise IndexError(f"an index must be a whole number, got {chosen.dtype}")
+    if chosen.min() < -count or chosen.max() >= count:
+        raise IndexError(f"index {chosen.min()} to {chosen.max()} is out of range for {count} items")
+    return np.where(chosen < 0, chosen + count, chosen)
+
+
+def create_store(directory: Path, plan: RenderPlan, notify: Notify) -> None:
+    """Write columns, empty arrays and finally the manifest, unless another process does.
+
+    Chunks rendered before the manifest was lost are kept.
+
+    Raises:
+        UserError: the folder cannot be written to, or the disk is full.
+    """
+    layout = StoreLayout(directory)
+    with store_lock(directory, layout.manifest.is_file, notify) as held:
+        if held and not layout.manifest.is_file():
+            check_plan(plan)
+            columns, manifest = dict(plan.columns), manifest_of(plan)
+            with reporting_disk_errors(directory, lambda: manifest.count * manifest.item_bytes):
+                _lay_out(layout, manifest, columns)
+
+
+def _lay_out(layout: StoreLayout, manifest: Manifest, columns: Mapping[str, ndarray]) -> None:
+    (layout.path / "columns").mkdir(parents=True, exist_ok=True)
+    for leftover in layout.path.rglob(".*.tmp"):  # left by a process killed while writing
+        leftover.unlink(missing_ok=True)
+    hashes = _write_columns(layout, columns)
+    kept = make_arrays(layout, manifest.arrays, manifest.count)
+    journal = Journal(layout.journal, manifest.grid)
+    journal.keep({chunk: record for chunk, record in journal.records().items() if record.stop <= kept})
+    write_manifest(layout.manifest, replace(manifest, columns=hashes))
+
+
+def _write_columns(layout: StoreLayout, columns: Mapping[str, ndarray]) -> dict[str, str]:
+    hashes = {}
+    for name, values in columns.items():
+        buffer = BytesIO()
+        np.save(buffer, np.ascontiguousarray(values), allow_pickle=False)
+        content = buffer.getvalue()
+        write_atomically(layout.column(name), lambda file, content=content: file.write(content))  # type: ignore[misc]
+        hashes[name] = hashlib.sha256(content).hexdigest()
+    return hashes
 
 
 def open_store(plan: RenderPlan, cache: Path | str, *, notify: Notify = log.info) -> "RenderedStore":

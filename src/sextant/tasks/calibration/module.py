@@ -12,7 +12,7 @@ from torch.nn.utils import clip_grad_norm_
 from torch.optim import Optimizer
 
 from sextant.corruptions import Condition, CorruptionSuite
-from sextant.data.calibration.crop_batch import CropBatch
+from sextant.data.calibration.batches import CropBatch
 from sextant.evaluation.calibration.errors import GRID, bearing_error
 from sextant.evaluation.protocols import calibration_converged
 from sextant.geometry import CameraParameters, Parameterization
