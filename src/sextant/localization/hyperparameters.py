@@ -34,6 +34,10 @@ def nearest_distance(positions: Float64[ndarray, "n 2"]) -> float:
     """The median distance from a position to the nearest other one; 1 if there is no other.
 
     Images at one position count once. Otherwise a map of panoramas cut into views would have distance zero.
+
+    Example:
+        >>> round(nearest_distance(np.array([[0.0, 0.0], [0.0, 0.0], [3.0, 4.0]])), 6)
+        5.0
     """
     extent = float(np.ptp(positions, axis=0).max())
     if extent == 0:
@@ -48,7 +52,12 @@ def nearest_distance(positions: Float64[ndarray, "n 2"]) -> float:
 
 
 def mean_variance(descriptors: Float[Tensor, "n d"]) -> float:
-    """The variance of descriptor values about their means, averaged over dimensions and computed in blocks."""
+    """The variance of descriptor values about their means, averaged over dimensions and computed in blocks.
+
+    Example:
+        >>> mean_variance(torch.tensor([[0.0, 1.0], [2.0, 1.0]]))  # 1 and 0
+        0.5
+    """
     blocks = descriptors.split(BLOCK)
     mean = sum(rows.double().sum(0) for rows in blocks) / len(descriptors)
     squares = [float((rows.double() - mean).square().sum()) for rows in blocks]
@@ -330,7 +339,12 @@ class Conditioning:
 
 
 def preceding_neighbours(features: Float64[ndarray, "n f"], neighbours: int) -> Int64[ndarray, "n k"]:
-    """The nearest ``neighbours`` rows that precede each row, nearest first; -1 where there are fewer."""
+    """The nearest ``neighbours`` rows that precede each row, nearest first; -1 where there are fewer.
+
+    Example:
+        >>> preceding_neighbours(np.array([[0.0], [5.0], [1.0]]), 2).tolist()
+        [[-1, -1], [0, -1], [0, 1]]
+    """
     table = np.full((len(features), neighbours), -1, dtype=np.int64)
     start, stop = 1, 2
     while start < len(features):

@@ -47,7 +47,13 @@ class Initialisation(ABC):
 
 
 def weighed(poses: Float64[Tensor, "r p 3"], log_weights: Float64[Tensor, "r p"]) -> Belief:
-    """A belief with the given weights; a run in which none is above zero gets equal weights."""
+    """A belief with the given weights; a run in which none is above zero gets equal weights.
+
+    Example:
+        >>> belief = weighed(torch.zeros(1, 2, 3).double(), torch.full((1, 2), -torch.inf).double())
+        >>> belief.log_weights.exp()
+        tensor([[0.5000, 0.5000]], dtype=torch.float64)
+    """
     usable = torch.where(log_weights.isfinite(), log_weights, -torch.inf)
     none = (usable == -torch.inf).all(1, keepdim=True)
     return Belief.of(poses, torch.where(none, 0.0, usable))

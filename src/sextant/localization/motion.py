@@ -61,6 +61,9 @@ def check_not_negative(argument: str, values: Sequence[float], count: int) -> No
 
     Raises:
         ArgumentError: names the argument and the values.
+
+    Example:
+        >>> check_not_negative("alphas", (0.1, 0.0), 2)
     """
     if len(values) != count or not all(0 <= value < float("inf") for value in values):
         raise ArgumentError(

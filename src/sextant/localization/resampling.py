@@ -65,6 +65,10 @@ def at_quantiles(weights: Float64[Tensor, "r p"], quantiles: Float64[Tensor, "r 
     """The particle at each quantile in [0, 1) of the weight distribution; never one of weight zero.
 
     Quantiles of 1 and above give the last particle with a weight.
+
+    Example:
+        >>> at_quantiles(torch.tensor([[0.5, 0.0, 0.5]]).double(), torch.tensor([[0.2, 0.5, 1.0]]).double())
+        tensor([[0, 2, 2]])
     """
     cumulative = weights.cumsum(1)
     total = cumulative[:, -1:].contiguous()
