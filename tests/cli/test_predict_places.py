@@ -16,7 +16,7 @@ from PIL import Image
 from support import fill_disk
 from tiny_places import Pixels, ride, scene
 
-from sextant.applications.places import describing, gallery_pages, matching
+from sextant.applications.places import describing, matching, written_matches
 from sextant.applications.places.matching import match
 from sextant.applications.places.place_map import PlaceMap
 from sextant.applications.places.run_facts import Temperature
@@ -54,7 +54,7 @@ def look_up(reference, queries, output, network=None, temperature=0.1, tolerance
 @pytest.fixture(autouse=True)
 def small_gallery(monkeypatch):
     """Drawing takes longer than all the rest."""
-    monkeypatch.setattr(gallery_pages, "QUERIES", 2)
+    monkeypatch.setattr(written_matches, "QUERIES", 2)
 
 
 @pytest.fixture
@@ -596,8 +596,8 @@ def test_a_full_disk(rides, tmp_path, monkeypatch, name):
 @pytest.mark.slow
 def test_pages_of_the_gallery_are_no_photos_and_old_ones_go(rides, tmp_path, monkeypatch):
     day, night = rides
-    monkeypatch.setattr(gallery_pages, "QUERIES", 5)
-    monkeypatch.setattr(gallery_pages, "ON_A_PAGE", 2)
+    monkeypatch.setattr(written_matches, "QUERIES", 5)
+    monkeypatch.setattr(written_matches, "ON_A_PAGE", 2)
     out = tmp_path / "found"
     _, first = look_up(day, night, out)
     assert len(list(out.glob("matches_page*.png"))) == 3

@@ -70,7 +70,7 @@ RUN = {
 NOT_RUN = {
     r"^python train\.py --config-dir": "needs config files of one's own; tests/cli/test_train.py",
     r"^python -m benchmarks": "times an otherwise idle machine for minutes",
-    r"^python (train|report)\.py .*sweep=": "a sweep of hours; every cell is composed by tests/configs",
+    r"^python (train|report)\.py .*sweep=": "a sweep of hours; each arm and value is composed by tests/frozen",
     r"^sextant (train|report) .*sweep=search_": "a search of a quarter of an hour; tests/lifecycle",
     r"^(python train\.py|sextant train) -m ": "eight runs of minutes",
     r"^python train\.py .*(mnist|nordland|cold|cifar10|places|folder|photos|alexnet)": "needs data that is not shipped",

@@ -29,6 +29,33 @@ PIXELS_PER_INCH = 100
 SEEN_WIDTH = 2.4
 
 
+@dataclass(frozen=True)
+class ParticleFrame:
+    """One moment of a filter.
+
+    Attributes:
+        poses: poses of the particles, x, y in the unit of the map and heading in radians.
+        log_weights: log weights up to a constant.
+        estimate: estimated pose; None while lost.
+        truth: true pose; None where it is not known.
+        title: title, such as the number of the frame.
+        path: true positions so far.
+        covariance: covariance of the estimate's x and y, drawn as an ellipse that holds 95 %; None draws none.
+        seen: what the camera sees, if it is to be shown.
+        there: the image of the map nearest to the estimate.
+    """
+
+    poses: Float[ndarray, "p 3"]
+    log_weights: Float[ndarray, " p"]
+    estimate: Float[ndarray, "3"] | None = None
+    truth: Float[ndarray, "3"] | None = None
+    title: str = ""
+    path: Float[ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2)))
+    covariance: Float[ndarray, "2 2"] | None = None
+    seen: UInt8[ndarray, "h w c"] | None = None
+    there: UInt8[ndarray, "h w c"] | None = None
+
+
 class ParticleView:
     """Draws moments of a filter on one figure with a fixed layout.
 
@@ -120,33 +147,6 @@ MOST_POSITIONS = 20_000
 MOST_HEADINGS = 300
 #: Squared Mahalanobis distance that holds 95 % of a normal distribution in the plane.
 CHI2_95 = 5.991
-
-
-@dataclass(frozen=True)
-class ParticleFrame:
-    """One moment of a filter.
-
-    Attributes:
-        poses: poses of the particles, x, y in the unit of the map and heading in radians.
-        log_weights: log weights up to a constant.
-        estimate: estimated pose; None while lost.
-        truth: true pose; None where it is not known.
-        title: title, such as the number of the frame.
-        path: true positions so far.
-        covariance: covariance of the estimate's x and y, drawn as an ellipse that holds 95 %; None draws none.
-        seen: what the camera sees, if it is to be shown.
-        there: the image of the map nearest to the estimate.
-    """
-
-    poses: Float[ndarray, "p 3"]
-    log_weights: Float[ndarray, " p"]
-    estimate: Float[ndarray, "3"] | None = None
-    truth: Float[ndarray, "3"] | None = None
-    title: str = ""
-    path: Float[ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2)))
-    covariance: Float[ndarray, "2 2"] | None = None
-    seen: UInt8[ndarray, "h w c"] | None = None
-    there: UInt8[ndarray, "h w c"] | None = None
 
 
 def map_height(map_positions: Float[ndarray, "n 2"], width: float) -> float:
