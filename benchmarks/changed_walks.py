@@ -23,10 +23,10 @@ from rich.console import Console
 from rich.table import Table
 
 from sextant import Localizer
-from sextant.applications.kept_descriptor import KeptDescriptor
-from sextant.applications.localization.localizer import fitted_kernel
 from sextant.baselines import WhitenedPCA
-from sextant.cli.arguments import parse_arguments
+from sextant.chapters.localization.localizer import fitted_kernel
+from sextant.chapters.places.kept_descriptor import KeptDescriptor
+from sextant.console.arguments import parse_arguments
 from sextant.evaluation import share_interval
 from sextant.localization.observation.cached_local_gp import CachedLocalGP
 from sextant.localization.recovery import BayesRestart

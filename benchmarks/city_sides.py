@@ -17,13 +17,13 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial import cKDTree
 
-from sextant.applications.places.place_map import PlaceMap
-from sextant.cli.arguments import parse_arguments
+from sextant.chapters.localization.data.datamodule import LocalizationDataModule
+from sextant.chapters.places.place_map import PlaceMap
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.data.localization.datamodule import LocalizationDataModule
+from sextant.console.arguments import parse_arguments
 from sextant.errors import UserError
-from sextant.recipes import recipe_of
+from sextant.kit import recipe_of
 
 USAGE = "python -m benchmarks.city_sides run=<run>"
 KEYS = {"run": "of place recognition, or zoo:places or zoo:streets"}

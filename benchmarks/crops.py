@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import torch
 
-from sextant.data.calibration import CameraDistribution, CameraDraw, Panoramas
-from sextant.data.calibration.crops import Sampling, crop_batch
-from sextant.data.calibration.rays import Rays
+from sextant.chapters.calibration.data import CameraDistribution, CameraDraw, Panoramas
+from sextant.chapters.calibration.data.crops import Sampling, crop_batch
+from sextant.chapters.calibration.data.rays import Rays
 from sextant.geometry import CameraParameters
 
 COUNT, REPEATS, ROWS = 64, 7, 512

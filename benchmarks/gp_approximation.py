@@ -35,12 +35,14 @@ from scipy.stats import kendalltau
 
 from benchmarks.machine import describe_machine
 from sextant.atomic_files import write_csv
+from sextant.chapters.localization.data.datamodule import LocalizationDataModule
+from sextant.chapters.localization.data.drive import Drive
+from sextant.chapters.localization.task import as_tensor
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.data.localization.datamodule import LocalizationDataModule
-from sextant.data.localization.drive import Drive
 from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
+from sextant.kit import recipe_of
 from sextant.localization.calibration import appearance_noise
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
@@ -49,8 +51,6 @@ from sextant.localization.observation import ObservationModel, observation_model
 from sextant.localization.observation.prediction import Prediction
 from sextant.localization.observation.sgpr import SGPR
 from sextant.localization.pose_kernel import PoseKernel, Spatial
-from sextant.recipes import recipe_of
-from sextant.tasks.localization.module import as_tensor
 
 OVERRIDES = ("task=localization", "dataset.every=4", "task.replay=false")
 STEPS, RATE = 60, 0.05

@@ -40,8 +40,8 @@ import os, sys, tempfile
 os.environ["SEXTANT_OUTPUTS"] = tempfile.mkdtemp()
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.recipes import recipe_of
-from sextant.recipes.assemble import build_dataset
+from sextant.kit import recipe_of
+from sextant.kit.assemble import build_dataset
 import sextant.lifecycle.execute, sextant.cli.train
 config = validate(to_plain(compose(["task=calibration"])))
 recipe_of("calibration")

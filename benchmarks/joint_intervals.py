@@ -18,10 +18,10 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.applications import PhotoCalibrator
-from sextant.applications.calibration.jointly import MULTIPLES
-from sextant.cli.arguments import parse_arguments
-from sextant.evaluation.calibration.photo_benchmark import Answers, Truth
-from sextant.evaluation.calibration.summary import AUC_DEG
+from sextant.chapters.calibration.jointly import MULTIPLES
+from sextant.chapters.calibration.metrics.photo_benchmark import Answers, Truth
+from sextant.chapters.calibration.metrics.summary import AUC_DEG
+from sextant.console.arguments import parse_arguments
 from sextant.lifecycle.photo_benchmark import PhotoBenchmark, benchmark_calibration
 from sextant.zoo import model_file, read_card
 

@@ -19,11 +19,11 @@ from rich.table import Table
 
 from benchmarks.machine import describe_machine
 from sextant import Localizer
-from sextant.applications.detection.landmarks import Landmarks
-from sextant.applications.kept_descriptor import named_baseline
 from sextant.atomic_files import write_csv
-from sextant.cli.arguments import parse_arguments
-from sextant.data.localization import as_localization_source
+from sextant.chapters.cosfire.landmarks import Landmarks
+from sextant.chapters.localization.data import as_localization_source
+from sextant.chapters.places.kept_descriptor import named_baseline
+from sextant.console.arguments import parse_arguments
 from sextant.data.worlds import OfficeWalk
 from sextant.errors import UserError
 from sextant.evaluation import mean_interval, share_interval

@@ -33,8 +33,8 @@ from benchmarks.landmarks import office
 from benchmarks.machine import describe_machine
 from sextant import Localizer
 from sextant.baselines.place_descriptors import unit_norm
-from sextant.cli.arguments import parse_arguments
-from sextant.data.localization.drive import Drive
+from sextant.chapters.localization.data.drive import Drive
+from sextant.console.arguments import parse_arguments
 from sextant.evaluation import mean_interval, share_interval
 from sextant.localization.initialisation import UniformStart
 from sextant.localization.laser import LikelihoodField

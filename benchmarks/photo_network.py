@@ -17,21 +17,21 @@ import cv2
 import numpy as np
 import torch
 
-from sextant.cli.arguments import parse_arguments
+from sextant.chapters.calibration.camera_network import trained_camera_network
+from sextant.chapters.calibration.data.batches import Crops
+from sextant.chapters.calibration.data.datamodule import TEST
+from sextant.chapters.calibration.data.panorama_folder import decode_panorama
+from sextant.chapters.calibration.data.panoramas import Panoramas
+from sextant.chapters.calibration.metrics.errors import calibration_errors
+from sextant.chapters.calibration.network import CalibrationPrediction, CameraNetwork, reported
 from sextant.composing.compose import compose, to_plain
 from sextant.config.building import build
-from sextant.data.calibration.batches import Crops
-from sextant.data.calibration.datamodule import TEST
-from sextant.data.calibration.panorama_folder import decode_panorama
-from sextant.data.calibration.panoramas import Panoramas
+from sextant.console.arguments import parse_arguments
 from sextant.data.photos import Photo, network_view, read_photo
-from sextant.evaluation.calibration.errors import calibration_errors
 from sextant.geometry import CameraParameters
+from sextant.kit.content import read_trained
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
-from sextant.tasks.calibration.network import CalibrationPrediction, CameraNetwork, reported
-from sextant.trained.camera_network import trained_camera_network
-from sextant.trained.content import read_trained
 
 KEYS = {"run": "of calibration: zoo:calibration, its directory or checkpoint"}
 PHOTOS = ("york_urban", "phone_gravity", "exif_focal")

@@ -18,7 +18,7 @@ from numpy import ndarray
 
 from sextant.baselines.place_descriptors import unit_norm
 from sextant.data.image_files import decode_image
-from sextant.evaluation.places.positives import Positives
+from sextant.evaluation.positives import Positives
 from sextant.retrieval.without_mean import Centring, centred
 
 BLOCK, DRAWS = 20, 1000

@@ -24,7 +24,7 @@ from scipy.stats import kendalltau
 
 from benchmarks.nordland_town import PLACES, SETTINGS, town_traverses
 from benchmarks.traverse_statistics import PlaceStatistics, place_statistics
-from sextant.cli.arguments import parse_arguments
+from sextant.console.arguments import parse_arguments
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import default_outputs
 

@@ -2,7 +2,7 @@
 
 By the network that ``sextant demo`` compares photos by, on pairs whose places are known: Gardens Point by day and by
 night, ESSEX3IN1, Nordland in summer and winter, some 200 places of each. Places more than ten photos apart are
-different ones. Written into ``src/sextant/applications/demonstration/known_pairs.json``.
+different ones. Written into ``src/sextant/tools/demonstration/known_pairs.json``.
 """
 
 import json
@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from sextant.applications.demonstration.same_place import KNOWN_PAIRS, SHARES, SamePlace
 from sextant.applications.pixels import as_pixels
 from sextant.atomic_files import write_atomically
-from sextant.cli.arguments import parse_arguments
+from sextant.console.arguments import parse_arguments
 from sextant.data.photo_files import find_photos
+from sextant.tools.demonstration.same_place import KNOWN_PAIRS, SHARES, SamePlace
 
 SETS = {
     "Gardens Point by day": ("gardens_point/day_left", "gardens_point/day_right"),

@@ -25,7 +25,7 @@ from benchmarks.machine import describe_machine
 from benchmarks.mapped_map import IMAGES, show_mapped
 from benchmarks.shard_simulation import ASSUMED, MAP_IMAGES, Constants, Outcome, measure, plans, simulate
 from sextant.atomic_files import write_csv
-from sextant.cli.arguments import parse_arguments
+from sextant.console.arguments import parse_arguments
 from sextant.errors import UserError
 from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.observation.cached_local_gp import CachedLocalGP

@@ -24,7 +24,7 @@ import builtins
 real = builtins.__import__
 def patched(name, *args, **kwargs):
     module = real(name, *args, **kwargs)
-    if name == "sextant.tasks.classification.module":
+    if name == "sextant.chapters.classification.task":
         sys.modules[name].Classification.training_step = stop
     return module
 builtins.__import__ = patched

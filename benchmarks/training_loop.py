@@ -49,7 +49,7 @@ def _plain(raw: dict) -> float:
     """What ``fit`` does and nothing else: read the data, train, validate once an epoch."""
     from sextant.config import validate
     from sextant.config.building import build
-    from sextant.recipes import recipe_of
+    from sextant.kit import recipe_of
 
     config = validate(raw)
     family = recipe_of(config.task.name)

@@ -8,7 +8,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from sextant.baselines import Hog, PatchNormalised, Pixels, WhitenedPCA, grey_images
-from sextant.evaluation.places.retrieval import recall_name, recall_within_frames
+from sextant.evaluation.retrieval import recall_name, recall_within_frames
 
 ALONG_TRACK_LAGS = (1, 2, 5, 10, 50)
 CROSS_LAGS = (0, 1)

@@ -22,11 +22,11 @@ from rich.table import Table
 
 from benchmarks.place_rivals import rivals
 from benchmarks.place_sets import FLOORS, PlaceSet, hits, image_sets, interval
-from sextant.applications.places.place_map import PlaceMap
-from sextant.cli.arguments import parse_arguments
-from sextant.evaluation.places.match_confidence import fit_match_confidence
-from sextant.evaluation.places.positives import Positives
-from sextant.evaluation.places.posterior import fit_temperature
+from sextant.chapters.places.match_confidence import fit_match_confidence
+from sextant.chapters.places.place_map import PlaceMap
+from sextant.console.arguments import parse_arguments
+from sextant.evaluation.positives import Positives
+from sextant.evaluation.posterior import fit_temperature
 from sextant.retrieval.without_mean import CENTRINGS, Centring
 
 USAGE = "python -m benchmarks.unseen_places [run=<run>,...] [rivals=true] [figure=<file>.png] [data=<folder>]"

@@ -22,15 +22,15 @@ from rich.table import Table
 from benchmarks.machine import describe_machine
 from sextant import Localizer, PhotoCalibrator
 from sextant.applications.pixels import as_pixels
-from sextant.applications.walks.shared_camera import SharedCamera, shared_view
 from sextant.atomic_files import write_csv
 from sextant.baselines import Hog
-from sextant.cli.arguments import parse_arguments
-from sextant.data.localization.motions import motions_along
+from sextant.chapters.localization.data.motions import motions_along
+from sextant.console.arguments import parse_arguments
 from sextant.evaluation import mean_interval, share_interval
 from sextant.evaluation.protocols import TOWN_LOCALIZATION
 from sextant.figures.style import COLOURS, new_figure, plain, save_figure
 from sextant.geometry import PerspectiveCamera, level_camera_pose
+from sextant.tools.walks.shared_camera import SharedCamera, shared_view
 from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
 
 KEYS = {

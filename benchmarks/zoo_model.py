@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 import torch
 
-from sextant.applications.localization.found_map import find_map
-from sextant.applications.localization.localizer_folder import PICTURES
-from sextant.applications.places.run_facts import FITTED
-from sextant.cli.arguments import parse_arguments
+from sextant.chapters.calibration.camera_network import trained_camera_network
+from sextant.chapters.calibration.network import CameraNetwork, reported
+from sextant.chapters.localization.found_map import find_map
+from sextant.chapters.localization.localizer_folder import PICTURES
+from sextant.chapters.places.run_facts import FITTED
 from sextant.config import validate
-from sextant.recipes import recipe_of
+from sextant.console.arguments import parse_arguments
+from sextant.kit import recipe_of
+from sextant.kit.content import own_config, read_trained
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
-from sextant.tasks.calibration.network import CameraNetwork, reported
-from sextant.trained.camera_network import trained_camera_network
-from sextant.trained.content import own_config, read_trained
 from sextant.zoo import write_model
 
 KEYS = {

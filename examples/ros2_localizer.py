@@ -21,7 +21,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
 from sextant import Localizer
-from sextant.data.localization.rosbag import picture_of
+from sextant.chapters.localization.data.rosbag import picture_of
 from sextant.geometry import se2_between
 
 #: rows of the covariance of x, y, z and turns about them that a robot on the ground has

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sextant.data.calibration import CameraDistribution
-from sextant.data.calibration.panoramas import Panoramas
+from sextant.chapters.calibration.data import CameraDistribution
+from sextant.chapters.calibration.data.panoramas import Panoramas
 
 
 class ToyPanoramas:

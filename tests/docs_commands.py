@@ -8,6 +8,8 @@ from functools import cache
 from pathlib import Path
 
 from sextant import cli
+from sextant.chapters.calibration.cli.options import CalibrationOptions
+from sextant.chapters.cosfire.cli.options import DetectionOptions
 from sextant.cli import (
     benchmark,
     claims,
@@ -24,20 +26,18 @@ from sextant.cli import (
     trajectory,
     walk,
 )
-from sextant.cli.arguments import parse_arguments
-from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.cli.data_describe import DescribeOptions
 from sextant.cli.evaluate import split_run
-from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
+from sextant.console.arguments import parse_arguments
 from sextant.errors import UserError
+from sextant.kit import recipe_of
 from sextant.lifecycle.checks import checked
 from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.evaluation import checkpoint_config
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design, sweep_words
-from sextant.recipes import recipe_of
 from sextant.reports.stored_cells import is_stored
 from sextant.zoo import PREFIX, model_file, names, read_card
 

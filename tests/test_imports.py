@@ -26,7 +26,7 @@ import sextant.corruptions
 show("cv2", "numba", "skimage", "scipy")
 import sextant.localization.observation
 show("numba", "gpytorch")
-for name in ("sextant.applications", "sextant.trained"):
+for name in ("sextant.applications", "sextant.kit"):
     for module in pkgutil.walk_packages(importlib.import_module(name).__path__, name + "."):
         importlib.import_module(module.name)
 show(*{HEAVY})

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from sextant.chapters.localization.data import as_localization_source
+from sextant.chapters.localization.data.drive import Drive
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.data.localization import as_localization_source
-from sextant.data.localization.drive import Drive
+from sextant.kit.assemble import build_dataset
 from sextant.lifecycle.execute import execute
-from sextant.recipes.assemble import build_dataset
 
 LASER = "{beams: 60, field_of_view_rad: 3.14159, max_range_m: 15.0, range_sigma_m: 0.02, dropout: 0.01}"
 #: 250 images of the map, 100 for validation and 120 for the test, by each of two lights

@@ -5,10 +5,10 @@ import torch
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
+from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.data.places.decoded_images import ImageSize
-from sextant.recipes import recipe_of
+from sextant.kit import recipe_of
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
 
 

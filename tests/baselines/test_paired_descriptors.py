@@ -9,7 +9,7 @@ from sklearn.cross_decomposition import CCA as IterativeCCA
 from sklearn.exceptions import NotFittedError
 
 from sextant.baselines import CCA, LDA, Hog, Pixels
-from sextant.evaluation.places.retrieval import recall_within_frames
+from sextant.evaluation.retrieval import recall_within_frames
 
 SIZE = {"height": 8, "width": 16}
 

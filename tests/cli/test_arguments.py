@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
-from sextant.cli.arguments import SPLIT, Options, parse_arguments
-from sextant.cli.console import print_mistake
+from sextant.console.arguments import SPLIT, Options, parse_arguments
+from sextant.console.console import print_mistake
 from sextant.errors import UserError
 
 

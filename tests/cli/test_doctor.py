@@ -5,7 +5,7 @@ import re
 import pytest
 
 from sextant import cli
-from sextant.evaluation.calibration import doctor as calibration_doctor
+from sextant.chapters.calibration.metrics import doctor as calibration_doctor
 
 
 @pytest.fixture

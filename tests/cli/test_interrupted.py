@@ -4,9 +4,9 @@ import pytest
 from support import quick_config
 
 from sextant import cli
-from sextant.cli.console import note_reached, reporting_mistakes
 from sextant.cli.terminal import TERMINAL
-from sextant.cli.work_progress import counted, work_progress
+from sextant.console.console import note_reached, reporting_mistakes
+from sextant.console.work_progress import counted, work_progress
 from sextant.lifecycle.execute import execute
 
 
@@ -77,7 +77,7 @@ def test_what_is_always_ended_so_ends_silently(verb, capsys, monkeypatch):
 
 @pytest.mark.slow
 def test_training_says_the_epoch(outputs, capsys, monkeypatch):
-    from sextant.tasks.classification.module import Classification
+    from sextant.chapters.classification.task import Classification
 
     usual = Classification.training_step
 

@@ -7,13 +7,13 @@ from PIL import Image
 from support import quick_config
 from tiny_office import office_arguments, office_cache
 
-from sextant.cli.console import reporting_mistakes
+from sextant.chapters.localization.task import Localization
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
+from sextant.console.console import reporting_mistakes
 from sextant.lifecycle.checks import preflight
 from sextant.lifecycle.execute import execute, run_digest
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.localization.module import Localization
 
 COUNT = 30
 

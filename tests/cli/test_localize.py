@@ -13,9 +13,9 @@ from headless import CHROMIUM, chromium
 from PIL import Image
 
 from sextant import Localizer, cli
-from sextant.applications.localization import localized_drive
+from sextant.chapters.localization import localized_drive
+from sextant.chapters.localization.data.pose_formats import read_tum
 from sextant.cli import localize, predict
-from sextant.data.localization.pose_formats import read_tum
 from sextant.errors import UserError
 from sextant.pages.drive import watch as watching
 from sextant.pages.drive.serving import drive_app, watched
@@ -49,7 +49,7 @@ class Device:
 @pytest.fixture
 def camera(office, monkeypatch):
     """One whose images come as slowly as they are localized."""
-    from sextant.data.localization import camera
+    from sextant.chapters.localization.data import camera
 
     class Each(camera._Newest):
         def _read(self):
@@ -118,7 +118,7 @@ def test_a_camera_that_cannot_be_opened_or_shows_nothing_is_told(office, camera,
 
 def test_the_newest_image_of_a_camera_is_taken(office, monkeypatch):
     """While one is looked at, others come and are left out; none is shown twice, and every= counts all that came."""
-    from sextant.data.localization.camera import Camera
+    from sextant.chapters.localization.data.camera import Camera
 
     class Numbers(Device):
         images = tuple(np.full((4, 4, 3), k, np.uint8) for k in range(200))
@@ -177,7 +177,7 @@ def test_ctrl_c_before_the_first_image_leaves_nothing(office, photos, tmp_path, 
 
 def moments(office, count):
     """Some steps of the drive."""
-    from sextant.applications.localization.written_poses import Moment, Row
+    from sextant.chapters.localization.written_poses import Moment, Row
 
     localizer = Localizer.load(office.folder, particles=100)
     for k in range(count):

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from data.places.place_pictures import write_pictures
 
+from sextant.chapters.places.task import PlaceRecognition
 from sextant.cli import evaluate
-from sextant.cli.console import reporting_mistakes
 from sextant.composing.compose import compose, to_plain
+from sextant.console.console import reporting_mistakes
 from sextant.lifecycle.checks import preflight
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.places.module import PlaceRecognition
 
 SPLITS = ("train", "val", "test")
 LIGHTS = ("day", "night")

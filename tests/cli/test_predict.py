@@ -7,10 +7,10 @@ import torch
 from PIL import Image
 from support import fill_disk
 
+from sextant.chapters.calibration.cli.options import CalibrationOptions
 from sextant.cli import predict, predict_handler, run
-from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.errors import UserError
-from sextant.recipes import RECIPES
+from sextant.kit import RECIPES
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import FoundRun
 
@@ -74,7 +74,7 @@ def classifier(tmp_path, monkeypatch):
     content = {KEY: {"task": "classification", "spec": spec}}
     monkeypatch.setattr(predict_handler, "resolve_run", lambda *_: FoundRun(tmp_path / "last.ckpt", None))
     monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: content)
-    module = "sextant.cli.image_classification.predict"
+    module = "sextant.chapters.classification.predict"
     said = torch.tensor([[0.5, 0.25]])
     monkeypatch.setattr(f"{module}.answering", lambda _: ("probability", lambda images: said.expand(len(images), 2)))
     monkeypatch.setattr(f"{module}.draw", lambda *_: None)

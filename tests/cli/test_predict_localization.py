@@ -10,11 +10,11 @@ import pytest
 from made_up_bags import Bags
 
 from sextant import Localizer
-from sextant.applications.localization import written_poses
-from sextant.applications.localization.written_poses import Moment, Replay, Row
+from sextant.chapters.localization import written_poses
+from sextant.chapters.localization.data.odometry_file import motions_of, read_odometry
+from sextant.chapters.localization.data.pose_formats import read_tum, write_tum
+from sextant.chapters.localization.written_poses import Moment, Replay, Row
 from sextant.cli import predict, work_progress
-from sextant.data.localization.odometry_file import motions_of, read_odometry
-from sextant.data.localization.pose_formats import read_tum, write_tum
 from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
 

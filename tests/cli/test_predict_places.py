@@ -16,20 +16,20 @@ from PIL import Image
 from support import fill_disk
 from tiny_places import Pixels, ride, scene
 
-from sextant.applications.places import describing, matching, written_matches
-from sextant.applications.places.matching import match
-from sextant.applications.places.place_map import PlaceMap
-from sextant.applications.places.run_facts import Temperature
-from sextant.applications.places.saved_map import TOLERANCES
 from sextant.atomic_files import write_sealed_json
+from sextant.chapters.places import describing, matching, written_matches
+from sextant.chapters.places.cli.inputs import read_inputs
+from sextant.chapters.places.cli.options import PlaceOptions
+from sextant.chapters.places.cli.predict import predict_places
+from sextant.chapters.places.data.tolerance import PlaceTolerance
+from sextant.chapters.places.matching import match
+from sextant.chapters.places.place_map import PlaceMap
+from sextant.chapters.places.run_facts import Temperature
+from sextant.chapters.places.saved_map import TOLERANCES
 from sextant.cli import evaluate, predict, predict_handler
-from sextant.cli.place_matching.inputs import read_inputs
-from sextant.cli.place_matching.options import PlaceOptions
-from sextant.cli.place_matching.predict import predict_places
 from sextant.composing.compose import compose, to_plain
-from sextant.data.places.tolerance import PlaceTolerance
 from sextant.errors import UserError
-from sextant.evaluation.places.positives import Positives
+from sextant.evaluation.positives import Positives
 from sextant.lifecycle.execute import execute
 from sextant.retrieval import FlatIndex
 from sextant.retrieval.without_mean import centred
@@ -189,7 +189,7 @@ def test_a_checkpoint_without_its_run_gives_similarities_only(trained, tmp_path,
 
 
 def test_other_weights_of_the_run_do_not_take_its_temperature(trained, tmp_path):
-    from sextant.applications.places.run_facts import run_temperature
+    from sextant.chapters.places.run_facts import run_temperature
 
     _, run = trained
     assert run_temperature(FoundRun(run.last_checkpoint, run)).value is not None
@@ -236,7 +236,7 @@ def test_neither_depends_on_the_block(monkeypatch):
     reference, queries = (FlatIndex(rng.normal(size=(n, 8)).astype(np.float32)) for n in (30, 11))
     same = Positives.within_frames(np.arange(30), np.arange(30), 2)
     first = match(reference, queries, same, 3, temperature=0.2)
-    monkeypatch.setattr("sextant.applications.places.matching.BLOCK", 61)
+    monkeypatch.setattr("sextant.chapters.places.matching.BLOCK", 61)
     second = match(reference, queries, same, 3, temperature=0.2)
     np.testing.assert_allclose(first.confidence, second.confidence, atol=1e-6)
     np.testing.assert_allclose(first.margin, second.margin, atol=1e-6)

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from sextant.applications.calibration.written_cameras import WrittenCameras
 from sextant.atomic_files import write_json
-from sextant.cli.console import console
-from sextant.cli.photo_calibration.predict import tell
+from sextant.chapters.calibration.cli.predict import tell
+from sextant.chapters.calibration.written_cameras import WrittenCameras
 from sextant.cli.show import show_next, show_result, show_start
 from sextant.composing.compose import compose, to_plain
+from sextant.console.console import console
 from sextant.lifecycle.checks import checked
 from sextant.lifecycle.execute import Outcome
 from sextant.runs.directory import RunDirectory

@@ -11,7 +11,7 @@ import traceback
 import pytest
 
 from sextant import cli
-from sextant.cli.console import console, errors
+from sextant.console.console import console, errors
 from sextant.errors import UserError
 
 STATES = ("fine", "closed", "full", "gone")

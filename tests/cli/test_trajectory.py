@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sextant.chapters.localization.data.pose_formats import write_tum
 from sextant.cli import run
-from sextant.data.localization.pose_formats import write_tum
 
 
 @pytest.fixture

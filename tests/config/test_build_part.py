@@ -4,12 +4,13 @@ from functools import partial
 
 import pytest
 import torch
+from frozen import freeze
 from hydra.utils import instantiate
 
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.config.build_part import build_part, named
-from sextant.config.names import FIRST, MOVED, with_first_names, with_present_names
+from sextant.config.names import FIRST, MOVED, present_name, with_first_names, with_present_names
 from sextant.config.schema.parts import known_targets
 
 PARTS = [(group, option) for group in ("pooling", "backbone", "inhibition") for option in sorted(groups()[group])]
@@ -35,22 +36,29 @@ def test_what_a_config_names_is_built_as_hydra_builds_it(group, option):
         assert vars(ours) == vars(theirs)
 
 
-@pytest.mark.parametrize("old", MOVED)
+FROZEN = freeze.read("names.json")["targets"]
+
+
+@pytest.mark.parametrize("old", [path for path in FROZEN if present_name(path) != path])
 def test_what_stored_configs_name_is_found_where_it_is_today(old):
-    assert named(old) is named(MOVED[old])
-    assert named(old).__module__ in MOVED[old]
+    new = present_name(old)
+    assert named(old) is named(new)
     node = {"motion": [{"_target_": old, "inner": {"_target_": old}}], "name": old}
     now = with_present_names(node)
-    assert now == {"motion": [{"_target_": MOVED[old], "inner": {"_target_": MOVED[old]}}], "name": old}
+    assert now == {"motion": [{"_target_": new, "inner": {"_target_": new}}], "name": old}
     assert with_first_names(now) == node
     assert with_present_names(now) == now
 
 
-def test_a_part_that_moved_has_one_first_and_one_present_path():
-    assert len(FIRST) == len(MOVED)
+def test_a_name_between_the_first_and_the_present_one_is_read_too():
+    node = {"_target_": "sextant.recipes.descriptors.DescriptorFiles"}
+    assert with_first_names(with_present_names(node)) == {"_target_": "sextant.cli.descriptors.DescriptorFiles"}
+
+
+def test_what_has_moved_has_one_present_path():
     assert not FIRST.keys() & MOVED.keys()
-    assert MOVED.keys().isdisjoint(known_targets())
-    assert FIRST.keys() <= known_targets()
+    assert all(present_name(path) == path for path in known_targets())
+    assert {present_name(path) for path in FROZEN} <= known_targets() | {"numpy.arange", "torch.optim.SGD"}
 
 
 def test_nodes_within_a_node_are_built_first():

@@ -6,19 +6,19 @@ import torch
 from frozen import freeze
 from needed import CHOICES, LOCALIZATION, NEEDED, PLACE_LOSSES, words
 
+from sextant.chapters.cosfire.checks import check_parts
+from sextant.chapters.localization.data.faults import Fault
+from sextant.chapters.places.backbone_layer import backbone_layer
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.config import validate
 from sextant.config.building import build
-from sextant.data.localization.faults import Fault
 from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
+from sextant.kit.assemble import build_dataset
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design
-from sextant.recipes.assemble import build_dataset
-from sextant.recipes.cosfire_checks import check_parts
 from sextant.runs.outputs_folder import conf_dir
-from sextant.trained.backbone_layer import backbone_layer
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import occupancy_from_scans
 

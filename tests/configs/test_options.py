@@ -9,9 +9,9 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.config.building import build
 from sextant.geometry import Parameterization, ParameterSpace
+from sextant.kit.assemble import build_dataset
 from sextant.layers import BlurPool2d, PushPullAvgConv2d, PushPullConv2d, inhibited
 from sextant.models import ResNetCifar
-from sextant.recipes.assemble import build_dataset
 
 
 def option(choice, *needed, **arguments):

@@ -5,13 +5,13 @@ import os
 import pytest
 from PIL import Image
 
-from sextant.applications.inspection.files import found_files
-from sextant.applications.places.photo_folder import photos_below
+from sextant.chapters.localization.data.frames import find_frames
+from sextant.chapters.places.photo_folder import photos_below
 from sextant.data.file_kinds import is_hidden
 from sextant.data.image_folder import ImageFolder
-from sextant.data.localization.frames import find_frames
 from sextant.data.photo_files import find_photos, images_below
 from sextant.errors import UserError
+from sextant.tools.inspection.files import found_files
 
 HIDDEN = [
     "._0001.jpg", ".0001.jpg", ".thumbnails/0001.jpg", ".Trash-1000/files/a.png", ".git/a.jpg", ".AppleDouble/a.jpg",

@@ -61,5 +61,5 @@ def test_a_module_that_is_named_exists_with_what_is_named_in_it(folder, pattern)
 
 def test_a_module_that_is_gone_is_noticed():
     assert is_there("sextant.layers.PushPullInhibition")
-    assert not is_there("sextant.cli.place_matching.gallery_pages")
+    assert not is_there("sextant.chapters.places.cli.gallery_pages")
     assert not is_there("sextant.layers.PushPullInhibitor")

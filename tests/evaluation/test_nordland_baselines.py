@@ -5,9 +5,9 @@ import pytest
 from PIL import Image
 
 from sextant.baselines import CCA, LDA, Pixels, WhitenedPCA
-from sextant.evaluation.places.positives import Positives
-from sextant.evaluation.places.precision_recall import best_match_curve
-from sextant.evaluation.places.retrieval import recall
+from sextant.chapters.places.precision_recall import best_match_curve
+from sextant.evaluation.positives import Positives
+from sextant.evaluation.retrieval import recall
 from sextant.retrieval.flat_index import FlatIndex
 from sextant.retrieval.sequence_matching import match_sequences
 

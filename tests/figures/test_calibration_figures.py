@@ -9,16 +9,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from PIL import Image
 
-from sextant.evaluation.calibration.sparsification import sparsification
-from sextant.evaluation.conformal import coverage_curve
-from sextant.figures.calibration.errors import (
+from sextant.chapters.calibration.figures.errors import (
     binned_quartiles,
     coverage_curves,
     error_by_parameter,
     predicted_against_true,
     sparsification_curves,
 )
-from sextant.figures.calibration.overlay import calibration_sheet
+from sextant.chapters.calibration.figures.overlay import calibration_sheet
+from sextant.chapters.calibration.metrics.sparsification import sparsification
+from sextant.evaluation.conformal import coverage_curve
 from sextant.figures.style import COLOURS, save_figure
 from sextant.geometry import CameraParameters
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from sextant.evaluation.classification.corruption_error import CORRUPTION_FAMILIES
-from sextant.figures.classification import (
+from sextant.chapters.classification.figures import (
     BETTER,
     WORSE,
     DifferenceBar,
@@ -13,6 +12,7 @@ from sextant.figures.classification import (
     corruption_difference,
     corruption_heatmap,
 )
+from sextant.evaluation.corruption_error import CORRUPTION_FAMILIES
 from sextant.figures.style import save_figure
 
 ERRORS = {"fog": (0.1, 0.4), "gaussian_noise": (0.2, 0.9), "stripe": (0.3,)}

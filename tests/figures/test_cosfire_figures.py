@@ -8,7 +8,7 @@ import torch
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, Rectangle
 
-from sextant.figures.cosfire import AROUND, BAR_LENGTH, cosfire_filter, cosfire_responses, recognition_errors
+from sextant.chapters.cosfire.figures import AROUND, BAR_LENGTH, cosfire_filter, cosfire_responses, recognition_errors
 from sextant.figures.style import COLOURS, save_figure
 from sextant.layers.cosfire import (
     Blur,

@@ -7,7 +7,7 @@ from matplotlib.colors import to_hex
 from PIL import Image
 from torch import nn
 
-from sextant.figures.classification import first_kernels, severity_curves
+from sextant.chapters.classification.figures import first_kernels, severity_curves
 from sextant.figures.confusion_matrix import confusion_matrix
 from sextant.figures.contact_sheet import contact_sheet
 from sextant.figures.effects import ForestRow, contrast_forest

@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sextant.applications.localization.written_poses import draw_trajectory
-from sextant.evaluation.places.condition_recall import factor_recall
-from sextant.evaluation.places.positives import Positives
-from sextant.figures.classification import DifferenceBar, corruption_difference
+from sextant.chapters.classification.figures import DifferenceBar, corruption_difference
+from sextant.chapters.localization.written_poses import draw_trajectory
+from sextant.chapters.places.condition_recall import factor_recall
+from sextant.chapters.places.figures import invariance_curves, similarity_matrix
+from sextant.evaluation.positives import Positives
 from sextant.figures.effects import ForestRow, contrast_forest
-from sextant.figures.places import invariance_curves, similarity_matrix
 from sextant.figures.searches import TrialPoint, search_history
 
 NAN = float("nan")

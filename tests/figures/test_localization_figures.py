@@ -13,9 +13,7 @@ from matplotlib.colors import to_hex
 from PIL import Image
 from scipy.stats import chi2
 
-from sextant.errors import UserError
-from sextant.evaluation.protocols import NORDLAND_LOCALIZATION, OFFICE_LOCALIZATION
-from sextant.figures.localization.particles import (
+from sextant.chapters.localization.figures.particles import (
     ESTIMATE,
     TRUTH,
     ParticleFrame,
@@ -26,8 +24,10 @@ from sextant.figures.localization.particles import (
     draw_map,
     particle_replay,
 )
-from sextant.figures.localization.success_curves import SuccessCurve, success_curves
-from sextant.figures.localization.trajectories import RunErrors, trajectory_errors
+from sextant.chapters.localization.figures.success_curves import SuccessCurve, success_curves
+from sextant.chapters.localization.figures.trajectories import RunErrors, trajectory_errors
+from sextant.errors import UserError
+from sextant.evaluation.protocols import NORDLAND_LOCALIZATION, OFFICE_LOCALIZATION
 from sextant.figures.style import new_figure
 
 MAP = np.stack(np.meshgrid(np.linspace(0, 20, 30), np.linspace(0, 10, 20)), axis=-1).reshape(-1, 2)
@@ -89,7 +89,7 @@ def test_truth_and_estimate_point_along_their_headings():
 
 
 def test_particles_have_strokes_along_their_headings_the_heaviest_alone(monkeypatch):
-    monkeypatch.setattr("sextant.figures.localization.particles.MOST_HEADINGS", 2)
+    monkeypatch.setattr("sextant.chapters.localization.figures.particles.MOST_HEADINGS", 2)
     frame = ParticleFrame(np.array([[1.0, 2, 0.5], [3, 4, -1], [5, 6, 2]]), np.array([0.0, -2.0, -900.0]))
     (axes,) = particle_map(MAP, frame).axes
     (strokes,) = [each for each in axes.collections if isinstance(each, LineCollection)]

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from sextant.evaluation.places.condition_recall import ConditionRecall, factor_recall
-from sextant.evaluation.places.positives import Positives
-from sextant.evaluation.places.precision_recall import precision_recall
-from sextant.figures.places import (
+from sextant.chapters.places.condition_recall import ConditionRecall, factor_recall
+from sextant.chapters.places.figures import (
     MOST_CELLS,
     RIGHT,
     UNKNOWN,
@@ -19,6 +17,8 @@ from sextant.figures.places import (
     retrieval_gallery,
     similarity_matrix,
 )
+from sextant.chapters.places.precision_recall import precision_recall
+from sextant.evaluation.positives import Positives
 from sextant.figures.style import save_figure
 
 GOOD = precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, True, False]), 4)

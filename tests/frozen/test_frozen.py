@@ -12,6 +12,7 @@ import sextant
 from sextant.atomic_files import read_json
 from sextant.config import digest, validate
 from sextant.config.build_part import named
+from sextant.config.names import present_name
 from sextant.runs.directory import all_runs
 from sextant.runs.sweep_directory import read_plans
 
@@ -51,7 +52,7 @@ def test_what_was_public_can_be_imported():
         f"{package}.{name}"
         for package, names in frozen["public"].items()
         for name in names
-        if not hasattr(import_module(package), name)
+        if not hasattr(import_module(present_name(package)), name)
     ]
     assert gone == []
     for target in frozen["targets"]:

@@ -9,14 +9,14 @@ import torch
 import yaml
 from support import quick_config
 
+from sextant.chapters.classification.task import Classification
 from sextant.composing.compose import compose, to_plain
 from sextant.errors import UserError
 from sextant.lifecycle import execute as life
 from sextant.lifecycle.execute import execute, execute_cell
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.classification.module import Classification
-from sextant.tasks.optimizing import log_training_loss
+from sextant.training.optimizing import log_training_loss
 
 
 @pytest.fixture(scope="module")

@@ -16,13 +16,13 @@ from tiny_digits import digits_run
 import sextant
 from sextant import cli
 from sextant.errors import UserError
+from sextant.kit import export_formats
+from sextant.kit.content import read_trained
+from sextant.kit.exports import Exportable, _Named, exportable
 from sextant.lifecycle.execute import execute
+from sextant.lifecycle.export_formats import TOLERANCE
 from sextant.lifecycle.exporting import export_run
-from sextant.recipes import export_formats
-from sextant.recipes.export_formats import TOLERANCE
-from sextant.recipes.exports import Exportable, _Named, exportable
 from sextant.runs.checkpoint import KEY
-from sextant.trained.content import read_trained
 
 
 @pytest.fixture(scope="module")

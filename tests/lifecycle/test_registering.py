@@ -19,9 +19,9 @@ from tiny_digits import digits_run
 import sextant
 from sextant import cli
 from sextant.errors import UserError
+from sextant.kit.photo_predictors import photo_predictor
 from sextant.lifecycle.execute import execute
 from sextant.lifecycle.registering import register_run
-from sextant.recipes.photo_predictors import photo_predictor
 from sextant.tracking.registry import answered
 from sextant.tracking.server import guarded
 from sextant.tracking.store import open_store

@@ -116,7 +116,7 @@ def test_killed_it_ends_as_if_it_had_not_been_and_leaves_nothing_behind(tmp_path
     expected = RunDirectory(execute(quick_config(tmp_path / "whole", *words)).directory).results()
     killed = quick_config(tmp_path / "killed", *words)
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["sextant.lifecycle.training", "sextant.recipes.classification"])
+    context.set_forkserver_preload(["sextant.lifecycle.training", "sextant.chapters.classification.chapter"])
     process = context.Process(target=begin, args=(killed,))
     process.start()
     wait_for(tmp_path / "killed", CHECKPOINT, lambda: not process.is_alive())

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
-from sextant.evaluation.places.positives import Positives
+from sextant.evaluation.positives import Positives
 from sextant.localization.calibration import appearance_noise, error_whitening, posterior, tempered
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import ExactGP

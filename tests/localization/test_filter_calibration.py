@@ -13,7 +13,7 @@ import pytest
 import torch
 from scipy import stats
 
-from sextant.evaluation.localization.pose_posterior import nees, posterior_calibration
+from sextant.evaluation.pose_posterior import nees, posterior_calibration
 from sextant.geometry.planar import se2_compose, se2_exp
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import mean_over_all

@@ -8,6 +8,7 @@ import pytest
 import torch
 from calibration_toy import ToyPanoramas
 
+from sextant.chapters.calibration.network import network_parts
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.config.building import build
@@ -16,9 +17,8 @@ from sextant.data.photos import network_view, photo_of_array
 from sextant.errors import UserError
 from sextant.geometry.canvas import on_canvas
 from sextant.geometry.perspective_field import perspective_field
+from sextant.kit import recipe_of
 from sextant.losses.field import field_loss
-from sextant.recipes import recipe_of
-from sextant.tasks.calibration.network import network_parts
 
 SMALL = [
     "experiment=calibration_held", "dataset.sources.real.folder=/nowhere", "backbone.weights=null", "backbone.stages=2",

@@ -12,8 +12,8 @@ import pytest
 from sextant.composing.compose import compose, to_plain
 from sextant.config import digest, validate
 from sextant.errors import UserError
-from sextant.recipes import RECIPES, recipe_of
-from sextant.recipes.assemble import is_corrupted
+from sextant.kit import RECIPES, recipe_of
+from sextant.kit.assemble import is_corrupted
 
 DRAWN = ("none", "gaussian", "contrast_poisson", "pushpull", "cifar10_c", "mnist_c", "imagenet_c")
 LANDMARKS = ("descriptor=landmarks", "descriptor.photo=gone.png", "descriptor.points=[[3,4]]")

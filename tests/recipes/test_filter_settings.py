@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 
+from sextant.chapters.localization.chapter import LocalizationRecipe
+from sextant.chapters.localization.chapter import test_settings as settings_of
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.config.digest import digest
 from sextant.errors import UserError
-from sextant.recipes.localization import LocalizationRecipe
-from sextant.recipes.localization import test_settings as settings_of
 
 LINE = np.column_stack([np.arange(9.0), np.zeros(9), np.zeros(9)])
 

@@ -9,8 +9,8 @@ import pytest
 from sextant import tasks
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.recipes import RECIPES, recipe_of
-from sextant.reports.measure import ACCURACY, CALIBRATION, CALIBRATION_ERRORS, RECALL, RECOGNITION, SUCCESS
+from sextant.evaluation.measure import ACCURACY, CALIBRATION, CALIBRATION_ERRORS, RECALL, RECOGNITION, SUCCESS
+from sextant.kit import RECIPES, recipe_of
 
 RIGHT = np.array([1.0, 1.0, 0.0, 1.0])
 LABELS = np.array([0, 1, 2, 3])

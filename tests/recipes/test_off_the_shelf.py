@@ -10,13 +10,13 @@ from safetensors.torch import save_file
 from support import as_published
 from torchvision import models
 
+from sextant.chapters.places.off_the_shelf import off_the_shelf, weights_identity
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.config.schema.places import OffTheShelf
 from sextant.errors import UserError
 from sextant.models import ResNetCifar
 from sextant.models.trunk_input import IMAGENET_MEAN, IMAGENET_STD
-from sextant.recipes.off_the_shelf import off_the_shelf, weights_identity
 
 IMAGES = np.random.default_rng(0).integers(0, 256, (3, 64, 96, 3)).astype(np.uint8)
 

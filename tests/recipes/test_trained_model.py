@@ -16,14 +16,14 @@ from sextant.cli.show import show_result, show_start
 from sextant.corruptions import BenchmarkSuite
 from sextant.data.cifar10 import CIFAR10
 from sextant.errors import UserError
+from sextant.kit.content import read_trained
+from sextant.kit.trained_model import model_from_checkpoint
 from sextant.lifecycle.evaluation import checkpoint_config
 from sextant.lifecycle.execute import Outcome
 from sextant.lifecycle.published_figures import same_images
 from sextant.models import DenseNetCifar, ResNetCifar, load_published
-from sextant.recipes.trained_model import model_from_checkpoint
 from sextant.runs.checkpoint import KEY
 from sextant.runs.directory import RunDirectory
-from sextant.trained.content import read_trained
 
 
 def a_resnet(depth=20):

@@ -8,11 +8,11 @@ import torch
 from PIL import Image
 
 from sextant.atomic_files import write_json
+from sextant.chapters.cosfire.chapter import CosfireRecipe
+from sextant.chapters.places.descriptors import TrainedDescriptor, describer
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
-from sextant.recipes.cosfire import CosfireRecipe
-from sextant.recipes.descriptors import TrainedDescriptor, describer
 from sextant.reporter import Reporter
 from sextant.runs.checkpoint import KEY
 from sextant.torch_file import save_sealed

@@ -11,13 +11,13 @@ from made_up_sweep import IMAGES, PROTOCOL, MadeUpRun, made_up_sweep, prediction
 from scipy import stats
 
 from sextant.evaluation import ALEXNET_CIFAR10_C, ALL_19, BENCHMARK_15
+from sextant.evaluation.measure import classified
+from sextant.evaluation.shared_set import SharedSet, shared_set
 from sextant.reports.contrasts import contrasts
 from sextant.reports.corruption_contrasts import corruption_contrasts
 from sextant.reports.corruption_errors import OverSeeds, arm_errors, baseline_of
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.corruption_tables import difference_table, overview_table, score_table
-from sextant.reports.measure import classified
-from sextant.reports.shared_set import SharedSet, shared_set
 from sextant.reports.sweep_report import write_report
 
 # errors of 20 images: clean 5 %; fog 10 and 20 %, gaussian noise 25 %; E = (15 + 25) / 2 = 20 %

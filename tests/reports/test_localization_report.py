@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.atomic_files import write_json
-from sextant.evaluation.localization.success import share_of
+from sextant.evaluation.measure import SUCCESS, localized
+from sextant.evaluation.success import share_of
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.cell_tables import cells_table
 from sextant.reports.contrasts import contrasts
-from sextant.reports.measure import SUCCESS, localized
 from sextant.reports.particles_report import (
     POOLED,
     Curve,

@@ -7,9 +7,9 @@ import pytest
 
 from sextant.atomic_files import write_json
 from sextant.errors import UserError
+from sextant.evaluation.measure import require_answers
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.contrasts import contrasts
-from sextant.reports.measure import require_answers
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan

@@ -9,12 +9,14 @@ from scipy import stats
 
 from sextant.atomic_files import write_json
 from sextant.errors import UserError
+from sextant.evaluation.measure import CALIBRATION_ERRORS
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.contrasts import contrasts
-from sextant.reports.measure import CALIBRATION_ERRORS
 from sextant.reports.summary import summarise
 from sextant.reports.sweep_report import write_report
-from sextant.reports.tables import (
+from sextant.runs.directory import RunDirectory, RunKey
+from sextant.runs.sweep_directory import Cell, SweepPlan
+from sextant.tables import (
     NOTHING,
     WIDEST,
     Entry,
@@ -25,8 +27,6 @@ from sextant.reports.tables import (
     number,
     p_text,
 )
-from sextant.runs.directory import RunDirectory, RunKey
-from sextant.runs.sweep_directory import Cell, SweepPlan
 
 IMAGES, SEEDS = 400, 9
 DEFINITION = {

@@ -8,9 +8,9 @@ from made_up_sweep import predictions
 
 from sextant.atomic_files import write_json
 from sextant.evaluation.headline import Headline, relative_loss
+from sextant.evaluation.measure import classified, localized, recognised
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.confidence_report import confidence_section
-from sextant.reports.measure import classified, localized, recognised
 from sextant.reports.page.report_page import write_report_page
 from sextant.reports.sweep_report import write_report
 from sextant.reports.tasks_report import loss_table, of_several_tasks, overview_table, task_rows

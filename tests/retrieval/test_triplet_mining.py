@@ -5,7 +5,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sextant.data.places import PlaceTolerance
+from sextant.chapters.places.data import PlaceTolerance
 from sextant.errors import UserError
 from sextant.retrieval import (
     BatchHardMining,

@@ -3,7 +3,7 @@
 import pytest
 
 from sextant import cli
-from sextant.cli.console import console
+from sextant.console.console import console
 from sextant.runs.directory import RunDirectory
 from sextant.runs.machine import DATA, machine_facts
 

@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 KILLS = 10
 #: what a child needs, so that it begins to train at once
 PRELOADED = [
-    *("sextant.lifecycle.training", "sextant.recipes.classification", "sextant.tracking.mirror"),
+    *("sextant.lifecycle.training", "sextant.chapters.classification.chapter", "sextant.tracking.mirror"),
     *("mlflow.store.tracking.sqlalchemy_store", "matplotlib.pyplot", "pygments"),
 ]
 HAS_BEGUN_A_RUN = 200e6  # bytes: it has imported torch. A worker without a task yet is joblib's and idles on.

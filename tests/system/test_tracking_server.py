@@ -9,13 +9,13 @@ import pytest
 from support import QUICK, quick_config
 
 from sextant import cli
+from sextant.chapters.classification.task import Classification
 from sextant.cli.sweep import run_sweep
 from sextant.cli.terminal import TERMINAL
 from sextant.composing.compose import compose, to_plain
 from sextant.lifecycle.execute import execute, execute_cell
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import find_sweep, read_plan
-from sextant.tasks.classification.module import Classification
 from sextant.tracking.environment import quiet_libraries
 from sextant.tracking.server import guarded, server_command
 from sextant.tracking.store import open_store

@@ -4,13 +4,13 @@ import sys
 
 import pytest
 
-from sextant.tasks import peak_memory
-from sextant.tasks.peak_memory import peak_memory_mb, reset_peak_memory
+from sextant.training import peak_memory
+from sextant.training.peak_memory import peak_memory_mb, reset_peak_memory
 
 # In a process of its own: that of the suite may give back gigabytes at any moment.
 COUNT = """
 import json
-from sextant.tasks.peak_memory import peak_memory_mb, reset_peak_memory
+from sextant.training.peak_memory import peak_memory_mb, reset_peak_memory
 reset_peak_memory()
 peaks = [peak_memory_mb()]
 large = b"1" * 2**27

@@ -1,6 +1,6 @@
 import pytest
 
-from sextant.tasks.schedules import ConstantRate, CosineDecay, StepDecay
+from sextant.training.schedules import ConstantRate, CosineDecay, StepDecay
 
 
 def test_steps_fall_where_the_paper_has_them():

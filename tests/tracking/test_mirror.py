@@ -5,10 +5,10 @@ from contextlib import suppress
 import pytest
 from support import quick_config
 
+from sextant.chapters.classification.task import Classification
 from sextant.errors import LossNotFiniteError, UserError
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.classification.module import Classification
 from sextant.tracking.refill import refill
 from sextant.tracking.store import open_store
 

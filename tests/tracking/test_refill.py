@@ -7,13 +7,13 @@ from support import quick_config
 
 from sextant import cli
 from sextant.atomic_files import write_json
+from sextant.chapters.classification.task import Classification
 from sextant.errors import UserError
 from sextant.lifecycle import execute as life
 from sextant.lifecycle.execute import execute
 from sextant.reporter import Reporter
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, find_sweep, read_plan
-from sextant.tasks.classification.module import Classification
 from sextant.tracking.mirror import finish_mirror, open_mirror
 from sextant.tracking.refill import refill
 from sextant.tracking.store import open_store

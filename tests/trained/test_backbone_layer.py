@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.applications.kept_descriptor import ARRAYS, HEADER, kept_layer, load_descriptor
+from sextant.chapters.places.backbone_layer import backbone_layer, layer_identity, layer_nodes, layer_of_file
+from sextant.chapters.places.kept_descriptor import ARRAYS, HEADER, kept_layer, load_descriptor
 from sextant.composing.compose import compose, to_plain
 from sextant.errors import UserError
 from sextant.layers import PushPullConv2d
 from sextant.layers.inhibition import inhibited
-from sextant.trained.backbone_layer import backbone_layer, layer_identity, layer_nodes, layer_of_file
 
 SMALL = (
     "task=localization",

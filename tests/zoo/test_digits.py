@@ -7,9 +7,9 @@ import pytest
 from PIL import Image
 
 from sextant import ImageClassifier, cli
-from sextant.applications.demonstration.digit import centred
 from sextant.data.digits import Digits
 from sextant.data.mnist import MNIST
+from sextant.tools.demonstration.digit import centred
 from sextant.zoo import model_file, read_card
 
 NAMES = ("digits", "digits_push_pull")

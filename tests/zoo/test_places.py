@@ -8,8 +8,8 @@ from PIL import Image
 
 from benchmarks.place_sets import hits, image_sets
 from sextant import Localizer, PlaceMap, cli
-from sextant.applications.places.run_facts import FITTED
-from sextant.evaluation.places.match_confidence import UNSEEN
+from sextant.chapters.places.match_confidence import UNSEEN
+from sextant.chapters.places.run_facts import FITTED
 from sextant.zoo import model_file, read_card
 
 REFERENCE = "zoo:places"

@@ -7,20 +7,20 @@ from importlib import import_module
 from typing import Any
 
 _HERE = {
-    "Classified": "sextant.applications.classification",
-    "Detection": "sextant.applications.detection.detector",
-    "ExampleDetector": "sextant.applications.detection.detector",
+    "Classified": "sextant.chapters.classification",
+    "Detection": "sextant.chapters.cosfire.detector",
+    "ExampleDetector": "sextant.chapters.cosfire.detector",
     "FailedPhoto": "sextant.applications.failures",
     "FailedPhotosError": "sextant.applications.failures",
-    "ImageClassifier": "sextant.applications.classification",
-    "LocalizedPose": "sextant.applications.localization.localizer",
-    "Localizer": "sextant.applications.localization.localizer",
-    "LookedUp": "sextant.applications.places.looked_up",
-    "OneCamera": "sextant.applications.calibration.one_camera",
-    "PhotoCalibrator": "sextant.applications.calibration.calibrator",
-    "PhotoCamera": "sextant.applications.calibration.photo_camera",
-    "PlaceMap": "sextant.applications.places.place_map",
-    "PlaceMatch": "sextant.applications.places.looked_up",
+    "ImageClassifier": "sextant.chapters.classification",
+    "LocalizedPose": "sextant.chapters.localization.localizer",
+    "Localizer": "sextant.chapters.localization.localizer",
+    "LookedUp": "sextant.chapters.places.looked_up",
+    "OneCamera": "sextant.chapters.calibration.one_camera",
+    "PhotoCalibrator": "sextant.chapters.calibration.calibrator",
+    "PhotoCamera": "sextant.chapters.calibration.photo_camera",
+    "PlaceMap": "sextant.chapters.places.place_map",
+    "PlaceMatch": "sextant.chapters.places.looked_up",
 }
 __all__ = list(_HERE)
 

@@ -59,7 +59,7 @@ def run(verb: str, arguments: list[str]) -> None:
 def _run_reporting(verb: str, arguments: list[str]) -> None:
     try:
         with naming_extras(f"sextant {verb}"):
-            from sextant.cli.console import reporting_mistakes
+            from sextant.console.console import reporting_mistakes
 
             with reporting_mistakes(verb):
                 _run(verb, arguments)

@@ -8,10 +8,10 @@ from typing import Annotated
 from pydantic import Field
 
 from sextant.applications.arguments import check_apart
-from sextant.cli.arguments import SPLIT, Options, UserPath
-from sextant.cli.console import console
-from sextant.cli.output_folder import make_output, tell_written
-from sextant.cli.skipped_files import tell_skipped
+from sextant.console.arguments import SPLIT, Options, UserPath
+from sextant.console.console import console
+from sextant.console.output_folder import make_output, tell_written
+from sextant.console.skipped_files import tell_skipped
 from sextant.errors import UserError
 
 USAGE = "sextant benchmark calibration folder=<folder, or its name in SEXTANT_DATA> [run=<run>] [output=<folder>]"

@@ -6,9 +6,9 @@ from typing import Literal
 from pydantic import Field
 from rich.table import Table
 
-from sextant.cli.arguments import Options, UserPath
-from sextant.cli.console import console
-from sextant.cli.output_folder import make_output
+from sextant.console.arguments import Options, UserPath
+from sextant.console.console import console
+from sextant.console.output_folder import make_output
 from sextant.errors import UserError, command
 
 USAGE = """\

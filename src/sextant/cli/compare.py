@@ -6,8 +6,8 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from sextant.cli.arguments import Options
-from sextant.cli.console import console
+from sextant.console.arguments import Options
+from sextant.console.console import console
 from sextant.errors import UserError
 
 USAGE = "sextant compare run=<run> run=<run>"

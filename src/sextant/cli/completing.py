@@ -75,7 +75,7 @@ def candidates(line: str, verb: str | None, verbs: Mapping[str, tuple[str, str]]
 
 def _keys(module: Any) -> list[str]:
     """The keys that a verb takes, each ending in ``=``, and those of their values that are words."""
-    from sextant.cli.arguments import Options, word_values
+    from sextant.console.arguments import Options, word_values
 
     own = [each for each in vars(module).values() if isinstance(each, type) and issubclass(each, Options)]
     fields = {key: field for each in own for key, field in each.fields().items()}

@@ -5,11 +5,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from sextant.cli.arguments import SPLIT, UserPath
-from sextant.cli.console import print_key_values, reporting_mistakes
 from sextant.cli.data_describe import Sharded
 from sextant.cli.streams import whole_streams
 from sextant.cli.terminal import TERMINAL
+from sextant.console.arguments import SPLIT, UserPath
+from sextant.console.console import print_key_values, reporting_mistakes
 from sextant.errors import UserError
 
 USAGE = "python -m sextant.corruptions make set=cifar10_c input=cifar10 output=CIFAR-10-C [shards=3 [shard=0]]"

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field
 
 from sextant.addresses import file_uri
-from sextant.cli.arguments import Options, UserPath
-from sextant.cli.console import console, print_mistake
-from sextant.cli.output_folder import make_output
 from sextant.cli.terminal import TERMINAL
+from sextant.console.arguments import Options, UserPath
+from sextant.console.console import console, print_mistake
+from sextant.console.output_folder import make_output
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import default_outputs
 from sextant.tracking.environment import quiet_libraries
@@ -92,7 +92,7 @@ def _server(options: DashboardOptions) -> str | None:
 
 def _fill(store: "Store", outputs: Path) -> None:
     from sextant.lifecycle.parent_page import fill_store
-    from sextant.reports.tables import counted
+    from sextant.tables import counted
 
     changed = fill_store(store, outputs, TERMINAL)
     console.print(f"{counted(changed, 'run')} brought up to date" if changed else "the store is up to date")

@@ -10,13 +10,13 @@ from pydantic import Field
 from rich.markup import escape
 from rich.table import Table
 
-from sextant.cli.arguments import Options
-from sextant.cli.console import console, print_key_values
 from sextant.cli.data_describe import DESCRIBE, Sharded, describe
 from sextant.cli.gallery import gallery
-from sextant.cli.work_progress import work_progress
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.rendered_datasets import rendered_datasets
+from sextant.console.arguments import Options
+from sextant.console.console import console, print_key_values
+from sextant.console.work_progress import work_progress
 from sextant.errors import UserError, command
 
 if TYPE_CHECKING:

@@ -5,13 +5,13 @@ from typing import Self
 
 from pydantic import Field
 
-from sextant.applications.places.photo_folder import photos_below
-from sextant.cli.arguments import Options, UserPath, parse_arguments
-from sextant.cli.console import console
-from sextant.cli.predict_handler import open_run
-from sextant.cli.skipped_files import tell_skipped
-from sextant.cli.work_progress import work_progress
+from sextant.chapters.places.photo_folder import photos_below
+from sextant.console.arguments import Options, UserPath, parse_arguments
+from sextant.console.console import console
+from sextant.console.skipped_files import tell_skipped
+from sextant.console.work_progress import work_progress
 from sextant.errors import UserError
+from sextant.kit.handler import open_run
 
 DESCRIBE = "sextant data describe run=<run> map=<photos> output=<folder> [shards=3 [shard=0]]"
 #: keys for finding the run, with their meanings
@@ -50,8 +50,8 @@ def describe(arguments: Sequence[str]) -> None:
     given = parse_arguments(arguments, DescribeOptions.meanings() | RUN_KEYS, DESCRIBE)
     options = DescribeOptions.of(given, DESCRIBE)
     photos, trained = photos_below(options.map, "map", options.output, one=False), open_run(given)
-    from sextant.applications.places.map_shards import describe_shard, merge_shards
-    from sextant.applications.places.place_map import PlaceMap
+    from sextant.chapters.places.map_shards import describe_shard, merge_shards
+    from sextant.chapters.places.place_map import PlaceMap
 
     places = PlaceMap.of(trained.content, trained.found, trust=trained.trust)
     if options.shards is not None and options.shard is None:

@@ -6,8 +6,8 @@ from threading import Event
 
 from pydantic import Field
 
-from sextant.cli.arguments import Options
-from sextant.cli.console import console
+from sextant.console.arguments import Options
+from sextant.console.console import console
 
 USAGE = "sextant demo [browser=false] [port=8000]"
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from sextant.cli.console import console
+from sextant.console.console import console
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
-    from sextant.evaluation.calibration.doctor import Crop, CrossTalk, Finding
+    from sextant.chapters.calibration.metrics.doctor import Crop, CrossTalk, Finding
 
 USAGE = "sextant doctor [calibration]"
 
@@ -50,7 +50,7 @@ def _machine() -> None:
 
 
 def _calibration() -> None:
-    from sextant.evaluation.calibration.doctor import examine
+    from sextant.chapters.calibration.metrics.doctor import examine
 
     began = time.monotonic()
     crop, why_not = _crop()
@@ -68,7 +68,7 @@ def _calibration() -> None:
 def _crop() -> "tuple[Crop | None, str]":
     """The function that cuts crops, or the reason why it is missing."""
     try:
-        from sextant.data.calibration.crops import crop_panoramas
+        from sextant.chapters.calibration.data.crops import crop_panoramas
     except ImportError as error:
         return None, f"crops cannot be cut: {error}"
     return crop_panoramas, ""

@@ -5,9 +5,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from sextant.cli.arguments import Options, UserPath
-from sextant.cli.console import console
-from sextant.cli.output_folder import make_output
+from sextant.console.arguments import Options, UserPath
+from sextant.console.console import console
+from sextant.console.output_folder import make_output
 
 USAGE = "sextant export run=<run> [format=onnx|torch_export] [output=<folder>]"
 

@@ -6,9 +6,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from sextant.cli.arguments import SPLIT, Options, UserPath
-from sextant.cli.console import console
-from sextant.cli.work_progress import work_progress
+from sextant.console.arguments import SPLIT, Options, UserPath
+from sextant.console.console import console
+from sextant.console.work_progress import work_progress
 from sextant.errors import UserError
 
 USAGE = "sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]"

@@ -10,14 +10,14 @@ from pydantic import Field
 from rich.markup import escape
 
 from sextant.applications.arguments import check_own_file
-from sextant.cli.arguments import Options, UserPath
-from sextant.cli.console import console, print_key_values
-from sextant.cli.skipped_files import tell_skipped
-from sextant.cli.work_progress import work_progress
+from sextant.console.arguments import Options, UserPath
+from sextant.console.console import console, print_key_values
+from sextant.console.skipped_files import tell_skipped
+from sextant.console.work_progress import work_progress
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
-    from sextant.applications.inspection import Inspection
+    from sextant.tools.inspection import Inspection
 
 USAGE = "sextant inspect <folder, photo, video or file of poses> [json=inspection.json]"
 
@@ -39,8 +39,8 @@ def main(arguments: Sequence[str]) -> None:
     if options.json_file is not None:
         check_own_file("json", options.json_file, [options.input], [".json"])
         _keep(options.json_file, options.input)
-    from sextant.applications.inspection import inspect, summary
     from sextant.atomic_files import write_json
+    from sextant.tools.inspection import inspect, summary
 
     found = inspect(options.input, work_progress)
     print_key_values(str(options.input), summary(found.seen))

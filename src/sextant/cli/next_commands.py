@@ -7,8 +7,8 @@ from sextant.composing.config_files import sweep_command
 from sextant.composing.overrides import parse
 from sextant.config import Config
 from sextant.errors import UserError, command
+from sextant.kit import Recipe, recipe_of
 from sextant.lifecycle.sweep_plan import cell_config, read_design
-from sextant.recipes import Recipe, recipe_of
 from sextant.runs.directory import RunDirectory
 from sextant.runs.outputs_folder import other_than_default
 

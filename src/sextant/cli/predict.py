@@ -10,22 +10,22 @@ from pathlib import Path
 from pydantic import Field
 
 from sextant.applications.arguments import check_apart
-from sextant.cli.arguments import Options, parse_arguments
-from sextant.cli.output_folder import make_output
-from sextant.cli.predict_handler import Handler, open_run, require
+from sextant.console.arguments import Options, parse_arguments
+from sextant.console.output_folder import make_output
 from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
+from sextant.kit.handler import Handler, open_run, require
 from sextant.tracking.environment import quiet_libraries
 
 #: task of a run, or of a command without one -> import path of its handler. The last handlers are asked first whether
 #: the arguments name them.
 TASKS = {
-    "classification": "sextant.cli.image_classification.handler.Classification",
-    "cosfire": "sextant.cli.image_classification.handler.Classification",
-    "calibration": "sextant.cli.photo_calibration.handler.Calibration",
-    "localization": "sextant.cli.localizing.handler.Localization",
-    "place_recognition": "sextant.cli.place_matching.handler.PlaceMatching",
-    "task=cosfire": "sextant.cli.cosfire_detection.handler.Detection",
+    "classification": "sextant.chapters.classification.handler.Classification",
+    "cosfire": "sextant.chapters.classification.handler.Classification",
+    "calibration": "sextant.chapters.calibration.cli.handler.Calibration",
+    "localization": "sextant.chapters.localization.cli.handler.Localization",
+    "place_recognition": "sextant.chapters.places.cli.handler.PlaceMatching",
+    "task=cosfire": "sextant.chapters.cosfire.cli.handler.Detection",
 }
 
 #: defaults where neither model nor task is named: photos are calibrated

@@ -7,7 +7,7 @@ import pytorch_lightning as pl
 from pytorch_lightning.callbacks import Callback
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from sextant.cli.console import console, note_reached
+from sextant.console.console import console, note_reached
 
 REFRESH_S = 0.2
 LINE_S = 5.0

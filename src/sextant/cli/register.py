@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from sextant.cli.arguments import Options, UserPath
-from sextant.cli.console import console
+from sextant.console.arguments import Options, UserPath
+from sextant.console.console import console
 from sextant.errors import UserError
 from sextant.tracking.environment import quiet_libraries
 

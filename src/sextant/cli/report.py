@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field
 from rich.table import Table
 
-from sextant.cli.arguments import Options, UserPath
-from sextant.cli.console import console
-from sextant.cli.output_folder import make_output
+from sextant.console.arguments import Options, UserPath
+from sextant.console.console import console
+from sextant.console.output_folder import make_output
 from sextant.tracking.environment import quiet_libraries
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _show(results: "SweepResults") -> None:
     """Show the contrasts in a table that fits a terminal; everything else is in the report."""
     from sextant.reports.contrasts import contrasts, of_one_pair
     from sextant.reports.divergence import divergence
-    from sextant.reports.tables import TextTable, counted, interval, number
+    from sextant.tables import TextTable, counted, interval, number
 
     counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
     console.print(f"[bold]{results.plan.name}[/]: {counted(len(results.cells), 'run')} planned, {counts}")

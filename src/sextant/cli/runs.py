@@ -8,8 +8,8 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from sextant.cli.console import console
 from sextant.cli.terminal import TERMINAL
+from sextant.console.console import console
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory, all_runs
 from sextant.runs.locks import run_lock

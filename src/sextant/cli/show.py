@@ -10,16 +10,16 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from sextant.cli.console import console, print_key_values, rows_table
 from sextant.cli.next_commands import next_commands
 from sextant.composing.config_files import with_folders
 from sextant.config import Config
 from sextant.config.building import part_name
+from sextant.console.console import console, print_key_values, rows_table
+from sextant.kit import recipe_of
 from sextant.lifecycle.execute import Outcome
 from sextant.lifecycle.published_figures import comparison, says
-from sextant.recipes import recipe_of
-from sextant.reports.tables import counted
 from sextant.runs.directory import RunDirectory
+from sextant.tables import counted
 
 #: more metrics than this are left to metrics.json where a table sums them up; columns of a table
 MOST, WIDTH = 20, 100
@@ -99,8 +99,8 @@ def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
 def _show_divergence(directory: RunDirectory, typed: Sequence[str] | None) -> None:
     import numpy as np
 
+    from sextant.evaluation.measure import ACCURACY
     from sextant.reports.divergence import what_to_do
-    from sextant.reports.measure import ACCURACY
     from sextant.reports.results import Training
 
     if typed is not None:

@@ -9,10 +9,10 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from sextant.cli.arguments import parse_arguments
-from sextant.cli.console import console
 from sextant.cli.terminal import TERMINAL
 from sextant.composing.config_files import own_configs, without_folder
+from sextant.console.arguments import parse_arguments
+from sextant.console.console import console
 from sextant.errors import UserError
 from sextant.lifecycle import sweep
 from sextant.lifecycle.search.run import sweep_or_search

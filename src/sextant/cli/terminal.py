@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from sextant.cli.console import console, note_reached
 from sextant.cli.show import show_start
-from sextant.cli.work_progress import work_progress
 from sextant.config import Config
+from sextant.console.console import console, note_reached
+from sextant.console.work_progress import work_progress
 from sextant.lifecycle.run_reporter import RunReporter
 from sextant.reporter import Advance
-from sextant.reports.tables import counted
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import SweepPlan
+from sextant.tables import counted
 
 if TYPE_CHECKING:
     from pytorch_lightning.callbacks import Callback

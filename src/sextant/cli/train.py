@@ -6,11 +6,11 @@ from collections.abc import Sequence
 import hydra
 from omegaconf import DictConfig
 
-from sextant.cli.console import reporting_mistakes
 from sextant.cli.terminal import TERMINAL
 from sextant.composing.compose import compose, register_resolvers, to_plain
 from sextant.composing.config_files import folders, own_configs, without_folder
 from sextant.composing.overrides import literal
+from sextant.console.console import reporting_mistakes
 from sextant.errors import UserError
 from sextant.lifecycle.checks import checked, preflight
 from sextant.runs.outputs_folder import conf_dir

@@ -11,8 +11,8 @@ from pydantic import Field
 from rich.table import Table
 
 from sextant.applications.arguments import check_own_file
-from sextant.cli.arguments import Options, UserPath
-from sextant.cli.console import console
+from sextant.console.arguments import Options, UserPath
+from sextant.console.console import console
 from sextant.errors import UserError
 
 USAGE = (
@@ -46,8 +46,8 @@ def main(arguments: Sequence[str]) -> None:
         if path is not None:
             check_own_file(key, path, files, endings)
 
-    from sextant.applications.localization.trajectories import compare_trajectories
     from sextant.atomic_files import write_json
+    from sextant.chapters.localization.trajectories import compare_trajectories
 
     found = compare_trajectories(files[0], files[1], max_gap_s=options.max_gap_s)
     console.print(
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str]) -> None:
         with _telling("json", options.json_file):
             write_json(options.json_file, found.facts())
     if options.figure:
-        from sextant.figures.localization.trajectories import trajectory_plan
+        from sextant.chapters.localization.figures.trajectories import trajectory_plan
         from sextant.figures.style import save_figure
 
         path = options.figure

@@ -6,9 +6,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from sextant.cli.arguments import UserPath
-from sextant.cli.localizing.options import LocalizingOptions
-from sextant.cli.photo_calibration.options import FocalOptions
+from sextant.chapters.calibration.cli.options import FocalOptions
+from sextant.chapters.localization.cli.options import LocalizingOptions
+from sextant.console.arguments import UserPath
 
 USAGE = (
     "sextant walk input=<folder of photos or video> map=<folder of images with poses, or a saved map> [output=walk] "
@@ -45,10 +45,10 @@ class WalkOptions(LocalizingOptions, FocalOptions):
 def main(arguments: Sequence[str]) -> None:
     """Calibrate, straighten, describe and localize the images, and print where the report is."""
     options = WalkOptions.parse(arguments, USAGE)
-    from sextant.applications.calibration.calibrator import PhotoCalibrator
-    from sextant.applications.walks.walking import localize_walk
-    from sextant.cli.localizing.predict import tell_poses
-    from sextant.cli.work_progress import work_progress
+    from sextant.chapters.calibration.calibrator import PhotoCalibrator
+    from sextant.chapters.localization.cli.predict import tell_poses
+    from sextant.console.work_progress import work_progress
+    from sextant.tools.walks.walking import localize_walk
 
     walk = localize_walk(
         **options.model_dump(exclude={"run"}), calibrator=PhotoCalibrator.load(options.run), progress=work_progress

@@ -5,7 +5,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-from sextant.config.names import MOVED, TARGET
+from sextant.config.names import TARGET, present_name
 
 PARTIAL = "_partial_"
 #: modules whose functions no config may call, whatever path leads to them
@@ -47,7 +47,7 @@ def named(path: str) -> Any:
     Raises:
         ImportError: the module or name does not exist, or it is one of :data:`REFUSED`.
     """
-    parts = MOVED.get(path, path).split(".")
+    parts = present_name(path).split(".")
     for length in range(len(parts) - 1, 0, -1):
         module = ".".join(parts[:length])
         try:

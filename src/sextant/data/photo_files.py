@@ -21,8 +21,8 @@ log = logging.getLogger(__name__)
 
 #: the last two are not decoded: they are found so that messages can name them
 FOUND_IN_FOLDERS = (*SUFFIXES, ".heic", ".heif")
-#: names of pictures that predictions write: :mod:`~sextant.applications.calibration.written_cameras`,
-#: :mod:`~sextant.applications.places.written_matches`
+#: names of pictures that predictions write: :mod:`~sextant.chapters.calibration.written_cameras`,
+#: :mod:`~sextant.chapters.places.written_matches`
 WRITTEN = ("*_overlay.png", "*_undistorted.png", "*_undistorted.jpg", "*calibrations.png", "matches_page*.png")
 
 

@@ -28,7 +28,7 @@ from jaxtyping import Float, Integer
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.evaluation.calibration.summary import cluster_resamples
+from sextant.chapters.calibration.metrics.summary import cluster_resamples
 
 #: levels at which coverage is plotted, and those given in tables
 LEVELS = tuple(round(0.05 * step, 2) for step in range(1, 20))

@@ -1,36 +1,36 @@
 """The public names of the package."""
 
-from sextant.evaluation.classification.corruption_baseline import (
+from sextant.evaluation.corruption_baseline import (
     ALEXNET_CIFAR10_C,
     ALEXNET_IMAGENET_C,
     CorruptionBaseline,
     read_baseline,
     write_baseline,
 )
-from sextant.evaluation.classification.corruption_difference import CorruptionDifferences, corruption_differences
-from sextant.evaluation.classification.corruption_error import (
+from sextant.evaluation.corruption_difference import CorruptionDifferences, corruption_differences
+from sextant.evaluation.corruption_error import (
     ALL_19,
     BENCHMARK_15,
     CORRUPTION_FAMILIES,
     CorruptionErrors,
     error_rate,
 )
-from sextant.evaluation.classification.corruption_score import CorruptionScore, corruption_score
-from sextant.evaluation.classification.flip_probability import flip_probability, mean_flip_probability
-from sextant.evaluation.localization.particles_needed import CountRatio, needed_ratio, particles_needed
-from sextant.evaluation.localization.pose_posterior import (
+from sextant.evaluation.corruption_score import CorruptionScore, corruption_score
+from sextant.evaluation.flip_probability import flip_probability, mean_flip_probability
+from sextant.evaluation.multiplicity import holm
+from sextant.evaluation.paired import PairedDifference, mean_interval, paired_difference
+from sextant.evaluation.particles_needed import CountRatio, needed_ratio, particles_needed
+from sextant.evaluation.pose_posterior import (
     PosteriorCalibration,
     nees,
     particle_nll,
     posterior_calibration,
 )
-from sextant.evaluation.localization.success import ConvergenceSummary, global_localization, recovery_after
-from sextant.evaluation.localization.trajectory_error import ErrorStatistics, absolute_errors, relative_errors
-from sextant.evaluation.multiplicity import holm
-from sextant.evaluation.paired import PairedDifference, mean_interval, paired_difference
 from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM, LocalizationProtocol, classification_converged
 from sextant.evaluation.shares import share_interval, share_interval_of
 from sextant.evaluation.stratified import Sample, StratifiedDifference, stratified_difference
+from sextant.evaluation.success import ConvergenceSummary, global_localization, recovery_after
+from sextant.evaluation.trajectory_error import ErrorStatistics, absolute_errors, relative_errors
 
 __all__ = [
     "ALEXNET_CIFAR10_C",

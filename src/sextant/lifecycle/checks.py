@@ -11,7 +11,7 @@ from sextant.composing.config_files import sweep_command
 from sextant.config import Config, validate
 from sextant.config.building import naming_groups, require_callable
 from sextant.errors import UserError
-from sextant.recipes import Source, recipe_of
+from sextant.kit import Source, recipe_of
 from sextant.reporter import SILENT, Reporter
 
 

@@ -15,8 +15,8 @@ from sextant.lifecycle.claim_files import Claims
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.reports.claim_evidence import BASELINES, SEEDS, evidence, read_table
 from sextant.reports.claims_board import Comparison, DecidedClaim, board, comparison_rows, picture
-from sextant.reports.tables import TextTable
 from sextant.runs.outputs_folder import conf_dir
+from sextant.tables import TextTable
 
 Preset = Literal["quick", "full"]
 

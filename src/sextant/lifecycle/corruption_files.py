@@ -23,7 +23,7 @@ from sextant.corruptions import benchmark_set, making
 from sextant.corruptions.benchmark_corruption import Mode
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
-from sextant.recipes.assemble import build_dataset
+from sextant.kit.assemble import build_dataset
 from sextant.reporter import SILENT, Reporter
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

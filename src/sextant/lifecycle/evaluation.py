@@ -12,15 +12,15 @@ from sextant.config import Config, digest, nearest, validate
 from sextant.config.building import naming_groups
 from sextant.config.path_keys import from_where_it_ran
 from sextant.errors import UserError
+from sextant.kit import recipe_of
+from sextant.kit.content import own_config, read_trained
 from sextant.lifecycle.checks import require_apart, require_device, require_outputs
 from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
-from sextant.recipes import recipe_of
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 from sextant.runs.source_tree import source_sha256
-from sextant.trained.content import own_config, read_trained
 
 #: Config groups that may differ from training; all others belong to the weights.
 FREE = (

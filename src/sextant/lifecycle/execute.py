@@ -16,10 +16,10 @@ from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config, digest
 from sextant.config.building import naming_groups
 from sextant.errors import LossNotFiniteError, UserError
+from sextant.kit import Source, recipe_of
 from sextant.lease import Lease
 from sextant.lifecycle.checks import checked, require_possible
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
-from sextant.recipes import Source, recipe_of
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
 from sextant.runs.locks import run_lock
 from sextant.runs.source_tree import source_sha256

@@ -6,13 +6,13 @@ from pathlib import Path
 from sextant.applications.arguments import check_apart
 from sextant.atomic_files import write_atomically
 from sextant.errors import command
-from sextant.recipes.export_formats import FILES, Format, write_network
-from sextant.recipes.exports import exportable
+from sextant.kit.content import read_trained
+from sextant.kit.exports import exportable
+from sextant.lifecycle.export_formats import FILES, Format, write_network
 from sextant.reports.model_card import model_card
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
-from sextant.trained.content import read_trained
 from sextant.zoo.files import card_of
 
 CARD = "model_card.md"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from sextant.atomic_files import read_json, write_json
 from sextant.errors import UserError
+from sextant.kit import recipe_of
 from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.run_reporter import RunReporter
-from sextant.recipes import recipe_of
 from sextant.reports.results import Measured, SweepResults, read_results
 from sextant.reports.sweep_page import Progress, outcomes_told, sweep_page
 from sextant.runs.directory import RunDirectory

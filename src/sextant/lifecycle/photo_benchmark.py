@@ -8,19 +8,16 @@ from typing import get_args
 
 import numpy as np
 
-from sextant.applications.calibration.calibrator import PhotoCalibrator
-from sextant.applications.calibration.finding import LEVELS, Finding
-from sextant.applications.calibration.inference import find_cameras
-from sextant.applications.calibration.jointly import Method, by_method
-from sextant.applications.calibration.reporting import photo_camera
 from sextant.applications.failures import FailedPhoto, attempted
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically, write_csv
-from sextant.composing.compose import compose, to_plain
-from sextant.config.build_part import build_part
-from sextant.data.calibration import CameraDistribution
-from sextant.data.calibration.known_photos import KnownPhoto, known_photos
-from sextant.evaluation.calibration.photo_benchmark import (
+from sextant.chapters.calibration.calibrator import PhotoCalibrator
+from sextant.chapters.calibration.data import CameraDistribution
+from sextant.chapters.calibration.data.known_photos import KnownPhoto, known_photos
+from sextant.chapters.calibration.finding import LEVELS, Finding
+from sextant.chapters.calibration.inference import find_cameras
+from sextant.chapters.calibration.jointly import Method, by_method
+from sextant.chapters.calibration.metrics.photo_benchmark import (
     PUBLISHED_BY,
     Answers,
     Table,
@@ -29,8 +26,11 @@ from sextant.evaluation.calibration.photo_benchmark import (
     interval_table,
     verdict_table,
 )
-from sextant.reports.tables import TextTable
-from sextant.tasks.calibration.network import CameraNetwork
+from sextant.chapters.calibration.network import CameraNetwork
+from sextant.chapters.calibration.reporting import photo_camera
+from sextant.composing.compose import compose, to_plain
+from sextant.config.build_part import build_part
+from sextant.tables import TextTable
 
 #: numbers of a failed photo
 NOTHING = (math.nan,) * 12
@@ -92,7 +92,7 @@ def benchmark_calibration(
 
     Args:
         calibrator: calibrator whose network is measured.
-        folder: folder of photos or panoramas; see :mod:`sextant.data.calibration.known_photos`.
+        folder: folder of photos or panoramas; see :mod:`sextant.chapters.calibration.data.known_photos`.
         sampling: distribution of the cameras of photos cut from panoramas.
         cuts: number of photos cut from each panorama.
         seed: seed of these cameras.

@@ -10,7 +10,8 @@ import numpy as np
 from PIL import Image
 
 from sextant.errors import ArgumentError, UserError, command
-from sextant.recipes.photo_predictors import ERROR, photo_predictor
+from sextant.kit.content import read_trained
+from sextant.kit.photo_predictors import ERROR, photo_predictor
 from sextant.reports.model_card import model_card
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
@@ -18,7 +19,6 @@ from sextant.runs.resolve import resolve_run
 from sextant.tracking.mirror import known_run
 from sextant.tracking.registry import IMAGE, Registration, answered, register_model
 from sextant.tracking.store import Kind, open_store, telling_store_errors
-from sextant.trained.content import read_trained
 from sextant.zoo.files import card_of
 
 #: legal names of models, which become part of addresses and paths; a folder's name has at most 255 bytes

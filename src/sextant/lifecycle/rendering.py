@@ -19,7 +19,7 @@ from sextant.data.rendered import (
 )
 from sextant.data.rendered.layout import StoreLayout
 from sextant.errors import UserError, command
-from sextant.recipes.assemble import build_dataset
+from sextant.kit.assemble import build_dataset
 from sextant.reporter import Advance
 
 

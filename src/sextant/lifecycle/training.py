@@ -19,21 +19,21 @@ from sextant.config import Config
 from sextant.config.building import naming_groups
 from sextant.config.schema.environment import Trainer
 from sextant.figures.style import save_figure
+from sextant.kit import Recipe, Source, recipe_of
+from sextant.kit.content import load_weights, read_trained
+from sextant.kit.trained_model import model_from_checkpoint
 from sextant.layers.global_batch_norm import global_batch_norm
 from sextant.lifecycle.published_figures import same_images
 from sextant.lifecycle.ranks import Processes, Rank, ranks
 from sextant.lifecycle.run_reporter import RunReporter
-from sextant.recipes import Recipe, Source, recipe_of
-from sextant.recipes.trained_model import model_from_checkpoint
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
 from sextant.runs.checkpoint_io import AtomicCheckpointIO
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.resolve import resolve_run
-from sextant.tasks.peak_memory import reset_peak_memory
 from sextant.tracking.logger import RunLogger
 from sextant.tracking.mirror import MirroredRun
 from sextant.tracking.system_metrics import system_metrics
-from sextant.trained.content import load_weights, read_trained
+from sextant.training.peak_memory import reset_peak_memory
 
 #: PyTorch's names for x86 processors that only emulate bfloat16, at a tenth of the speed of float32 or less
 WITHOUT_BFLOAT16 = ("NO AVX", "DEFAULT", "AVX2")

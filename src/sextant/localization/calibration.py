@@ -11,7 +11,7 @@ validation images z at known poses, none of which is in the map:
 - *appearance noise*: :math:`\sigma_a^2 = \max(0, \overline{\lVert z - \mu(x)\rVert^2} / D - \overline{s^2(x)})`, at the
   true poses x, is added to the variance everywhere;
 - *tempering*: the log-likelihood is multiplied by the :math:`\beta` that makes the posterior over map images most
-  likely to be right, ``1 / T`` of :func:`~sextant.evaluation.places.posterior.fit_temperature`.
+  likely to be right, ``1 / T`` of :func:`~sextant.evaluation.posterior.fit_temperature`.
 
 Sources: P. Pfaff, C. Plagemann, W. Burgard, "Improved likelihood models for probabilistic localization based on range
 scans", IROS 2007, on why the likelihoods of sensors with dependent errors must be smoothed; A. Jaenal et al., Sensors
@@ -25,8 +25,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from sextant.evaluation.places.positives import Positives
-from sextant.evaluation.places.posterior import PlacePosterior, fit_temperature, place_posterior
+from sextant.evaluation.positives import Positives
+from sextant.evaluation.posterior import PlacePosterior, fit_temperature, place_posterior
 from sextant.localization.likelihood import Likelihood
 
 #: share of the mean variance in the covariance of errors, which is singular with fewer images than dimensions
@@ -95,7 +95,7 @@ def tempered(likelihood: Likelihood, scores: Float[Tensor, "v n"], positives: Po
 
 
 def posterior(scores: Float[Tensor, "v n"], positives: Positives, tempering: float) -> PlacePosterior:
-    """The posterior over map images at a given tempering; see :mod:`sextant.evaluation.places.posterior`.
+    """The posterior over map images at a given tempering; see :mod:`sextant.evaluation.posterior`.
 
     Example:
         >>> place, scores = Positives.from_lists([[0]], references=2), torch.tensor([[3.0, 1.0]]).log()

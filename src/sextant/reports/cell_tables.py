@@ -4,7 +4,7 @@ import math
 
 from sextant.reports.results import SweepResults
 from sextant.reports.summary import Summary
-from sextant.reports.tables import Entry, TextTable, arms_table, interval, number
+from sextant.tables import Entry, TextTable, arms_table, interval, number
 
 
 def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:

@@ -19,7 +19,7 @@ from sextant.evaluation.verdict import (
     together,
 )
 from sextant.figures.claim_strip import Strip, claim_strips
-from sextant.reports.tables import NOTHING, TextTable, counted, decimals
+from sextant.tables import NOTHING, TextTable, counted, decimals
 
 SAYS: Mapping[Expectation, str] = {"better": "more than", "as_good": "not worse than by", "same": "the same within"}
 #: what a claim requires, in a sentence

@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sextant.evaluation.classification.confidence import BINS
+from sextant.evaluation.confidence import BINS
 from sextant.evaluation.headline import CLEAN
 from sextant.reports.corruption_errors import OverSeeds
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
-from sextant.reports.tables import Entry, TextTable, arms_table, counted, interval, number
+from sextant.tables import Entry, TextTable, arms_table, counted, interval, number
 
 CORRUPTED = "corrupted"
 #: metrics by their heading, with the number of decimals shown

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sextant.chapters.classification.report import BASELINES, SEVERITIES
 from sextant.evaluation import BENCHMARK_15, CorruptionBaseline, CorruptionErrors, mean_interval, share_interval
+from sextant.evaluation.shared_set import SharedSet
 from sextant.reports.results import SweepResults
-from sextant.reports.shared_set import SharedSet
-from sextant.tasks.classification.report import BASELINES, SEVERITIES
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,15 @@
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
-from sextant.figures.classification import (
+from sextant.chapters.classification.figures import (
     LEAST,
     DifferenceBar,
     corruption_difference,
     corruption_heatmap,
     corruption_radar,
 )
+from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
+from sextant.evaluation.shared_set import SharedSet
 from sextant.reports.corruption_contrasts import CorruptionContrast, corruption_contrasts
 from sextant.reports.corruption_errors import ArmErrors, arm_errors, baseline_of, scored_sets
 from sextant.reports.corruption_tables import (
@@ -23,8 +24,7 @@ from sextant.reports.corruption_tables import (
 )
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Section
-from sextant.reports.shared_set import SharedSet
-from sextant.reports.tables import slug
+from sextant.tables import slug
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 
+from sextant.chapters.classification.figures import by_family
 from sextant.evaluation import CORRUPTION_FAMILIES, CorruptionBaseline, PairedDifference, corruption_score
-from sextant.figures.classification import by_family
+from sextant.evaluation.shared_set import SharedSet
 from sextant.reports.corruption_contrasts import CorruptionContrast, of_corruption
 from sextant.reports.corruption_errors import ArmErrors, OverSeeds
 from sextant.reports.results import SweepResults
-from sextant.reports.shared_set import SharedSet
-from sextant.reports.tables import NOTHING, TextTable, interval, number, p_text
+from sextant.tables import NOTHING, TextTable, interval, number, p_text
 
 
 def score_table(

@@ -7,7 +7,7 @@ import numpy as np
 from sextant.reports.contrasts import named_contrasts
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
-from sextant.reports.tables import TextTable, number
+from sextant.tables import TextTable, number
 
 NOTHING = "–"
 

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from sextant.errors import command
-from sextant.reports.measure import Measure
+from sextant.evaluation.measure import Measure
 from sextant.reports.results import SweepResults, Training
-from sextant.reports.tables import counted
 from sextant.runs.sweep_directory import SweepPlan
+from sextant.tables import counted
 
 #: how much longer, in how much smaller batches, and at how much lower a rate is proposed
 LONGER, SMALLER, LOWER = 4, 4, 10

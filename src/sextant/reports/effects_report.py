@@ -14,7 +14,7 @@ from sextant.reports.factor_report import numeric_factors
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Section
 from sextant.reports.summary import Summary
-from sextant.reports.tables import NOTHING, TextTable, interval, number, p_text
+from sextant.tables import NOTHING, TextTable, interval, number, p_text
 
 #: least number of arms with the same control for which the section is written
 LEAST_ARMS = 3

@@ -10,7 +10,7 @@ from sextant.reports.contrasts import converged_pairs, named_contrasts, settings
 from sextant.reports.metric import Metric, metric_of
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
-from sextant.reports.tables import Entry, TextTable, arms_table, decimals, interval, number
+from sextant.tables import Entry, TextTable, arms_table, decimals, interval, number
 
 #: name of the mean over conditions
 TOGETHER = "all conditions"

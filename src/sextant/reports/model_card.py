@@ -9,8 +9,8 @@ import numpy as np
 
 from sextant.reports.metric import seeds_interval
 from sextant.reports.run_comparison import metrics_alike
-from sextant.reports.tables import NOTHING, TextTable, decimals, interval, number
 from sextant.runs.directory import RunDirectory
+from sextant.tables import NOTHING, TextTable, decimals, interval, number
 
 LICENCE = (
     "The code is Sextant's (MIT). The weights carry no licence of their own: they are whoever's trained them, on the "

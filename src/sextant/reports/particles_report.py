@@ -9,15 +9,15 @@ import numpy as np
 from jaxtyping import Bool, Int64
 from numpy import ndarray
 
-from sextant.evaluation.localization.particles_needed import CountRatio, needed_ratio, particles_needed
-from sextant.evaluation.localization.success import Share, share_of
+from sextant.chapters.localization.figures.success_curves import SuccessCurve, success_curves
+from sextant.evaluation.measure import SUCCESS
+from sextant.evaluation.particles_needed import CountRatio, needed_ratio, particles_needed
 from sextant.evaluation.protocols import ENOUGH_SUCCESS
-from sextant.figures.localization.success_curves import SuccessCurve, success_curves
+from sextant.evaluation.success import Share, share_of
 from sextant.reports.contrasts import Sides, converged_pairs, dropped_pairs, named_contrasts
-from sextant.reports.measure import SUCCESS
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
-from sextant.reports.tables import TextTable, interval, number, slug
+from sextant.tables import TextTable, interval, number, slug
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

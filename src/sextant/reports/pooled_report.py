@@ -10,7 +10,7 @@ from sextant.evaluation import Sample, StratifiedDifference, holm, stratified_di
 from sextant.reports.contrasts import named_contrasts, noise_floor, settings_of
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Section
-from sextant.reports.tables import NOTHING, TextTable, interval, number, p_text
+from sextant.tables import NOTHING, TextTable, interval, number, p_text
 
 #: name of the mean over settings
 TOGETHER = "together"

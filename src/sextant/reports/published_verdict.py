@@ -7,7 +7,7 @@ from sextant.evaluation import SEEDS_FOR_A_CLAIM, PairedDifference
 from sextant.reports.contrasts import ContrastRow
 from sextant.reports.results import SweepResults
 from sextant.reports.summary import Summary
-from sextant.reports.tables import TextTable, interval, number
+from sextant.tables import TextTable, interval, number
 
 
 def beside_published(summaries: Sequence[Summary], results: SweepResults) -> str:

@@ -13,8 +13,8 @@ from sextant.figures.style import save_figure
 from sextant.reports.metric import seeds_interval
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import SearchResults, search_results
-from sextant.reports.tables import TextTable, decimals, interval, number
 from sextant.runs.sweep_directory import report_command
+from sextant.tables import TextTable, decimals, interval, number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -21,9 +21,9 @@ import yaml
 from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.errors import UserError
 from sextant.evaluation import CorruptionErrors
-from sextant.reports.measure import Measure
+from sextant.evaluation.measure import Measure
+from sextant.evaluation.shared_set import SharedSet
 from sextant.reports.results import CellResult, SweepResults, Training
-from sextant.reports.shared_set import SharedSet
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan
 

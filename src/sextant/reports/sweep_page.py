@@ -9,8 +9,8 @@ from sextant.reports.contrasts import ContrastRow, contrasts, of_one_pair
 from sextant.reports.divergence import divergence
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import leading_trial
-from sextant.reports.tables import TextTable, interval, number
 from sextant.runs.sweep_directory import SweepPlan, report_command
+from sextant.tables import TextTable, interval, number
 
 #: number of failures that are shown, and characters of each
 MOST_FAILURES, LINE = 5, 200

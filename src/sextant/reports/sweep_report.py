@@ -8,9 +8,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from sextant.chapters.classification.figures import severity_curves
 from sextant.evaluation.paired import BLOCKS
 from sextant.evaluation.verdict import LEAST
-from sextant.figures.classification import severity_curves
 from sextant.figures.effects import ForestRow, contrast_forest
 from sextant.figures.style import save_figure
 from sextant.reports.cell_tables import cells_legend, cells_table, diverged_table, runs_table, seed_rows
@@ -29,9 +29,9 @@ from sextant.reports.results import SweepResults
 from sextant.reports.search_report import write_search_report
 from sextant.reports.section import Section
 from sextant.reports.summary import Summary, summarise
-from sextant.reports.tables import TextTable, counted, interval, is_number, number, slug
 from sextant.reports.tasks_report import of_several_tasks, write_tasks_report
 from sextant.runs.sweep_directory import report_command
+from sextant.tables import TextTable, counted, interval, is_number, number, slug
 
 
 def write_report(results: SweepResults) -> list[Path]:

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sextant.chapters.classification.figures import by_family, corruption_heatmap
 from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
 from sextant.evaluation.headline import CLEAN, PREFIX, relative_loss
-from sextant.figures.classification import by_family, corruption_heatmap
 from sextant.figures.style import save_figure
 from sextant.reports.corruption_errors import OverSeeds
 from sextant.reports.results import SweepResults
-from sextant.reports.tables import TextTable, counted, interval, number
 from sextant.runs.sweep_directory import report_command
+from sextant.tables import TextTable, counted, interval, number
 
 CORRUPTED = "corrupted"
 UNDER = f"{PREFIX}/under/"

@@ -91,7 +91,7 @@ class Places:
 class Tolerance(Protocol):
     """The distances that separate the same place from different places, in the unit of the positions.
 
-    :class:`sextant.data.places.PlaceTolerance` is one; it knows its unit and refuses meaningless values.
+    :class:`sextant.chapters.places.data.PlaceTolerance` is one; it knows its unit and refuses meaningless values.
 
     Attributes:
         positive: largest distance within one place.

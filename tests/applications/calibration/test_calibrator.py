@@ -12,11 +12,11 @@ from tiny_calibration import CAMERAS, tiny_checkpoint, tiny_module
 
 import sextant
 from sextant.applications import FailedPhoto, FailedPhotosError, PhotoCalibrator
+from sextant.chapters.calibration.network import reported
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters, Parameterization, undistort_radius
+from sextant.kit.content import read_trained
 from sextant.runs.checkpoint import KEY
-from sextant.tasks.calibration.network import reported
-from sextant.trained.content import read_trained
 
 #: the last is there, but takes longer to import than a photo to calibrate
 BLOCKED = ("hydra", "omegaconf", "pytorch_lightning", "lightning", "mlflow", "rich", "matplotlib", "scipy.stats")
@@ -166,7 +166,7 @@ def test_photos_of_one_camera_with_a_broken_file_among_them(calibrator, five):
 
 
 def test_photos_may_come_one_by_one_and_are_not_kept(calibrator, monkeypatch):
-    monkeypatch.setattr("sextant.applications.calibration.inference.BATCH", 3)
+    monkeypatch.setattr("sextant.chapters.calibration.inference.BATCH", 3)
     alive = []
 
     def photos():
@@ -232,7 +232,7 @@ def test_opencv_straightens_with_what_it_is_given_as_we_do(calibrator, tmp_path)
 
 
 def test_a_figure_is_made_if_asked_for(calibrator, tmp_path):
-    from sextant.figures.calibration.overlay import calibration_overlay
+    from sextant.chapters.calibration.figures.overlay import calibration_overlay
 
     camera = calibrator.calibrate(photo(tmp_path / "a.jpg", exif=exif(24)))
     drawn = camera.drawn(np.asarray(Image.open(tmp_path / "a.jpg")))

@@ -12,7 +12,7 @@ from cli.photo_calibration.fakes import Fake, calibrate, exif, photo
 from PIL import Image
 
 from sextant.applications import PhotoCalibrator
-from sextant.applications.calibration.colmap_database import gravity_prior, write_colmap
+from sextant.chapters.calibration.colmap_database import gravity_prior, write_colmap
 from sextant.data.upright import STORED_FROM_UPRIGHT, TURN
 from sextant.errors import ArgumentError, UserError
 from sextant.geometry import tilt_roll_from_up

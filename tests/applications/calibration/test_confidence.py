@@ -6,7 +6,7 @@ import pytest
 import torch
 from cli.photo_calibration.fakes import Fake, calibrate, exif, photo
 
-from sextant.applications.calibration.confidence import ENDS, _distinct
+from sextant.chapters.calibration.confidence import ENDS, _distinct
 from sextant.geometry import vfov_from_focal
 
 #: five degrees of field of view at 68 %, for the scores' quantile is 1.38, and seven at 95 %

@@ -10,9 +10,10 @@ from cli.photo_calibration.fakes import Fake, exif
 from PIL import Image
 
 from sextant.applications import FailedPhoto, PhotoCalibrator
-from sextant.applications.calibration.confidence import confidence
-from sextant.applications.calibration.inference import find_cameras
-from sextant.applications.calibration.jointly import (
+from sextant.baselines.calibration import JointEstimate, LineEvidence, PhotoPrior
+from sextant.chapters.calibration.confidence import confidence
+from sextant.chapters.calibration.inference import find_cameras
+from sextant.chapters.calibration.jointly import (
     MULTIPLES,
     NETWORK_SCALE,
     RIVALS,
@@ -23,7 +24,6 @@ from sextant.applications.calibration.jointly import (
     by_method,
     network_belief,
 )
-from sextant.baselines.calibration import JointEstimate, LineEvidence, PhotoPrior
 from sextant.errors import UserError
 
 #: a camera whose picture has lines in all three directions, and a network that is wrong about it
@@ -152,7 +152,7 @@ def test_a_photo_whose_numbers_fail_ends_no_other(image, raised, monkeypatch):
             raise raised
         return real(seen)
 
-    monkeypatch.setattr("sextant.applications.calibration.inference.LineEvidence.of", of)
+    monkeypatch.setattr("sextant.chapters.calibration.inference.LineEvidence.of", of)
     first, second = PhotoCalibrator(Fake(scale=WRONG)).calibrate_many([image, image], errors="return")
     assert isinstance(first, FailedPhoto)
     assert "photos[0] could not be calibrated" in first.error.problem

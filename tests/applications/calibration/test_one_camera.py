@@ -97,7 +97,7 @@ def test_nothing_is_fused_without_intervals(tmp_path):
     ],
 )
 def test_cameras_by_exif(tmp_path, first, second, alike):
-    from sextant.applications.calibration.one_camera import _camera_of
+    from sextant.chapters.calibration.one_camera import _camera_of
 
     found = []
     for number, (make, model, serial, lens) in enumerate((first, second)):

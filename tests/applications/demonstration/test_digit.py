@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from sextant.applications.demonstration.digit import SIDE, DigitTrial, digit_of
 from sextant.errors import UserError
+from sextant.tools.demonstration.digit import SIDE, DigitTrial, digit_of
 
 
 def drawn_seven(size=280, ink=0, paper=255, at=(0, 0)):

@@ -9,10 +9,10 @@ import pytest
 from PIL import Image
 
 from sextant.applications import PhotoCalibrator
-from sextant.applications.demonstration.photo import _quantities, photo_answer
-from sextant.applications.demonstration.pictures import LONGEST, data_address, page_picture
 from sextant.errors import UserError
 from sextant.pages.demo.answers import sample_photo
+from sextant.tools.demonstration.photo import _quantities, photo_answer
+from sextant.tools.demonstration.pictures import LONGEST, data_address, page_picture
 
 
 def picture_of(address):

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sextant.applications.demonstration.same_place import KNOWN_PAIRS, SHARES, SamePlace, known_pairs
 from sextant.errors import UserError
+from sextant.tools.demonstration.same_place import KNOWN_PAIRS, SHARES, SamePlace, known_pairs
 
 PICTURES = Path(__file__).parents[3] / "docs/worlds"
 

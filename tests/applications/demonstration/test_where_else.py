@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from cli.cosfire_detection.drawn import drawn
 
-from sextant.applications.demonstration.where_else import glow, where_else_answer
 from sextant.errors import UserError
+from sextant.tools.demonstration.where_else import glow, where_else_answer
 
 SIZE, THERE = (440, 330), ((110, 110), (310, 190))
 

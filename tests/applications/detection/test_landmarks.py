@@ -10,12 +10,12 @@ from tiny_office import office_cache, office_config
 from tiny_places import tiny_checkpoint
 
 from sextant import Localizer
-from sextant.applications.detection.landmarks import Landmarks
 from sextant.applications.pixels import as_pixels
+from sextant.chapters.cosfire.landmarks import Landmarks
+from sextant.chapters.places.descriptors import descriptor_identity
 from sextant.data.upright import ORIENTATION
 from sextant.errors import UserError
 from sextant.lifecycle.execute import execute
-from sextant.recipes.descriptors import descriptor_identity
 
 STRIPS = 4
 
@@ -131,7 +131,7 @@ def test_a_run_of_localization_by_three_clicks_in_a_rendered_office(tmp_path, tm
     ],
 )
 def test_a_run_refuses_points_beside_the_photo_before_its_world_is_rendered(example, tmp_path, points, says):
-    node = {"_target_": "sextant.applications.detection.landmarks.Landmarks", "photo": str(example), "points": points}
+    node = {"_target_": "sextant.chapters.cosfire.landmarks.Landmarks", "photo": str(example), "points": points}
     with pytest.raises(UserError, match=says) if says else nullcontext():
         descriptor_identity(node | {"network": None}, tmp_path)
 

@@ -14,7 +14,7 @@ from data.places.place_pictures import write_pictures
 from data.reconstructions.written import WRITERS, some_poses
 from PIL import Image
 
-from sextant.data.localization.pose_formats import write_tum
+from sextant.chapters.localization.data.pose_formats import write_tum
 
 MAKE, MODEL, EXIF, GPS, TAKEN, NOTE, F35 = 0x010F, 0x0110, 0x8769, 0x8825, 0x9003, 0x927C, 0xA405
 LINE = np.column_stack([np.arange(N), np.zeros(N), np.zeros(N)]).astype(float)

@@ -11,10 +11,10 @@ from made_up_bags import Bags
 from PIL import Image
 
 from sextant import cli
-from sextant.applications.inspection import inspect
 from sextant.geometry import PerspectiveCamera, level_camera_pose
+from sextant.kit import recipe_of
 from sextant.lifecycle.checks import checked, preflight, require_possible
-from sextant.recipes import recipe_of
+from sextant.tools.inspection import inspect
 from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
 
 SIZE = (112, 84)

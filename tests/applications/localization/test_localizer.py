@@ -16,8 +16,8 @@ from tiny_places import tiny_checkpoint
 
 import sextant
 from sextant import Localizer
-from sextant.applications.kept_descriptor import KeptDescriptor, kept_network, load_descriptor
 from sextant.baselines import Pixels
+from sextant.chapters.places.kept_descriptor import KeptDescriptor, kept_network, load_descriptor
 from sextant.errors import UserError
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION
 from sextant.localization.initialisation import GaussianStart, UniformStart

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sextant import Localizer
-from sextant.applications.localization import map_pictures as kept
-from sextant.applications.localization.localizer_folder import PICTURES
+from sextant.chapters.localization import map_pictures as kept
+from sextant.chapters.localization.localizer_folder import PICTURES
 from sextant.errors import UserError
 
 RNG = np.random.default_rng(0)

@@ -18,7 +18,7 @@ from benchmarks.localization_peers import (
     summary,
 )
 from sextant import Localizer
-from sextant.applications.localization.localizer_folder import ENOUGH
+from sextant.chapters.localization.localizer_folder import ENOUGH
 
 IMAGES = 130
 

@@ -3,8 +3,8 @@ import pytest
 from data.reconstructions.written import colmap_text, nerfstudio
 from scipy.spatial.transform import Rotation
 
-from sextant.applications.localization.trajectories import compare_trajectories
-from sextant.applications.localization.written_poses import COLUMNS
+from sextant.chapters.localization.trajectories import compare_trajectories
+from sextant.chapters.localization.written_poses import COLUMNS
 from sextant.data.reconstructions import read_reconstruction
 from sextant.errors import UserError
 

@@ -5,7 +5,7 @@ import pytest
 from tiny_places import Pixels, ride
 
 from sextant import PlaceMap
-from sextant.applications.places.written_matches import write_pairs, write_row_pairs
+from sextant.chapters.places.written_matches import write_pairs, write_row_pairs
 from sextant.errors import ArgumentError
 
 

@@ -4,9 +4,9 @@ import pytest
 from tiny_places import ride, tiny_checkpoint
 
 from sextant import PlaceMap, cli
-from sextant.applications.places import describing, map_shards
-from sextant.applications.places.map_shards import describe_shard, merge_shards, photos_of, shard_folder
-from sextant.applications.places.photo_folder import photos_below
+from sextant.chapters.places import describing, map_shards
+from sextant.chapters.places.map_shards import describe_shard, merge_shards, photos_of, shard_folder
+from sextant.chapters.places.photo_folder import photos_below
 from sextant.errors import ArgumentError, UserError
 
 

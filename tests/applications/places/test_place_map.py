@@ -13,16 +13,16 @@ from tiny_places import Pixels, ride, scene, tiny_checkpoint
 import sextant
 from sextant import PlaceMap
 from sextant.applications import FailedPhoto, FailedPhotosError
-from sextant.applications.kept_descriptor import kept_network
-from sextant.applications.places import described_map
-from sextant.applications.places.run_facts import FITTED, Temperature
 from sextant.atomic_files import write_sealed_json
 from sextant.baselines import Hog, PatchNormalised, WhitenedPCA
 from sextant.baselines import Pixels as PixelBaseline
 from sextant.baselines.network_layer import NetworkLayer
-from sextant.data.places.decoded_images import ImageSize
+from sextant.chapters.places import described_map
+from sextant.chapters.places.data.decoded_images import ImageSize
+from sextant.chapters.places.kept_descriptor import kept_network
+from sextant.chapters.places.match_confidence import UNSEEN
+from sextant.chapters.places.run_facts import FITTED, Temperature
 from sextant.errors import ArgumentError, UserError
-from sextant.evaluation.places.match_confidence import UNSEEN
 from sextant.runs.checkpoint import KEY
 from sextant.zoo import write_model
 

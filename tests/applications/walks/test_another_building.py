@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sextant import PhotoCalibrator
-from sextant.applications.walks.walking import localize_walk
+from sextant.tools.walks.walking import localize_walk
 
 
 @pytest.mark.slow

@@ -6,10 +6,10 @@ from data.places.gps_pictures import add_gps
 from data.reconstructions.written import WRITERS
 from PIL import Image
 
-from sextant.applications.inspection import inspect
-from sextant.applications.walks.posed_images import posed_images
-from sextant.data.localization.pose_formats import write_tum
+from sextant.chapters.localization.data.pose_formats import write_tum
 from sextant.errors import UserError
+from sextant.tools.inspection import inspect
+from sextant.tools.walks.posed_images import posed_images
 
 COUNT = 6
 POSES = np.column_stack([2.0 * np.arange(COUNT), 0.3 * np.arange(COUNT), np.full(COUNT, 0.15)])

@@ -10,12 +10,12 @@ import pytest
 from PIL import Image
 
 from sextant import Localizer, PhotoCalibrator, cli
-from sextant.applications.walks.posed_images import PosedImages
-from sextant.applications.walks.shared_camera import SharedCamera, shared_view
-from sextant.applications.walks.walking import _straightened_map, localize_walk
 from sextant.data.photos import Pinhole
 from sextant.errors import UserError
 from sextant.geometry import PerspectiveCamera, level_camera_pose
+from sextant.tools.walks.posed_images import PosedImages
+from sextant.tools.walks.shared_camera import SharedCamera, shared_view
+from sextant.tools.walks.walking import _straightened_map, localize_walk
 from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
 
 #: vertical fields of view of the map's camera and the walk's, whose lens is a barrel, which looks up and is rolled

@@ -5,9 +5,9 @@ import re
 import pytest
 from cli.cosfire_detection.drawn import drawn
 
-from sextant.applications.detection.options import PHOTO, PRESET_NAMES
+from sextant.chapters.cosfire.cli.options import DetectionOptions
+from sextant.chapters.cosfire.detector_options import PHOTO, PRESET_NAMES
 from sextant.cli import predict
-from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.errors import UserError
 from sextant.layers.cosfire import PRESETS
 

@@ -4,10 +4,10 @@ import torch
 from PIL import Image
 
 from sextant.applications import PhotoCalibrator
-from sextant.cli.photo_calibration.options import CalibrationOptions
-from sextant.cli.photo_calibration.predict import predict_calibrations
+from sextant.chapters.calibration.cli.options import CalibrationOptions
+from sextant.chapters.calibration.cli.predict import predict_calibrations
+from sextant.chapters.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork
 from sextant.geometry import CameraParameters, Parameterization, PerspectiveCamera
-from sextant.tasks.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork
 
 SCALE = (0.02, 0.01, 0.03, 0.05)
 SPREAD = (0.2, 0.1, 0.3, 0.4)

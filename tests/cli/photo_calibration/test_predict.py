@@ -33,7 +33,7 @@ def test_a_prediction_that_is_no_camera_is_an_error_of_that_photo(tmp_path, brok
 
 
 def test_many_photos_go_through_in_batches(tmp_path, monkeypatch):
-    monkeypatch.setattr("sextant.applications.calibration.inference.BATCH", 2)
+    monkeypatch.setattr("sextant.chapters.calibration.inference.BATCH", 2)
     paths = [photo(tmp_path / f"{g}.png", grey=g) for g in (50, 60, 70, 80, 90)]
     rows = calibrate(paths, tmp_path / "out", undistort="none")
     assert [row["focal_px"] for row in rows] == pytest.approx([0.6 * g for g in (50, 60, 70, 80, 90)], rel=1e-5)

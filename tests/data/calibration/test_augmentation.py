@@ -2,7 +2,7 @@ import numpy as np
 import torch
 from calibration_toy import ToyPanoramas, distribution
 
-from sextant.data.calibration.batches import Crops, augmented, relit
+from sextant.chapters.calibration.data.batches import Crops, augmented, relit
 
 
 def crops(augment):
@@ -31,8 +31,8 @@ def test_half_the_crops_are_mirrored_with_the_opposite_roll():
 def test_the_mirror_is_what_a_camera_of_opposite_roll_would_see():
     from dataclasses import replace
 
-    from sextant.data.calibration.crops import crop_batch
-    from sextant.data.calibration.panoramas import Panoramas
+    from sextant.chapters.calibration.data.crops import crop_batch
+    from sextant.chapters.calibration.data.panoramas import Panoramas
 
     panorama = ToyPanoramas().read("test")[0]
     draw = distribution().draw(4, 1)

@@ -9,7 +9,7 @@ import torch
 import yaml
 from scipy import stats
 
-from sextant.data.calibration import CameraDistribution
+from sextant.chapters.calibration.data import CameraDistribution
 from sextant.errors import UserError
 from sextant.geometry import k2_of_k1, max_distorted_radius, rho_from_tilt
 
@@ -27,7 +27,7 @@ PLAIN = {
 
 def shipped(name):
     keys = yaml.safe_load((CONFIGS[0].parent / f"{name}.yaml").read_text())
-    assert keys.pop("_target_") == "sextant.data.calibration.CameraDistribution"
+    assert keys.pop("_target_") == "sextant.chapters.calibration.data.CameraDistribution"
     return CameraDistribution(**keys)
 
 

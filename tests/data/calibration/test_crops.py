@@ -7,10 +7,10 @@ import pytest
 import torch
 from worlds.handmade import OVERCAST, town_renderer
 
-from sextant.data.calibration import CameraDistribution, CameraDraw, Panoramas
-from sextant.data.calibration.batches import Crops
-from sextant.data.calibration.crops import Sampling, crop_batch, crop_panoramas
-from sextant.data.calibration.rays import Rays, newton_steps
+from sextant.chapters.calibration.data import CameraDistribution, CameraDraw, Panoramas
+from sextant.chapters.calibration.data.batches import Crops
+from sextant.chapters.calibration.data.crops import Sampling, crop_batch, crop_panoramas
+from sextant.chapters.calibration.data.rays import Rays, newton_steps
 from sextant.geometry import (
     CameraParameters,
     EquirectangularCamera,

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from data.photos.pictures import scene
 
-from sextant.data.calibration.batches import with_detail
+from sextant.chapters.calibration.data.batches import with_detail
 
 NUMBERS = np.arange(24)
 

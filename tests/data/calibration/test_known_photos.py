@@ -6,7 +6,7 @@ import pytest
 from calibration_toy import distribution, panorama
 from PIL import Image
 
-from sextant.data.calibration.known_photos import known_photos
+from sextant.chapters.calibration.data.known_photos import known_photos
 from sextant.errors import UserError
 
 

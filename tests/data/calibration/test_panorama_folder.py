@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from sextant.data.calibration import PanoramaFolder, as_panorama_source
-from sextant.data.calibration.panorama_folder import UnfitImageError, decode_panorama, split_scenes
+from sextant.chapters.calibration.data import PanoramaFolder, as_panorama_source
+from sextant.chapters.calibration.data.panorama_folder import UnfitImageError, decode_panorama, split_scenes
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 
@@ -148,7 +148,7 @@ def test_files_without_decoding_then_pixels_once(tmp_path, monkeypatch):
     assert [read[i][0, 0, 0] for i in range(7)] == [names.index(name) for name in read.names]
     before = source.fingerprint()
     with monkeypatch.context() as patch:  # the second time pixels come from the cache
-        patch.setattr("sextant.data.calibration.panorama_folder.decode_panorama", None)
+        patch.setattr("sextant.chapters.calibration.data.panorama_folder.decode_panorama", None)
         again = source.read("train")
     assert np.array_equal(np.stack([again[i] for i in range(7)]), np.stack([read[i] for i in range(7)]))
     assert PanoramaFolder("own", height=64, roots=[tmp_path]).fingerprint() == before

@@ -10,9 +10,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sextant.data.calibration import PanoramaFolder, PanoramaMix, Panoramas, TownPanoramaSource, as_panorama_source
-from sextant.data.calibration.panoramas import PanoramaSource
-from sextant.data.calibration.pyramids import Kept, top_level
+from sextant.chapters.calibration.data import (
+    PanoramaFolder,
+    PanoramaMix,
+    Panoramas,
+    TownPanoramaSource,
+    as_panorama_source,
+)
+from sextant.chapters.calibration.data.panoramas import PanoramaSource
+from sextant.chapters.calibration.data.pyramids import Kept, top_level
 from sextant.data.digits import Digits
 from sextant.data.worlds import TownPanoramas, TownSeasons
 from sextant.errors import UserError

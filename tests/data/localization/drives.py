@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from sextant.data.localization import Drive
-from sextant.data.localization.motions import motions_along
-from sextant.data.places import ImageRows
+from sextant.chapters.localization.data import Drive
+from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.places.data import ImageRows
 
 
 def circle(n=40, radius=20.0, name="circle", condition="day", noise=0.0, seed=0, **more):

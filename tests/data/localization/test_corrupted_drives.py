@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from data.localization.drives import circle
 
+from sextant.chapters.localization.along_drives import for_validation
+from sextant.chapters.localization.data import Drive
+from sextant.chapters.localization.data.corrupted_drives import CorruptedDrives, CorruptedRows
+from sextant.chapters.localization.data.described import DescribedDrives
+from sextant.chapters.localization.data.faults import WrongSeasonMap
+from sextant.chapters.localization.data.localization_data import LocalizationData
+from sextant.chapters.places.data import ImageRows
 from sextant.corruptions import BenchmarkSuite, CorruptionSuite, GaussianNoise
 from sextant.corruptions.suite import Condition
-from sextant.data.localization import Drive
-from sextant.data.localization.corrupted_drives import CorruptedDrives, CorruptedRows
-from sextant.data.localization.described import DescribedDrives
-from sextant.data.localization.faults import WrongSeasonMap
-from sextant.data.localization.localization_data import LocalizationData
-from sextant.data.places import ImageRows
 from sextant.evaluation import ALL_19
-from sextant.tasks.localization.along_drives import for_validation
 
 
 def pictures(n=6, height=24, width=36, channels=3, seed=0):

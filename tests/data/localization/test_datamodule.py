@@ -5,8 +5,8 @@ import pytest
 import torch
 from data.localization.drives import circle
 
-from sextant.data.localization.datamodule import LocalizationDataModule
-from sextant.data.localization.localization_data import LocalizationData
+from sextant.chapters.localization.data.datamodule import LocalizationDataModule
+from sextant.chapters.localization.data.localization_data import LocalizationData
 
 
 class Circles:

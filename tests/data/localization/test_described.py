@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from data.localization.drives import circle, numbers
 
-from sextant.data.localization import described
-from sextant.data.localization.described import DescribedDrives, Describer
-from sextant.data.localization.drive import Drive
+from sextant.chapters.localization.data import described
+from sextant.chapters.localization.data.described import DescribedDrives, Describer
+from sextant.chapters.localization.data.drive import Drive
 from sextant.errors import UserError
 
 

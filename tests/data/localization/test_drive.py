@@ -8,10 +8,10 @@ from data.localization.drives import circle, numbers
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.data.localization import Drive, LocalizationData
-from sextant.data.localization.localization_data import first_share
-from sextant.data.localization.motions import between, compose, compose_over, motions_along
-from sextant.data.localization.simulated_odometry import (
+from sextant.chapters.localization.data import Drive, LocalizationData
+from sextant.chapters.localization.data.localization_data import first_share
+from sextant.chapters.localization.data.motions import between, compose, compose_over, motions_along
+from sextant.chapters.localization.data.simulated_odometry import (
     CAR_WHEELS,
     FRAME_SIGMA,
     simulated_motion,

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
+from sextant.chapters.localization.data import LocalizationData, faults
+from sextant.chapters.localization.data.motions import motions_along
 from sextant.config.schema.localization import Fault as FaultSchema
 from sextant.config.schema.parts import Choice
-from sextant.data.localization import LocalizationData, faults
-from sextant.data.localization.motions import motions_along
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir
 

@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from sextant.data.localization.frames import find_frames
-from sextant.data.localization.pose_times import times_of_names
+from sextant.chapters.localization.data.frames import find_frames
+from sextant.chapters.localization.data.pose_times import times_of_names
 
 
 @pytest.fixture

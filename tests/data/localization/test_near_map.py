@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from sextant.data.localization.drive import Drive
-from sextant.data.localization.office_drives import along_map, longest_along_map
+from sextant.chapters.localization.data.drive import Drive
+from sextant.chapters.localization.data.office_drives import along_map, longest_along_map
 from sextant.errors import UserError
 
 MAPPED = Drive.of("map", "summer", np.column_stack([np.arange(0, 10.0), np.zeros(10), np.zeros(10)]))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sextant.data.localization.odometry_file import motions_of, read_odometry
+from sextant.chapters.localization.data.odometry_file import motions_of, read_odometry
 from sextant.errors import UserError
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from data.places.place_pictures import picture, write_pictures
 
-from sextant.data.localization import DriveSettings, LocalizationSource, as_localization_source
-from sextant.data.localization.motions import motions_along
-from sextant.data.places import Nordland, PlaceFolders
+from sextant.chapters.localization.data import DriveSettings, LocalizationSource, as_localization_source
+from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.places.data import Nordland, PlaceFolders
 from sextant.errors import UserError
 
 NAMES = [f"images-{10 * k:05d}.png" for k in range(1, 13)]

@@ -9,11 +9,11 @@ from data.places.gps_pictures import add_gps
 from data.places.place_pictures import picture, write_pictures
 from data.reconstructions.written import WRITERS
 
+from sextant.chapters.localization.data import DriveSettings, LocalizationSource, PoseFolder, as_localization_source
+from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.localization.data.pose_formats import write_tum
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.data.localization import DriveSettings, LocalizationSource, PoseFolder, as_localization_source
-from sextant.data.localization.motions import motions_along
-from sextant.data.localization.pose_formats import write_tum
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 
@@ -328,7 +328,7 @@ def config(*overrides):
 def test_the_config_builds_the_usual_folder(tmp_path):
     validate(config())
     plain = copy.deepcopy(config()["dataset"])
-    assert plain.pop("_target_") == "sextant.data.localization.PoseFolder"
+    assert plain.pop("_target_") == "sextant.chapters.localization.data.PoseFolder"
     built, usual = PoseFolder(**plain), PoseFolder("mine")
     for key, value in vars(usual).items():
         assert np.array_equal(vars(built)[key], value) if key == "mounting" else vars(built)[key] == value, key

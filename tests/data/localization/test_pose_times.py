@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sextant.data.localization.pose_times import no_times, times_of_names
+from sextant.chapters.localization.data.pose_times import no_times, times_of_names
 
 NOON = datetime(2023, 1, 1, 12, 0, 55, tzinfo=UTC).timestamp()
 

@@ -6,11 +6,11 @@ import shutil
 import numpy as np
 import pytest
 
+from sextant.chapters.localization.data import DriveSettings, LocalizationSource, as_localization_source
+from sextant.chapters.localization.data.motions import motions_along
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.digits import Digits
-from sextant.data.localization import DriveSettings, LocalizationSource, as_localization_source
-from sextant.data.localization.motions import motions_along
 from sextant.data.rendered import open_store
 from sextant.data.worlds import OfficeWalk, TownCity, TownFactors, TownSeasons
 from sextant.data.worlds.office_walk import OfficeWalkPlan

@@ -7,8 +7,8 @@ import pytest
 from made_up_bags import Bags
 from PIL import Image
 
-from sextant.data.localization.own_drive import open_drive
-from sextant.data.localization.rosbag import is_rosbag, open_rosbag
+from sextant.chapters.localization.data.own_drive import open_drive
+from sextant.chapters.localization.data.rosbag import is_rosbag, open_rosbag
 from sextant.errors import UserError
 
 SIZE = (4, 6, 3)

@@ -23,8 +23,8 @@ from data.photos.tags import (
 )
 from PIL import Image
 
+from sextant.chapters.places.data.gps_poses import gps_poses
 from sextant.data.photos.gps import gps_position, photo_gps
-from sextant.data.places.gps_poses import gps_poses
 from sextant.errors import ArgumentError
 
 LATITUDE, LONGITUDE = -33.8568, 151.2153

@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image
 
-from sextant.data.places import ImageRows, PlaceImages
+from sextant.chapters.places.data import ImageRows, PlaceImages
 
 
 def picture(number, height=16, width=24):

@@ -7,10 +7,10 @@ from data.places.place_pictures import aligned_places, write_pictures
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.data.places import ImageRows, Nordland, PlaceImages, PlaceTolerance
-from sextant.data.places.augmentation import PlaceAugmentation, shifted
-from sextant.data.places.batches import PlaceBatches, PlaceBatchImages
-from sextant.data.places.datamodule import PlaceData
+from sextant.chapters.places.data import ImageRows, Nordland, PlaceImages, PlaceTolerance
+from sextant.chapters.places.data.augmentation import PlaceAugmentation, shifted
+from sextant.chapters.places.data.batches import PlaceBatches, PlaceBatchImages
+from sextant.chapters.places.data.datamodule import PlaceData
 from sextant.errors import UserError
 
 TOLERANCE = PlaceTolerance("frames", 1, 5)

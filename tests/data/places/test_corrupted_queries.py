@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
+from sextant.chapters.places.condition_pairs import condition_pairs
+from sextant.chapters.places.data import ImageRows, PlaceImages, PlaceTolerance
+from sextant.chapters.places.data.augmentation import PlaceAugmentation
+from sextant.chapters.places.data.corrupted import CorruptedQueries
+from sextant.chapters.places.task import mean_recall
 from sextant.corruptions import BenchmarkSuite
-from sextant.data.places import ImageRows, PlaceImages, PlaceTolerance
-from sextant.data.places.augmentation import PlaceAugmentation
-from sextant.data.places.corrupted import CorruptedQueries
 from sextant.errors import UserError
-from sextant.tasks.places.condition_pairs import condition_pairs
-from sextant.tasks.places.module import mean_recall
 
 SUITE = BenchmarkSuite("cifar10_c", ["gaussian_noise", "fog", "contrast"], [1, 5])
 

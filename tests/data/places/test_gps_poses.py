@@ -6,8 +6,8 @@ import pytest
 from data.places.gps_pictures import add_gps, wgs84
 from data.places.place_pictures import write_pictures
 
+from sextant.chapters.places.data.gps_poses import course_deg, drive_by_gps, gps_poses, local_poses
 from sextant.data.photos.gps import GpsPosition, photo_gps
-from sextant.data.places.gps_poses import course_deg, drive_by_gps, gps_poses, local_poses
 from sextant.errors import ArgumentError
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from data.places.place_pictures import write_pictures
 
+from sextant.chapters.places.data import PlaceTolerance, as_place_source
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.data.places import PlaceTolerance, as_place_source
-from sextant.recipes.assemble import build_dataset
+from sextant.kit.assemble import build_dataset
 
 #: within 25 m
 METRES = PlaceTolerance("m", 25.0, 50.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from data.places.place_pictures import picture, write_pictures
 
-from sextant.data.places import ConditionSplit, ConditionSplitSource, FrameRanges, Nordland, PlaceTolerance
+from sextant.chapters.places.data import ConditionSplit, ConditionSplitSource, FrameRanges, Nordland, PlaceTolerance
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 

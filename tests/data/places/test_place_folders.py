@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from sextant.chapters.places.data import PlaceFolders, PlaceTolerance, as_place_source
+from sextant.chapters.places.data.pose_files import Pose, parse_utm_name, read_pose_table
 from sextant.data.image_files import decode_image, natural_key
 from sextant.data.picture_files import UnreadableImageError
-from sextant.data.places import PlaceFolders, PlaceTolerance, as_place_source
-from sextant.data.places.pose_files import Pose, parse_utm_name, read_pose_table
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 
@@ -295,7 +295,7 @@ def test_duplicate_files_are_named_or_allowed(folder):
 def test_what_is_decoded_is_kept_and_read_from_the_map(folder, tmp_path, monkeypatch):
     source = folders(folder, places="order", roots=[tmp_path / "cache"])
     first = source.read("test").images[:]
-    monkeypatch.setattr("sextant.data.places.decoded_images.decode_image", None)
+    monkeypatch.setattr("sextant.chapters.places.data.decoded_images.decode_image", None)
     assert np.array_equal(folders(folder, places="order", roots=[tmp_path / "cache"]).read("test").images[:], first)
     kept = next((tmp_path / "cache").rglob("images.npy"))
     kept.write_bytes(kept.read_bytes()[:-1])

@@ -7,9 +7,9 @@ import pytest
 import torch
 from data.places.place_pictures import aligned_places
 
-from sextant.data.places import PlaceTolerance
-from sextant.data.places.batches import PlaceBatchImages
-from sextant.data.places.relation import batch_places, places_of
+from sextant.chapters.places.data import PlaceTolerance
+from sextant.chapters.places.data.batches import PlaceBatchImages
+from sextant.chapters.places.data.relation import batch_places, places_of
 from sextant.retrieval import relations
 
 

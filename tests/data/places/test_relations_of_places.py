@@ -6,8 +6,8 @@ from data.places.place_pictures import aligned_places
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.data.places import ImageRows, PlaceImages, PlaceTolerance
-from sextant.data.places.nearby import within_distance
+from sextant.chapters.places.data import ImageRows, PlaceImages, PlaceTolerance
+from sextant.chapters.places.data.nearby import within_distance
 from sextant.errors import UserError
 
 # coordinates on a coarse grid, so that distances equal to the tolerance are common

@@ -10,8 +10,8 @@ from data.places.test_town_seasons_as_places import TOWN, painted
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.data.places import ImageRows, Nordland, PlaceImages, PlaceTolerance, as_place_source
-from sextant.data.places.scenes import Scenes
+from sextant.chapters.places.data import ImageRows, Nordland, PlaceImages, PlaceTolerance, as_place_source
+from sextant.chapters.places.data.scenes import Scenes
 from sextant.data.source import LabelledImages
 from sextant.data.worlds import TownSeasons
 from sextant.data.worlds.towns import TownSeasonsPlan

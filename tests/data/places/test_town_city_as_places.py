@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sextant.data.places import PlaceTolerance, as_place_source
+from sextant.chapters.places.data import PlaceTolerance, as_place_source
 from sextant.data.rendered import open_store
 from sextant.data.worlds import TownCity
 from sextant.data.worlds.towns import TownCityPlan

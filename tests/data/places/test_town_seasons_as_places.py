@@ -5,11 +5,11 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
+from sextant.chapters.places.data import ConditionSplit, ConditionSplitSource, PlaceTolerance, as_place_source
+from sextant.chapters.places.data.source import rendered_place_source
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.digits import Digits
-from sextant.data.places import ConditionSplit, ConditionSplitSource, PlaceTolerance, as_place_source
-from sextant.data.places.source import rendered_place_source
 from sextant.data.rendered import open_store
 from sextant.data.worlds import OfficeWalk, TownSeasons
 from sextant.data.worlds.towns import TownSeasonsPlan

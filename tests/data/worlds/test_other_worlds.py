@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from tiny_office import office_cache, office_config
 
+from sextant.chapters.calibration.data.panoramas import as_panorama_source, rendered_sources
+from sextant.chapters.localization.data.fitted_elsewhere import FittedElsewhere
 from sextant.composing.compose import compose, to_plain
 from sextant.config import digest, validate
-from sextant.data.calibration.panoramas import as_panorama_source, rendered_sources
-from sextant.data.localization.fitted_elsewhere import FittedElsewhere
 from sextant.errors import UserError
+from sextant.kit import recipe_of
+from sextant.kit.assemble import build_dataset
 from sextant.lifecycle.execute import execute
-from sextant.recipes import recipe_of
-from sextant.recipes.assemble import build_dataset
 
 DATASETS = ("office_walk", "town_seasons", "town_city", "town_panoramas", "town_factors", "cold")
 #: worlds that are laid out by default, and those of the slow test: 8 offices, 8 towns, 3 cities

@@ -11,9 +11,9 @@ from data.worlds.test_towns import SMALL, plan_of
 from docs_commands import ROOT
 
 from sextant.baselines import Hog
+from sextant.chapters.localization.data import as_localization_source
 from sextant.composing.compose import compose, to_plain
 from sextant.config import digest, validate
-from sextant.data.localization import as_localization_source
 from sextant.data.worlds import TownCity, TownPanoramas, TownSeasons
 from sextant.data.worlds.geojson import load_geojson
 from sextant.errors import UserError

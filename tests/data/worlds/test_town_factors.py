@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from sextant.chapters.places.data import as_place_source
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.data.places import as_place_source
 from sextant.data.worlds import TownFactors, TownSeasons
 from sextant.data.worlds.town_factors import MOST_CONDITIONS, factor_conditions
 from sextant.errors import UserError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.evaluation.calibration.doctor import Finding, crops, examine, lens, loss, parameters
-from sextant.evaluation.calibration.doctor.checks import CHECKS
+from sextant.chapters.calibration.metrics.doctor import Finding, crops, examine, lens, loss, parameters
+from sextant.chapters.calibration.metrics.doctor.checks import CHECKS
 from sextant.geometry import EquirectangularCamera
 
 

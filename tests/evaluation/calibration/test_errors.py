@@ -9,8 +9,8 @@ from jaxtyping import TypeCheckError
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
-from sextant.evaluation.calibration.errors import ERRORS, calibration_errors
-from sextant.evaluation.calibration.summary import AUC_OF, auc, cluster_resamples, methods_table, summary
+from sextant.chapters.calibration.metrics.errors import ERRORS, calibration_errors
+from sextant.chapters.calibration.metrics.summary import AUC_OF, auc, cluster_resamples, methods_table, summary
 from sextant.geometry import CameraParameters, PerspectiveCamera, k2_of_k1
 
 N = 40

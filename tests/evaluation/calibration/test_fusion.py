@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from sextant.evaluation.calibration.fusion import Prior, fuse, with_prior
+from sextant.chapters.calibration.metrics.fusion import Prior, fuse, with_prior
 
 
 def photos(rng, n, sigma=(0.05, 0.1), truth=(0.2, -0.3)):

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from sextant.evaluation.calibration.photo_benchmark import (
+from sextant.chapters.calibration.metrics.photo_benchmark import (
     PUBLISHED,
     Answers,
     Truth,

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.evaluation.calibration.picture_looks import NUMBERS, LooksSpread, own_distances, picture_looks
+from sextant.chapters.calibration.metrics.picture_looks import NUMBERS, LooksSpread, own_distances, picture_looks
 
 
 def scenes(count, views, seed=0):

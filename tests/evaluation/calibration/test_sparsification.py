@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from jaxtyping import TypeCheckError
 from scipy import stats
 
-from sextant.evaluation.calibration.sparsification import sparsification
+from sextant.chapters.calibration.metrics.sparsification import sparsification
 
 ERRORS = np.random.default_rng(0).exponential(size=300)
 

@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.evaluation.classification.confidence import BINS, Confidence, expected_calibration_error, trust
+from sextant.evaluation.confidence import BINS, Confidence, expected_calibration_error, trust
 
 
 def by_hand(confidence, right, bins):

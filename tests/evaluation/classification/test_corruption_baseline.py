@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sextant.errors import UserError
-from sextant.evaluation.classification.corruption_baseline import (
+from sextant.evaluation.corruption_baseline import (
     ALEXNET_CIFAR10_C,
     ALEXNET_IMAGENET_C,
     EXAMPLE,
@@ -10,7 +10,7 @@ from sextant.evaluation.classification.corruption_baseline import (
     read_baseline,
     write_baseline,
 )
-from sextant.evaluation.classification.corruption_error import ALL_19, BENCHMARK_15
+from sextant.evaluation.corruption_error import ALL_19, BENCHMARK_15
 
 
 def test_the_published_baselines_have_their_printed_means():

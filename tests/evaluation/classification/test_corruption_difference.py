@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from sextant.evaluation.classification.corruption_difference import corruption_differences
+from sextant.evaluation.corruption_difference import corruption_differences
 from sextant.evaluation.multiplicity import holm
 from sextant.evaluation.paired import paired_difference
 

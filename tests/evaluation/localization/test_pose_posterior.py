@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from sextant.evaluation.localization.pose_posterior import (
+from sextant.evaluation.pose_posterior import (
     LEVELS,
     PLANE,
     POSITION,

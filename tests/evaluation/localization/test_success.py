@@ -7,8 +7,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import stats
 
-from sextant.evaluation.localization.particles_needed import CountRatio, needed_ratio, particles_needed
-from sextant.evaluation.localization.success import (
+from sextant.evaluation.particles_needed import CountRatio, needed_ratio, particles_needed
+from sextant.evaluation.protocols import (
+    NORDLAND_LOCALIZATION,
+    OFFICE_LOCALIZATION,
+    TOWN_LOCALIZATION,
+    LocalizationProtocol,
+)
+from sextant.evaluation.success import (
     NEVER,
     converged_at,
     global_localization,
@@ -16,12 +22,6 @@ from sextant.evaluation.localization.success import (
     share_of,
     tracking_share,
     within,
-)
-from sextant.evaluation.protocols import (
-    NORDLAND_LOCALIZATION,
-    OFFICE_LOCALIZATION,
-    TOWN_LOCALIZATION,
-    LocalizationProtocol,
 )
 
 TABLES = hnp.arrays(bool, st.tuples(st.integers(1, 4), st.integers(1, 20)))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from sextant.errors import ArgumentError
-from sextant.evaluation.localization.trajectory_error import (
+from sextant.evaluation.trajectory_error import (
     SEGMENTS_M,
     ErrorStatistics,
     absolute_errors,

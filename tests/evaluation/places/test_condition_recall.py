@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from statsmodels.stats.proportion import proportion_confint
 
-from sextant.evaluation.places.condition_recall import condition_recall, factor_recall
-from sextant.evaluation.places.positives import Positives
+from sextant.chapters.places.condition_recall import condition_recall, factor_recall
+from sextant.evaluation.positives import Positives
 
 
 def images(seed, places=6, conditions=3):

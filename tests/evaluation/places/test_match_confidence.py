@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sextant.evaluation.places.match_confidence import MatchConfidence, fit_match_confidence
+from sextant.chapters.places.match_confidence import MatchConfidence, fit_match_confidence
 
 
 def drawn(model, seed, count=20_000):

@@ -4,7 +4,7 @@ import scipy.sparse
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.evaluation.places.positives import Positives
+from sextant.evaluation.positives import Positives
 
 
 def random_mask(seed, shape=(7, 11)):

@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import softmax
 
-from sextant.evaluation.places.positives import Positives
-from sextant.evaluation.places.posterior import fit_temperature, place_posterior
-from sextant.evaluation.places.retrieval import RetrievalProtocol
+from sextant.evaluation.positives import Positives
+from sextant.evaluation.posterior import fit_temperature, place_posterior
+from sextant.evaluation.retrieval import RetrievalProtocol
 
 
 def drawn_from_the_posterior(temperature, queries=400, references=20, seed=0):
@@ -74,7 +74,7 @@ def test_blocks_of_queries_change_nothing(monkeypatch):
     rng = np.random.default_rng(0)
     similarities, mask = rng.normal(size=(30, 9)), rng.random((30, 9)) < 0.1
     whole = place_posterior(similarities, Positives.from_mask(mask), 0.5)
-    monkeypatch.setattr("sextant.evaluation.places.posterior.BLOCK", 20)
+    monkeypatch.setattr("sextant.evaluation.posterior.BLOCK", 20)
     assert place_posterior(similarities, Positives.from_mask(mask), 0.5).nll == pytest.approx(whole.nll, rel=1e-12)
 
 

@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score, precision_recall_curve
 
-from sextant.evaluation.places.positives import Positives
-from sextant.evaluation.places.precision_recall import best_match_curve, precision_recall
-from sextant.evaluation.places.retrieval import RetrievalProtocol
+from sextant.chapters.places.precision_recall import best_match_curve, precision_recall
+from sextant.evaluation.positives import Positives
+from sextant.evaluation.retrieval import RetrievalProtocol
 
 
 def random_candidates(seed, count=40, levels=12, missed=5):

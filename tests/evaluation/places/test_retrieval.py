@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from sextant.evaluation.places.positives import Positives
-from sextant.evaluation.places.retrieval import (
+from sextant.evaluation.positives import Positives
+from sextant.evaluation.retrieval import (
     RetrievalProtocol,
     chance_recall,
     recall,

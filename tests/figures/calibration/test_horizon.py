@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.figures.calibration.overlay import horizon_curve
+from sextant.chapters.calibration.figures.overlay import horizon_curve
 from sextant.geometry import PerspectiveCamera, horizon_points, k2_of_k1, rho_from_tilt
 
 

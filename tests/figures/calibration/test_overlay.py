@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.figures.calibration.overlay import (
+from sextant.chapters.calibration.figures.overlay import (
     CalibratedPhoto,
     calibration_overlay,
     distortion_grid,

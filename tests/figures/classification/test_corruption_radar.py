@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
+from sextant.chapters.classification.figures import (
+    DifferenceBar,
+    corruption_difference,
+    corruption_heatmap,
+    corruption_radar,
+)
 from sextant.evaluation import ALL_19, CORRUPTION_FAMILIES
-from sextant.figures.classification import DifferenceBar, corruption_difference, corruption_heatmap, corruption_radar
 from sextant.figures.style import save_figure
 
 ERRORS = {

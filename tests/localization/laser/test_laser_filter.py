@@ -7,9 +7,9 @@ import pytest
 import torch
 from worlds.casters import Boxes
 
-from sextant.evaluation.localization.pose_posterior import pose_errors
-from sextant.evaluation.localization.success import global_localization, recovery_after, within
+from sextant.evaluation.pose_posterior import pose_errors
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION
+from sextant.evaluation.success import global_localization, recovery_after, within
 from sextant.geometry.planar import se2_between, se2_compose
 from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import UniformStart

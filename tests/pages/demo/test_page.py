@@ -4,9 +4,9 @@ import pytest
 from cli.cosfire_detection.drawn import drawn
 from headless import CHROMIUM, chromium
 
-from sextant.applications.demonstration import where_else
 from sextant.pages.demo.answers import sample_photo
 from sextant.pages.demo.serving import served
+from sextant.tools.demonstration import where_else
 
 pytestmark = [
     pytest.mark.slow,

@@ -7,14 +7,14 @@ import pytorch_lightning as pl
 import torch
 from calibration_toy import ToyPanoramas, distribution
 
+from sextant.chapters.calibration.data.datamodule import CalibrationData
+from sextant.chapters.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork, reported
+from sextant.chapters.calibration.report import _looks, arrays, compare, figures, metrics, table
+from sextant.chapters.calibration.task import Calibration
 from sextant.corruptions import CorruptionSuite
-from sextant.data.calibration.datamodule import CalibrationData
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace
 from sextant.losses import BearingLoss
 from sextant.models import CalibrationNet, StridedCNN
-from sextant.tasks.calibration.module import Calibration
-from sextant.tasks.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork, reported
-from sextant.tasks.calibration.report import _looks, arrays, compare, figures, metrics, table
 
 
 def data(**changes):

@@ -3,10 +3,10 @@
 import torch
 from torch import nn
 
+from sextant.chapters.classification.task import Classification
 from sextant.corruptions import CorruptionSuite
 from sextant.data.source import ImageSpec
 from sextant.layers import PushPullInhibition
-from sextant.tasks.classification.module import Classification
 
 SPEC = ImageSpec(1, 9, 9, ("a", "b"))
 

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.corruptions import BenchmarkSuite, CorruptionSuite, GaussianNoise, PerturbationSuite
-from sextant.evaluation import ALEXNET_CIFAR10_C
-from sextant.models import LeNet
-from sextant.tasks.classification.report import (
+from sextant.chapters.classification.report import (
     condition_metrics,
     corruption_metrics,
     result_figures,
     sheet_conditions,
 )
-from sextant.tasks.classification.result import ClassificationResult
+from sextant.chapters.classification.result import ClassificationResult
+from sextant.corruptions import BenchmarkSuite, CorruptionSuite, GaussianNoise, PerturbationSuite
+from sextant.evaluation import ALEXNET_CIFAR10_C
+from sextant.models import LeNet
 
 CLASSES = tuple(str(i) for i in range(10))
 

@@ -11,6 +11,8 @@ from PIL import Image
 from support import quick_config
 from tiny_digits import PLAIN, arrays, digits_config, digits_run, usual_run
 
+from sextant.chapters.cosfire.estimator import CosfireEstimator
+from sextant.chapters.cosfire.task import CosfireRecognition
 from sextant.cli import evaluate
 from sextant.data.digits import Digits
 from sextant.errors import UserError
@@ -18,8 +20,6 @@ from sextant.layers.cosfire import Blur, ConcentricCircles, Cosfire, GaborBank
 from sextant.lifecycle.execute import execute
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.cosfire.estimator import CosfireEstimator
-from sextant.tasks.cosfire.module import CosfireRecognition
 
 METHODS = ["cosfire_svm", "tiled_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network"]
 

@@ -3,13 +3,13 @@
 import pytest
 import torch
 
+from sextant.chapters.cosfire.comparison import Comparison
+from sextant.chapters.cosfire.estimator import CosfireEstimator
+from sextant.chapters.cosfire.filter_prototypes import NoFilterError, PrototypeSettings
+from sextant.chapters.cosfire.fine_tuning import FineTuning
+from sextant.chapters.cosfire.seen_images import SeenImages
+from sextant.chapters.cosfire.task import CosfireRecognition
 from sextant.layers.cosfire import ConcentricCircles, Cosfire, GaborBank
-from sextant.tasks.cosfire.comparison import Comparison
-from sextant.tasks.cosfire.estimator import CosfireEstimator
-from sextant.tasks.cosfire.filter_prototypes import NoFilterError, PrototypeSettings
-from sextant.tasks.cosfire.fine_tuning import FineTuning
-from sextant.tasks.cosfire.module import CosfireRecognition
-from sextant.tasks.cosfire.seen_images import SeenImages
 
 LABELS = torch.arange(16) % 2
 

@@ -3,10 +3,10 @@
 import pytest
 import torch
 
+from sextant.chapters.cosfire import representations
+from sextant.chapters.cosfire.filter_prototypes import PrototypeSettings, configure, own_responses
 from sextant.errors import UserError
 from sextant.layers.cosfire import Cosfire, GaborBank
-from sextant.tasks.cosfire import representations
-from sextant.tasks.cosfire.filter_prototypes import PrototypeSettings, configure, own_responses
 
 LABELS = torch.tensor([3, 1, 3, 1, 3, 1, 7])
 

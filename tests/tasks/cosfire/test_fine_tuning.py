@@ -8,10 +8,10 @@ import torch
 from torch import nn
 
 from sextant.baselines.linear_svm import LinearSVM
+from sextant.chapters.cosfire.fine_tuning import FineTuning, LinearLayer, fine_tune, log_maxima, tune_layer
+from sextant.chapters.cosfire.representations import filter_maxima
 from sextant.errors import LossNotFiniteError
 from sextant.layers.cosfire import Cosfire, GaborBank, VectorBank, VectorKeypoints
-from sextant.tasks.cosfire.fine_tuning import FineTuning, LinearLayer, fine_tune, log_maxima, tune_layer
-from sextant.tasks.cosfire.representations import filter_maxima
 
 
 def bars(count=42, seed=0):

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from sextant.tasks.cosfire.learnt_later import LearntLater
+from sextant.chapters.cosfire.learnt_later import LearntLater
 
 ARRAYS = {
     "weights": torch.randn(3, 5, dtype=torch.float64),

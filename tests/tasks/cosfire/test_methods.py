@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.baselines.linear_svm import LinearSVM
-from sextant.tasks.cosfire.methods import (
+from sextant.chapters.cosfire.methods import (
     METHODS,
     REPRESENTATIONS,
     nearest_example,

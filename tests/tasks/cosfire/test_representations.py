@@ -4,9 +4,9 @@ import pytest
 import torch
 from torch import nn
 
+from sextant.chapters.cosfire import representations
+from sextant.chapters.cosfire.representations import feature_maps, filter_maxima, images_at_once
 from sextant.layers.cosfire import Cosfire, GaborBank
-from sextant.tasks.cosfire import representations
-from sextant.tasks.cosfire.representations import feature_maps, filter_maxima, images_at_once
 
 
 @pytest.fixture

@@ -8,11 +8,11 @@ import pytest
 from scipy.stats import multivariate_normal
 from tiny_office import SHARP, office_cache, office_config
 
+from sextant.chapters.localization.along_drives import BACKGROUND, LEAST, best_share, reported_pose_nll
 from sextant.lifecycle.execute import execute
 from sextant.lifecycle.run_reporter import RunReporter
 from sextant.localization.localize import Track
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.localization.along_drives import BACKGROUND, LEAST, best_share, reported_pose_nll
 
 
 def told(pose, covariance, mass):

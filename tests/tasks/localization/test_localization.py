@@ -8,20 +8,20 @@ import torch
 import yaml
 from tiny_office import office_cache, office_config
 
-from sextant.applications.localization.localizer import Localizer
+from sextant.chapters.localization.localizer import Localizer
+from sextant.chapters.localization.task import Localization
+from sextant.chapters.places.descriptors import BaselineDescriber
 from sextant.cli import evaluate
 from sextant.config import validate
 from sextant.errors import UserError
+from sextant.kit.content import read_trained
+from sextant.kit.trained_model import model_from_checkpoint
 from sextant.lifecycle.execute import execute
 from sextant.localization.map_support import MapSupport
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observers import Camera
-from sextant.recipes.descriptors import BaselineDescriber
-from sextant.recipes.trained_model import model_from_checkpoint
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.localization.module import Localization
-from sextant.trained.content import read_trained
 
 #: four values of the loss, one an epoch of ten steps
 USUAL = ("trainer.max_epochs=4",)

@@ -10,13 +10,13 @@ import torch
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 from scipy import stats
 
-from sextant.data.localization.drive import Drive
+from sextant.chapters.localization.data.drive import Drive
+from sextant.chapters.localization.sensor_measures import IMAGES, PARTICLES, descriptor_nll, looked_at, sensor_cost
 from sextant.evaluation.protocols import NORDLAND_LOCALIZATION, OFFICE_LOCALIZATION
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.exact_gp import ExactGP
 from sextant.localization.observers import Observer
-from sextant.tasks.localization.sensor_measures import IMAGES, PARTICLES, descriptor_nll, looked_at, sensor_cost
 
 NOISE = Likelihood(tempering=0.1, appearance_variance=0.02)
 

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sextant.evaluation.localization.success import NEVER
-from sextant.tasks.localization.report import name_of
-from sextant.tasks.localization.test import Trial
-from sextant.tasks.localization.under_corruption import by_corruption, metrics, pooled, success_by_condition, table
+from sextant.chapters.localization.report import name_of
+from sextant.chapters.localization.testing import Trial
+from sextant.chapters.localization.under_corruption import by_corruption, metrics, pooled, success_by_condition, table
+from sextant.evaluation.success import NEVER
 
 
 def judged(found, mass, inside, corruption="", there=None):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sextant.data.places import ImageRows, PlaceImages, PlaceTolerance
-from sextant.tasks.places.methods import training_pairs
+from sextant.chapters.places.data import ImageRows, PlaceImages, PlaceTolerance
+from sextant.chapters.places.methods import training_pairs
 
 
 @pytest.mark.parametrize(("aligned", "partner"), [(False, 1), (True, 2)])

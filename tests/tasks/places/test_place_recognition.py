@@ -9,17 +9,17 @@ import yaml
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
+from sextant.chapters.places.chapter import PlaceRecognitionRecipe
+from sextant.chapters.places.data import PlaceTolerance
+from sextant.chapters.places.whitening import Whitening, solve_projection
 from sextant.cli import evaluate
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.data.places import PlaceTolerance
 from sextant.errors import UserError
+from sextant.kit.content import read_trained
+from sextant.kit.trained_model import model_from_checkpoint
 from sextant.lifecycle.execute import execute
-from sextant.recipes.place_recognition import PlaceRecognitionRecipe
-from sextant.recipes.trained_model import model_from_checkpoint
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.places.whitening import Whitening, solve_projection
-from sextant.trained.content import read_trained
 
 PLACES = {"train": 48, "val": 16, "test": 24}
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sextant.data.places import ImageRows, PlaceImages, PlaceTolerance
-from sextant.figures.style import save_figure
-from sextant.tasks.places import report
-from sextant.tasks.places.condition_pairs import condition_pairs, pair_arrays, pair_metrics
-from sextant.tasks.places.invariance import (
+from sextant.chapters.places import report
+from sextant.chapters.places.condition_pairs import condition_pairs, pair_arrays, pair_metrics
+from sextant.chapters.places.data import ImageRows, PlaceImages, PlaceTolerance
+from sextant.chapters.places.invariance import (
     factor_of,
     has_factors,
     invariance,
@@ -18,6 +17,7 @@ from sextant.tasks.places.invariance import (
     invariance_metrics,
     invariance_table,
 )
+from sextant.figures.style import save_figure
 
 TOLERANCE = PlaceTolerance("frames", 1, 5)
 

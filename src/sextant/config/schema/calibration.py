@@ -22,7 +22,7 @@ class Sampling(Part):
 
     model_config = ConfigDict(extra="allow")
 
-    target: Literal["sextant.data.calibration.CameraDistribution"] | str = Field(alias="_target_")
+    target: Literal["sextant.chapters.calibration.data.CameraDistribution"] | str = Field(alias="_target_")
     k2_of_k1: Literal["lopez", "zero"]
 
 
@@ -112,7 +112,7 @@ class ShareBySplit(Node):
 class PanoramaFolder(Panoramas):
     """The user's own panoramas."""
 
-    target: Literal["sextant.data.calibration.PanoramaFolder"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.calibration.data.PanoramaFolder"] = Field(alias="_target_")
     partial: bool = Field(alias="_partial_", default=False)
     folder: str = Field(examples=["/path/to/panoramas"])
     height: ImageSide = Field(examples=[512])
@@ -125,7 +125,7 @@ class PanoramaFolder(Panoramas):
 class PanoramaMix(Panoramas):
     """Several sources of panoramas."""
 
-    target: Literal["sextant.data.calibration.PanoramaMix"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.calibration.data.PanoramaMix"] = Field(alias="_target_")
     sources: dict[
         str,
         Annotated[TownPanoramas | PanoramaFolder, CHOSEN_BY_TARGET],

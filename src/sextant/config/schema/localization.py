@@ -25,7 +25,7 @@ class Drives(Part):
 class PoseFolder(Drives):
     """The user's own drives with poses."""
 
-    target: Literal["sextant.data.localization.PoseFolder"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.PoseFolder"] = Field(alias="_target_")
     folder: str = Field(examples=["/path/to/drives"])
     map: str = Field(examples=["map"])
     test: Traverses | None = Field(min_length=1, examples=["{run: run}"])
@@ -57,13 +57,13 @@ class Fault(Part):
 class NoFault(Fault):
     """No fault."""
 
-    target: Literal["sextant.data.localization.faults.NoFault"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.NoFault"] = Field(alias="_target_")
 
 
 class Kidnap(Fault):
     """The kidnapped robot: it is carried elsewhere."""
 
-    target: Literal["sextant.data.localization.faults.Kidnap"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.Kidnap"] = Field(alias="_target_")
     frame: Frame = Field(examples=[0.5])
     distance: NonNegative = Field(examples=[10.0])
     after: Count | None = Field(examples=[100])
@@ -72,7 +72,7 @@ class Kidnap(Fault):
 class WrongStart(Fault):
     """The filter starts around a wrong pose."""
 
-    target: Literal["sextant.data.localization.faults.WrongStart"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.WrongStart"] = Field(alias="_target_")
     distance: NonNegative = Field(examples=[5.0])
     heading_deg: Annotated[float, Field(ge=0, le=180)] = Field(examples=[90.0])
 
@@ -80,14 +80,14 @@ class WrongStart(Fault):
 class DroppedFrames(Fault):
     """Images are lost at random."""
 
-    target: Literal["sextant.data.localization.faults.DroppedFrames"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.DroppedFrames"] = Field(alias="_target_")
     share: Portion = Field(examples=[0.5])
 
 
 class Blackout(Fault):
     """No image arrives for a while."""
 
-    target: Literal["sextant.data.localization.faults.Blackout"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.Blackout"] = Field(alias="_target_")
     frame: Frame = Field(examples=[0.5])
     length: Count = Field(examples=[30])
 
@@ -95,7 +95,7 @@ class Blackout(Fault):
 class OdometryScale(Fault):
     """Wrong odometry scale, as from wheels of another size."""
 
-    target: Literal["sextant.data.localization.faults.OdometryScale"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.OdometryScale"] = Field(alias="_target_")
     factor: Positive = Field(examples=[1.1])
     turn: Positive = Field(examples=[1.0])
 
@@ -103,7 +103,7 @@ class OdometryScale(Fault):
 class OdometrySlip(Fault):
     """Slipping wheels."""
 
-    target: Literal["sextant.data.localization.faults.OdometrySlip"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.OdometrySlip"] = Field(alias="_target_")
     frame: Frame = Field(examples=[0.5])
     length: Count = Field(examples=[20])
     kind: Literal["spinning", "sliding"]
@@ -112,7 +112,7 @@ class OdometrySlip(Fault):
 class MissingOdometry(Fault):
     """Odometry is missing for a while."""
 
-    target: Literal["sextant.data.localization.faults.MissingOdometry"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.MissingOdometry"] = Field(alias="_target_")
     frame: Frame = Field(examples=[0.5])
     length: Count = Field(examples=[10])
 
@@ -120,7 +120,7 @@ class MissingOdometry(Fault):
 class NoisyMapPoses(Fault):
     """Noise in the poses of the map images."""
 
-    target: Literal["sextant.data.localization.faults.NoisyMapPoses"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.NoisyMapPoses"] = Field(alias="_target_")
     position: NonNegative = Field(examples=[0.5])
     heading_deg: NonNegative = Field(examples=[5.0])
 
@@ -128,14 +128,14 @@ class NoisyMapPoses(Fault):
 class ThinnedMap(Fault):
     """A map with fewer images."""
 
-    target: Literal["sextant.data.localization.faults.ThinnedMap"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.ThinnedMap"] = Field(alias="_target_")
     keep: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.25])
 
 
 class WrongSeasonMap(Fault):
     """A map made under another condition."""
 
-    target: Literal["sextant.data.localization.faults.WrongSeasonMap"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.localization.data.faults.WrongSeasonMap"] = Field(alias="_target_")
     condition: str = Field(examples=["winter_noon"])
 
 
@@ -192,7 +192,7 @@ class WhitenedPCADescriptor(Descriptor):
 class LandmarksDescriptor(Descriptor):
     """Landmarks marked on a photo, alone or beside another descriptor."""
 
-    target: Literal["sextant.applications.detection.landmarks.Landmarks"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.cosfire.landmarks.Landmarks"] = Field(alias="_target_")
     photo: str = Field(examples=["photo.png"])
     points: Annotated[list[Point], Field(min_length=1)] = Field(examples=[[[310, 190], [120, 80]]])
     beside: str | None = Field(examples=["whitened_pca"])
@@ -217,14 +217,14 @@ class NetworkDescriptor(Descriptor):
 class TrainedDescriptor(Descriptor):
     """The network of a run of place recognition."""
 
-    target: Literal["sextant.recipes.descriptors.TrainedDescriptor"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.places.descriptors.TrainedDescriptor"] = Field(alias="_target_")
     run: str = Field(examples=["place_recognition/1a2b3c4d-s0"])
 
 
 class DescriptorFiles(Descriptor):
     """Vectors that were computed elsewhere."""
 
-    target: Literal["sextant.recipes.descriptors.DescriptorFiles"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.places.descriptors.DescriptorFiles"] = Field(alias="_target_")
     folder: str = Field(examples=["descriptors"])
 
 

@@ -55,13 +55,13 @@ class Schedule(Part):
 class ConstantRate(Schedule):
     """A constant learning rate."""
 
-    target: Literal["sextant.tasks.schedules.ConstantRate"] = Field(alias="_target_")
+    target: Literal["sextant.training.schedules.ConstantRate"] = Field(alias="_target_")
 
 
 class StepDecay(Schedule):
     """A learning rate that decays in steps."""
 
-    target: Literal["sextant.tasks.schedules.StepDecay"] = Field(alias="_target_")
+    target: Literal["sextant.training.schedules.StepDecay"] = Field(alias="_target_")
     at: list[Share] = Field(examples=["[0.5,0.75]"])
     factor: Share = Field(examples=[0.1])
 
@@ -75,4 +75,4 @@ class StepDecay(Schedule):
 class CosineDecay(Schedule):
     """A learning rate that decays along half a cosine."""
 
-    target: Literal["sextant.tasks.schedules.CosineDecay"] = Field(alias="_target_")
+    target: Literal["sextant.training.schedules.CosineDecay"] = Field(alias="_target_")

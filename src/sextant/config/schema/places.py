@@ -27,7 +27,7 @@ class RangeBySplit(Node):
 class Nordland(Places):
     """Aligned frames, with one folder per season."""
 
-    target: Literal["sextant.data.places.Nordland"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.places.data.Nordland"] = Field(alias="_target_")
     conditions: list[str] = Field(min_length=1, examples=["[summer,winter]"])
     frames: RangeBySplit
     height: ImageSide = Field(examples=[32])
@@ -41,7 +41,7 @@ class PlaceFolders(Places):
     """The user's own places."""
 
     later = ("name",)
-    target: Literal["sextant.data.places.PlaceFolders"] = Field(alias="_target_")
+    target: Literal["sextant.chapters.places.data.PlaceFolders"] = Field(alias="_target_")
     folder: str = Field(examples=["/path/to/places"])
     train: Traverses | None = Field(examples=["{summer: train/summer, winter: train/winter}"])
     val: Traverses | None = Field(examples=["{summer: val/summer, winter: val/winter}"])

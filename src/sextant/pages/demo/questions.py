@@ -5,13 +5,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sextant.applications.calibration.calibrator import PhotoCalibrator
-from sextant.applications.demonstration.digit import DigitTrial
-from sextant.applications.demonstration.photo import photo_answer
-from sextant.applications.demonstration.pictures import page_picture
-from sextant.applications.demonstration.same_place import SamePlace
-from sextant.applications.demonstration.where_else import Point, where_else_answer
+from sextant.chapters.calibration.calibrator import PhotoCalibrator
 from sextant.errors import UserError
+from sextant.tools.demonstration.digit import DigitTrial
+from sextant.tools.demonstration.photo import photo_answer
+from sextant.tools.demonstration.pictures import page_picture
+from sextant.tools.demonstration.same_place import SamePlace
+from sextant.tools.demonstration.where_else import Point, where_else_answer
 
 calibrator, same_place, digit_trial = cache(PhotoCalibrator.load), cache(SamePlace.load), cache(DigitTrial.load)
 

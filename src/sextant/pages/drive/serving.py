@@ -7,8 +7,8 @@ from typing import Any
 
 from flask import Flask, jsonify, request
 
-from sextant.applications.localization.localizer import Localizer
-from sextant.applications.localization.written_poses import Moment
+from sextant.chapters.localization.localizer import Localizer
+from sextant.chapters.localization.written_poses import Moment
 from sextant.pages.drive.watch import Watch
 from sextant.pages.loopback import page_app, served
 

@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 from PIL import Image
 
-from sextant.applications.localization.written_poses import Moment
+from sextant.chapters.localization.written_poses import Moment
 
 #: seconds that a request waits for something new
 PATIENCE_S = 2.0
@@ -28,7 +28,7 @@ class Watch:
     """
 
     def __init__(self, map_positions: Float64[ndarray, "n 2"], unit: str = "m", *, pictures: bool = True):
-        from sextant.figures.localization.particles import ParticleView
+        from sextant.chapters.localization.figures.particles import ParticleView
 
         self.unit = unit
         self._view, self._drawing = ParticleView(map_positions, unit=unit, seen=pictures), Lock()

@@ -12,8 +12,8 @@ from sextant.reports.page.html_page import html_page
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import search_results
 from sextant.reports.summary import Summary, summarise
-from sextant.reports.tables import interval, number
 from sextant.reports.tasks_report import of_several_tasks
+from sextant.tables import interval, number
 
 
 def write_report_page(results: SweepResults, folder: Path) -> Path:

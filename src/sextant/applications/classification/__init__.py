@@ -1,5 +1,0 @@
-"""Classification of images by a trained network."""
-
-from sextant.applications.classification.classifier import Classified, ImageClassifier
-
-__all__ = ["Classified", "ImageClassifier"]

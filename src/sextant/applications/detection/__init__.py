@@ -1,1 +1,0 @@
-"""Detection from a single example, by COSFIRE filters."""

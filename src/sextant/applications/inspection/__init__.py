@@ -1,6 +1,0 @@
-"""What a user's own folder contains, which tasks fit it, and the commands for them: :func:`inspect`."""
-
-from sextant.applications.inspection.inspecting import Inspection, inspect
-from sextant.applications.inspection.summary import summary
-
-__all__ = ["Inspection", "inspect", "summary"]

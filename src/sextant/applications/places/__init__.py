@@ -1,1 +1,0 @@
-"""Looking photos up in a map of photos."""

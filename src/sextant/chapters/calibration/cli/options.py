@@ -1,0 +1,35 @@
+"""Options of the calibration of photos; imports nothing heavy."""
+
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field
+
+from sextant.console.arguments import Options
+
+#: reads the word "none" as None
+NONE = BeforeValidator(lambda text: None if text == "none" else text)
+Undistort = Literal["crop", "all", "none"]
+
+
+class FocalOptions(Options):
+    """What the user may know about a camera beforehand."""
+
+    focal_prior: Annotated[Literal["exif"] | Annotated[float, Field(gt=0)] | None, NONE] = Field(
+        None, title="none, exif or a focal length in pixels above 0", examples=["exif"]
+    )
+    """none (default), exif, or a focal length in pixels of the photo"""
+
+
+class CalibrationOptions(FocalOptions):
+    """What the user chose."""
+
+    method: Literal["joint", "lines", "network"] = Field("joint", examples=["network"])
+    """joint (default: network, lines and a prior on cameras together), lines (no network) or network (alone)"""
+    undistort: Undistort = Field("crop", examples=["all"])
+    """crop (default: no borders), all (every pixel is kept, with borders) or none (no straightened photos)"""
+    camera: Literal["each", "one"] = Field("each", examples=["one"])
+    """each (default), or one: all photos share one camera and lens setting, and are fused"""
+    gravity_prior: Annotated[Literal["exif"] | None, NONE] = Field(None, title="none or exif", examples=["exif"])
+    """none (default), or exif: gravity from the phone's accelerometer, where a photo has it"""
+    colmap: bool = Field(False, examples=["true"])
+    """true: also write cameras and gravity as a COLMAP database, in <output>/colmap"""

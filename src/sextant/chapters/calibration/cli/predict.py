@@ -1,0 +1,77 @@
+"""Calibrates photos, writes their cameras to files, and prints them."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+
+from sextant.chapters.calibration.calibrator import PhotoCalibrator
+from sextant.chapters.calibration.cli.options import CalibrationOptions
+from sextant.chapters.calibration.written_cameras import WrittenCameras, write_cameras
+from sextant.console.console import console, rows_table
+from sextant.console.output_folder import make_output, tell_written
+from sextant.console.skipped_files import skipped_of, tell_skipped
+from sextant.console.work_progress import counted as showing
+from sextant.tables import counted
+
+
+def predict_calibrations(
+    calibrator: PhotoCalibrator, paths: Sequence[Path], output: Path, options: CalibrationOptions
+) -> list[dict[str, Any]]:
+    """Calibrate photos, write the results into ``output`` and show them; failed photos are named and skipped.
+
+    Raises:
+        UserError: no photo could be calibrated, the photos cannot be of one camera, or the disk is full.
+    """
+    make_output(output)
+    photos = showing("calibrating", "photos", paths)
+    written = write_cameras(calibrator, photos, output, **options.model_dump(exclude={"method"}))
+    tell(written, skipped_of(written.rows, f"none of {len(paths):,} photos could be calibrated"))
+    return written.rows
+
+
+#: an interval within this of EXIF's focal length, as a share of it, would gain nothing by it
+EXACT = 0.05
+
+
+def tell(written: WrittenCameras, skipped: Mapping[str, str]) -> None:
+    """Print the cameras, doubts about them, which photos failed, and where the files are."""
+    table = [
+        {"photo": Path(row["file"]).name, "tilt °": f"{row['tilt_deg']:+.1f}", "roll °": f"{row['roll_deg']:+.1f}",
+         "focal px [95 %]": f"{row['focal_px']:.0f}{_interval(row)}",
+         "vfov °": f"{row['vfov_deg']:.1f}", "k1": f"{row['k1']:+.3f}",
+         "trust": row["confidence"]["verdict"]}
+        for row in written.rows if row["file"] not in skipped
+    ]  # fmt: skip
+    console.print(rows_table("Cameras", table))
+    for row in written.rows:
+        if reasons := "; ".join([*row.get("confidence", {}).get("reasons", ()), *_hint(row)]):
+            console.print(f"[dim]{escape(Path(row['file']).name)}: {escape(reasons)}[/]", soft_wrap=True)
+    tell_skipped(skipped)
+    if summary := written.summary:
+        console.print(
+            f"One camera from {len(summary['kept'])} of {summary['photos']} photos: "
+            f"chi-square {summary['chi_square']:.1f} with {summary['degrees_of_freedom']} degrees of freedom, "
+            f"p = {summary['p_value']:.2g}"
+        )
+    tell_written(f"{counted(len(table), 'photo')} calibrated", len(skipped), written.files)
+
+
+def _interval(row: Mapping[str, Any]) -> str:
+    ends = row["intervals"]["95"]["focal_px"]
+    return f" [{ends[0]:.0f}, {ends[1]:.0f}]" if all(map(math.isfinite, ends)) else ""
+
+
+def _hint(row: Mapping[str, Any]) -> list[str]:
+    """What EXIF knows of the focal length, where that was not used and would help."""
+    known = row.get("exif_focal_px")
+    if not known or "focal_prior" in str(row.get("intervals_by", "")):
+        return []
+    low, high = row["intervals"]["95"]["focal_px"]
+    return (
+        []
+        if low > known * (1 - EXACT) and high < known * (1 + EXACT)
+        else [f"EXIF says {known:,.0f} px: focal_prior=exif"]
+    )

@@ -1,0 +1,123 @@
+"""How far an estimated camera can be trusted, and why not further."""
+
+import math
+from collections.abc import Mapping
+from typing import get_args
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.chapters.calibration.finding import Finding
+from sextant.chapters.calibration.network import CameraNetwork
+from sextant.chapters.calibration.photo_camera import Verdict
+from sextant.geometry import CameraParameters, focal_from_vfov, vfov_from_focal
+
+GOOD, TRUSTWORTHY = 0.5, 1.0  # half-width of a 68 % interval, in half-widths of the central 68 % of training cameras
+#: the same for a camera from all evidence, for which the spread of the training cameras is no measure: tilt and roll in
+#: radians, relative focal length, and k1_hat in longer sides: 0.1 and 0.3 in heights of 4:3
+JOINTLY_GOOD = (math.radians(3), math.radians(2), 0.1, 0.18)
+JOINTLY_TRUSTWORTHY = (math.radians(10), math.radians(6), 0.25, 0.53)
+#: share of the network's own interval; a wider interval from all evidence rests on the network
+LEANS = 0.5
+NAMES = ("tilt", "roll", "field of view", "apparent distortion")
+#: ends of a range that raise doubts; the training cameras end at :data:`ENDS`, since a range is a little wider than
+#: their spread
+EDGE, ENDS = 0.01, 0.02 / 1.04
+#: names of the four numbers, whatever the parameterization
+NUMBERS = ("vertical position of the horizon or tilt", "roll", "size", "distortion")
+
+
+def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple[str, ...], Mapping[str, float]]:
+    """A verdict, its reasons, and the widths of the 68 % intervals over the spread of the training cameras.
+
+    The verdict is the worst of those by the widths, the finding's doubts and the training range. For the network alone,
+    an interval as wide as the spread of the training cameras says no more than was known before training. For all
+    evidence, the width itself counts.
+    """
+    spread, half = network.spec.spread, finding.half["68"]
+    ratios = half / np.asarray(spread)
+    worst, reasons = 0, []
+    for i, (name, good, most) in enumerate(zip(NAMES, *_allowed(finding, network), strict=True)):
+        if not half[i] <= good:  # true for nan too
+            worst = max(worst, 1 if half[i] <= most else 2)
+            turn, unit = (180 / math.pi, "°") if i < 3 else (1.0, "")
+            limit, of = (good if half[i] <= most else most), ""
+            if finding.network is None:
+                limit, of = spread[i], " of all cameras trained on"
+            width, wider = _distinct(half[i] * turn, limit * turn)
+            part = "" if not of else "half of the " if half[i] <= most else "the "
+            reasons.append(f"{name}: 68 % interval ±{width}{unit}, wider than {part}±{wider}{unit}{of}")
+    against_network = (*finding.network_doubts, *_range_doubts(finding, network)) if finding.trusts_network else ()
+    for allowed, text in (*finding.doubts, *against_network):
+        worst = max(worst, allowed)
+        reasons.append(text)
+    return get_args(Verdict)[worst], tuple(reasons), dict(zip(NAMES, ratios.tolist(), strict=True))
+
+
+def _distinct(a: float, b: float) -> tuple[str, str]:
+    """Two numbers with the fewest digits, at least two, that tell them apart."""
+    shown = ((f"{a:.{digits}g}", f"{b:.{digits}g}") for digits in range(2, 18))
+    return next((pair for pair in shown if pair[0] != pair[1]), (f"{a:.2g}", f"{b:.2g}"))
+
+
+def _allowed(finding: Finding, network: CameraNetwork) -> tuple[Float64[ndarray, "4"], Float64[ndarray, "4"]]:
+    """Half widths of 68 % intervals up to which a camera is good, and up to which it is trustworthy."""
+    if finding.network is None:
+        spread = np.asarray(network.spec.spread)
+        return GOOD * spread, TRUSTWORTHY * spread
+    focal = float(finding.camera.focal)
+    longer = finding.side / finding.view.height
+    units = np.array([1, 1, 4 * focal / (4 * focal**2 + 1), longer**-2])  # |d vfov / d ln f|
+    return np.asarray(JOINTLY_GOOD) * units, np.asarray(JOINTLY_TRUSTWORTHY) * units
+
+
+def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, str]]:
+    """Doubts about a camera at the end of the training range, or near it for how sure the network is.
+
+    A network only answers within the range of its training cameras. A camera beyond an end is reported as one before
+    it, and the nearer the end, the surer the network is, since no training camera could be far off there. So an angle
+    is doubted where its 95 % interval reaches beyond the end. Distortion is not: most lenses have none, which is the
+    end of most ranges. Nor is anything that the lines of the photo settled.
+    """
+    said, doubts = finding.network or finding, []
+    own = finding.alone or finding.half
+    leaning = own["68"] > (LEANS * said.half["68"] if finding.network else -1.0)
+    aspect = torch.tensor([finding.view.aspect], dtype=torch.float64)
+    position = network.position(_stacked(said.camera), aspect)[0].tolist()
+    placed = zip(NUMBERS, position, leaning, strict=True)
+    if at := [name for name, p, leans in placed if leans and not EDGE <= p <= 1 - EDGE]:
+        names = ", ".join(at)
+        doubts.append((1, f"at the end of what the network was trained on: {names}; the truth may lie beyond"))
+    ends = network.position(_interval_ends(said), aspect).double()
+    reached = [
+        name
+        for i, name in enumerate(NAMES[:3])
+        if leaning[i]
+        and NUMBERS[i] not in at
+        and not all(ENDS <= float(ends[k, i]) <= 1 - ENDS for k in (2 * i, 2 * i + 1))
+    ]
+    if reached:
+        names = ", ".join(reached)
+        doubts.append((1, f"the 95 % interval reaches beyond what the network was trained on: {names}"))
+    return doubts
+
+
+def _stacked(*cameras: CameraParameters) -> CameraParameters:
+    return CameraParameters(*(torch.stack(values) for values in zip(*cameras, strict=True)))
+
+
+def _interval_ends(finding: Finding) -> CameraParameters:
+    """The camera with tilt, roll and field of view in turn at the low and high end of their intervals."""
+    camera = finding.camera
+    ends = []
+    for i, half in enumerate(finding.half["95"][:3]):
+        for sign in (-1, 1):
+            moved = [camera.tilt, camera.roll, vfov_from_focal(camera.focal)]
+            moved[i] = moved[i] + sign * half
+            tilt = moved[0].clamp(-math.pi / 2 + 1e-3, math.pi / 2 - 1e-3)
+            ends.append(
+                CameraParameters(tilt, moved[1], focal_from_vfov(moved[2].clamp(1e-3, math.pi - 1e-3)), camera.k1)
+            )
+    return _stacked(*ends)

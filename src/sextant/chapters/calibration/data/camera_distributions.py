@@ -1,0 +1,216 @@
+r"""Distributions of the cameras of crops: tilt, roll, focal length, distortion, heading and the shape of the image.
+
+Each quantity is drawn on its own, in the terms in which a distribution was published: the horizon's offset or the
+tilt, the focal length in millimetres or the field of view, k1 or the apparent :math:`k_1/f^2`. The rest follows.
+
+A draw is a function of (seed, panorama, number of the draw) alone. Two kinds of camera are drawn again: those that no
+lens can be, with an image corner or the horizon beyond the fold of the distortion, and those that look almost straight
+up or down. The others keep their distribution.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64, Int64
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.chapters.calibration.data.variates import Mixture, chosen
+from sextant.data.counters import uniforms
+from sextant.errors import ArgumentError, UserError
+from sextant.geometry import (
+    CameraParameters,
+    K2Family,
+    focal_from_vfov,
+    k2_of_k1,
+    max_distorted_radius,
+    tilt_from_rho,
+    tilt_from_tau,
+)
+
+TiltQuantity = Literal["rho", "tau", "tilt_deg"]
+RollQuantity = Literal["roll_rad", "roll_deg"]
+FocalQuantity = Literal["heights", "long_sides", "mm", "vfov_deg"]
+BendQuantity = Literal["k1", "k1_hat", "sphere"]
+
+STEEPEST = math.radians(85)
+ATTEMPTS = 200
+#: uniform numbers per camera
+NUMBERS = 11
+
+
+@dataclass(frozen=True)
+class CameraDraw:
+    """Cameras, their headings and their aspects.
+
+    Attributes:
+        cameras: tilt, roll, focal length and k1, float64.
+        yaw: of the viewing direction in the panorama, radians: the longitude at the image centre, positive to the
+            right.
+        aspect: width over height of the image.
+    """
+
+    cameras: CameraParameters
+    yaw: Float[Tensor, "b"]
+    aspect: Float[Tensor, "b"]
+
+
+@dataclass(frozen=True)
+class CameraDistribution:
+    """Distributions of a camera's parameters; ``conf/sampling`` has those of the literature with their sources.
+
+    ``tilt``, ``roll``, ``focal`` and ``k1`` are each a mapping with the keys of
+    :class:`~sextant.chapters.calibration.data.variates.Variate`, or a list of such mappings with a ``weight`` each: a
+    mixture.
+
+    Args:
+        tilt: distribution of the quantity that ``tilt_as`` names.
+        roll: distribution of the quantity that ``roll_as`` names.
+        focal: distribution of the quantity that ``focal_as`` names.
+        k1: distribution of the quantity that ``k1_as`` names.
+        aspect: weights of aspects, width over height, keyed by strings such as ``"4:3"``.
+        tilt_as: ``rho`` or ``tau`` (offset of the distorted or the undistorted horizon, image heights) or ``tilt_deg``.
+        roll_as: ``roll_rad`` or ``roll_deg``.
+        focal_as: ``heights``, ``long_sides`` (of the image), ``mm`` (of a frame ``frame_height_mm`` high) or
+            ``vfov_deg`` (nominal vertical field of view).
+        k1_as: ``k1``, ``k1_hat`` (apparent: k1 / f²) or ``sphere``: ξ of the unified sphere model, of which
+            -ξ / (2 + 2ξ) is the first coefficient.
+        k2_of_k1: the lens family, ``lopez`` or ``zero``.
+        portrait: share of portrait images, whose aspect is inverted.
+        frame_height_mm: see ``focal_as``.
+        name: of the distribution in messages.
+
+    Raises:
+        UserError: a value is invalid; the message names its key.
+    """
+
+    tilt: Any
+    roll: Any
+    focal: Any
+    k1: Any
+    aspect: Mapping[str, float]
+    tilt_as: TiltQuantity = "rho"
+    roll_as: RollQuantity = "roll_rad"
+    focal_as: FocalQuantity = "mm"
+    k1_as: BendQuantity = "k1"
+    k2_of_k1: K2Family = "lopez"
+    portrait: float = 0.0
+    frame_height_mm: float = 27.0
+    name: str = ""
+    _mixtures: Mapping[str, Mixture] = field(init=False, repr=False, compare=False)
+    _landscape: Float64[ndarray, "a"] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        kinds = {"tilt_as": TiltQuantity, "roll_as": RollQuantity, "focal_as": FocalQuantity, "k1_as": BendQuantity}
+        for key, kind in kinds.items():
+            if getattr(self, key) not in get_args(kind):
+                raise ArgumentError(f"{key}={getattr(self, key)!r} must be one of {', '.join(get_args(kind))}")
+        if self.k2_of_k1 not in ("lopez", "zero"):
+            raise ArgumentError(f"k2_of_k1={self.k2_of_k1!r} must be lopez or zero")
+        if not 0 <= self.portrait <= 1:
+            raise ArgumentError(f"portrait={self.portrait:g} must be a share from 0 to 1")
+        if self.frame_height_mm <= 0:
+            raise ArgumentError(f"frame_height_mm={self.frame_height_mm:g} must be above 0")
+        weights = list(self.aspect.values())
+        if not weights or min(weights) < 0 or sum(weights) <= 0:
+            raise ArgumentError(
+                f"aspect={dict(self.aspect)} needs a weight above 0", 'For example aspect: {"4:3": 0.7, "3:2": 0.3}'
+            )
+        mixtures = {}
+        for key in ("tilt", "roll", "focal", "k1"):
+            try:
+                mixtures[key] = Mixture.of(getattr(self, key))
+            except UserError as error:
+                raise ArgumentError(f"{key}={getattr(self, key)!r}: {error.problem}", error.fix) from None
+            except (TypeError, ValueError, AttributeError):
+                raise ArgumentError(
+                    f"{key}={getattr(self, key)!r} is not a distribution",
+                    "It is a mapping such as {kind: uniform, low: 0.1, high: 0.9}, or a list of them, with weights.",
+                ) from None
+        object.__setattr__(self, "_mixtures", mixtures)
+        object.__setattr__(self, "_landscape", np.array([_ratio(name) for name in self.aspect]))
+
+    @property
+    def aspects(self) -> tuple[float, ...]:
+        """All values of width over height, in increasing order."""
+        landscape = [ratio for ratio, weight in zip(self._landscape, self.aspect.values(), strict=True) if weight > 0]
+        upright = [1 / ratio for ratio in landscape] if self.portrait > 0 else []
+        return tuple(sorted({round(float(ratio), 12) for ratio in [*landscape, *upright]}))
+
+    def draw(self, n: int, seed: int) -> CameraDraw:
+        """``n`` cameras: the first draws of panorama 0."""
+        return self.draw_for(np.zeros(n, np.int64), np.arange(n), seed)
+
+    def draw_for(self, panoramas: Int64[ndarray, "b"], draws: Int64[ndarray, "b"], seed: int) -> CameraDraw:
+        """Draw number ``draws`` of each panorama; the same whatever else is requested with it.
+
+        Raises:
+            UserError: hardly any camera of this distribution is possible.
+        """
+        panoramas, draws = np.asarray(panoramas, np.int64), np.asarray(draws, np.int64)
+        drawn = torch.empty(6, len(panoramas), dtype=torch.float64)
+        left = np.arange(len(panoramas))
+        for attempt in range(ATTEMPTS):
+            values, legal = self._attempt(uniforms(panoramas[left], draws[left], attempt, seed, NUMBERS))
+            drawn[:, torch.from_numpy(left)] = values  # those that are not legal are overwritten by the next attempt
+            left = left[~legal.numpy()]
+            if not len(left):
+                return CameraDraw(CameraParameters(*drawn[:4]), drawn[4], drawn[5])
+        raise UserError(
+            f"of {ATTEMPTS} cameras drawn in a row from the distribution {self.name}, none has its corners and "
+            "its horizon inside the fold of the distortion and looks less than 85 degrees up or down",
+            "Choose a longer focal, a k1 nearer to 0, or k2_of_k1=lopez.",
+        )
+
+    def _attempt(self, u: Float64[ndarray, "k b"]) -> tuple[Float64[Tensor, "6 b"], Tensor]:
+        """Tilt, roll, focal, k1, yaw and aspect, and which of these cameras are possible."""
+        tilt, roll, focal, k1 = (
+            torch.from_numpy(self._mixtures[key].at(u[2 * i], u[2 * i + 1]))
+            for i, key in enumerate(("tilt", "roll", "focal", "k1"))
+        )
+        ratio = self._landscape[chosen(tuple(self.aspect.values()), u[8])]
+        aspect = torch.from_numpy(np.where(u[9] < self.portrait, 1 / ratio, ratio))
+        yaw = torch.from_numpy(2 * math.pi * u[10] - math.pi)
+        focal = self._focal(focal, aspect)
+        k1 = self._k1(k1, focal)
+        k2 = k2_of_k1(k1, self.k2_of_k1)
+        reach = focal * max_distorted_radius(k1, k2)  # image heights
+        legal = (focal > 0) & (torch.hypot(aspect, torch.ones_like(aspect)) / 2 < reach)
+        if self.tilt_as == "rho":
+            legal &= tilt.abs() < reach
+            tilt = tilt_from_rho(tilt, focal, k1, k2)
+        elif self.tilt_as == "tau":
+            tilt = tilt_from_tau(tilt, focal)
+        else:
+            tilt = torch.deg2rad(tilt)
+        roll = torch.deg2rad(roll) if self.roll_as == "roll_deg" else roll
+        legal &= tilt.abs() <= STEEPEST
+        return torch.stack([tilt, roll, focal, k1, yaw, aspect]), legal
+
+    def _focal(self, drawn: Tensor, aspect: Tensor) -> Tensor:
+        """Focal length in image heights."""
+        if self.focal_as == "mm":
+            return drawn / self.frame_height_mm
+        if self.focal_as == "long_sides":
+            return drawn * aspect.clamp(min=1)
+        return drawn if self.focal_as == "heights" else focal_from_vfov(torch.deg2rad(drawn))
+
+    def _k1(self, drawn: Tensor, focal: Tensor) -> Tensor:
+        if self.k1_as == "k1_hat":
+            return drawn * focal.square()
+        return drawn if self.k1_as == "k1" else -drawn / (2 + 2 * drawn)
+
+
+def _ratio(name: str) -> float:
+    """``"4:3"`` as a number."""
+    try:
+        width, height = (float(part) for part in str(name).split(":"))
+        if width > 0 and height > 0 and math.isfinite(width / height):
+            return width / height
+    except ValueError:
+        pass
+    raise ArgumentError(f'aspect={name!r} is not the shape of an image, such as "4:3"')

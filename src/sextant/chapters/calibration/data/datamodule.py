@@ -1,0 +1,117 @@
+"""Training, validation and test crops of a source of panoramas."""
+
+import numpy as np
+import pytorch_lightning as pl
+from torch.utils.data import DataLoader
+
+from sextant.chapters.calibration.data.batches import CropBatch, Crops, CropSampler
+from sextant.chapters.calibration.data.camera_distributions import CameraDistribution
+from sextant.chapters.calibration.data.panoramas import PanoramaSource
+from sextant.data.share import WHOLE, Share, SharedBatches
+from sextant.geometry import CameraParameters
+
+#: seeds of the draws of validation and test: the same for every run
+VALIDATION, TEST = 1_000_001, 1_000_002
+
+
+class CalibrationData(pl.LightningDataModule):
+    """Crops cut on the fly from panoramas.
+
+    Args:
+        source: of panoramas.
+        distribution: of cameras in training and validation.
+        test_distribution: of cameras in the test; None for the same.
+        size: height and width of a crop in pixels.
+        crops_per_panorama: by split; those of training are drawn again every epoch.
+        batch_size: crops in a training batch.
+        eval_batch_size: crops in a validation or test batch.
+        seed: of the training draws and their order.
+        workers: processes that cut crops; 0 cuts them in the training process.
+        augment: change the light and the sensor of training crops, and mirror them.
+        canvas: crops are squares with pictures of any aspect in the middle.
+        detail: fewest and most lines of detail left in training crops, drawn independently of their cameras.
+        geometric_height: height of the crops that geometric methods see; that of ``size`` shows them the same pixels.
+    """
+
+    def __init__(
+        self,
+        source: PanoramaSource,
+        distribution: CameraDistribution,
+        test_distribution: CameraDistribution | None,
+        *,
+        size: tuple[int, int],
+        crops_per_panorama: dict[str, int],
+        batch_size: int,
+        eval_batch_size: int,
+        seed: int,
+        workers: int = 0,
+        augment: bool = False,
+        canvas: bool = False,
+        detail: tuple[float, float] | None = None,
+        geometric_height: int = 256,
+    ):
+        super().__init__()
+        self.source, self.distribution = source, distribution
+        self.test_distribution = test_distribution or distribution
+        self.size, self.crops_per_panorama = size, crops_per_panorama
+        self.batch_size, self.eval_batch_size = batch_size, eval_batch_size
+        self.seed, self.workers, self.augment = seed, workers, augment
+        self.canvas, self.detail, self.geometric_height = canvas, detail, geometric_height
+        self._splits: dict[str, Crops] = {}
+
+    def setup(self, stage: str) -> None:
+        """Read the panoramas that ``stage`` needs: training and validation for ``fit``, test for ``test``."""
+        for split in {"fit": ("train", "val"), "validate": ("val",), "test": ("test",)}.get(stage, ()):
+            if split not in self._splits:
+                distribution = self.test_distribution if split == "test" else self.distribution
+                draws = {"train": self.seed, "val": VALIDATION, "test": TEST}[split]
+                panoramas = self.source.read(split)  # type: ignore[arg-type]
+                augment = self.augment and split == "train"
+                self._splits[split] = Crops(
+                    panoramas, distribution, self.size[1], self.size[0], draws, augment=augment, keep=split == "val",
+                    canvas=self.canvas, detail=self.detail if split == "train" else None,
+                )  # fmt: skip
+
+    def split(self, name: str) -> Crops:
+        """The crops of ``train``, ``val`` or ``test``, once :meth:`setup` has read them."""
+        return self._splits[name]
+
+    def count(self, name: str) -> int:
+        """Number of crops in a split; for ``train``, in an epoch."""
+        return len(self._splits[name].panoramas) * self.crops_per_panorama[name]
+
+    def distribution_sample(self, count: int = 20_000) -> CameraParameters:
+        """Cameras of the training distribution, for methods that learn from labels alone."""
+        numbers = np.arange(count)
+        return self.distribution.draw_for(numbers, np.zeros_like(numbers), self.seed).cameras
+
+    def larger(self, name: str) -> Crops:
+        """The same crops at the size that geometric methods see."""
+        crops = self._splits[name]
+        width = round(self.geometric_height * self.size[1] / self.size[0])
+        return Crops(crops.panoramas, crops.distribution, width, self.geometric_height, crops.seed)
+
+    def train_dataloader(self) -> DataLoader[CropBatch]:
+        """New crops every epoch, a function of (seed, epoch)."""
+        batches = CropSampler(self.count("train"), self.batch_size, self.seed)
+        if self.trainer is not None:
+            # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
+            batches.set_epoch(self.trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
+        return self._loader("train", batches, Share.of_trainer(self.trainer))
+
+    def val_dataloader(self) -> DataLoader[CropBatch]:
+        """The same validation crops in every epoch."""
+        return self._loader("val", CropSampler(self.count("val"), self.eval_batch_size))
+
+    def test_dataloader(self) -> DataLoader[CropBatch]:
+        """Test crops in order."""
+        return self._loader("test", CropSampler(self.count("test"), self.eval_batch_size))
+
+    def _loader(self, name: str, batches: CropSampler, share: Share = WHOLE) -> DataLoader[CropBatch]:
+        return DataLoader(
+            SharedBatches(self._splits[name], share),
+            sampler=batches,
+            batch_size=None,
+            num_workers=self.workers if name == "train" else 0,
+            persistent_workers=self.workers > 0 and name == "train",
+        )

@@ -1,0 +1,211 @@
+"""Panoramas to crop, and where they come from: a rendered town, a folder, or several of these."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from sextant.chapters.calibration.data.pyramids import Kept, halved, padded
+from sextant.data.rendered import RenderedSource
+from sextant.errors import ArgumentError, UserError
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
+
+Split = Literal["train", "val", "test"]
+SPLITS: tuple[Split, ...] = get_args(Split)
+#: bytes of resized panoramas that are kept in memory
+KEPT_BYTES = 2 * 2**30
+
+
+class Panoramas:
+    """Panoramas of one split, and their pyramids.
+
+    Args:
+        images: upright panoramas ``(h, w, 3)`` of any sizes, or an array ``(n, h, w, 3)`` that may lie on disk.
+        names: one for each.
+        rows: indices of the images used, in order, possibly repeated; None for all.
+    """
+
+    def __init__(
+        self,
+        images: Sequence[UInt8[ndarray, "h w 3"]] | UInt8[ndarray, "n h w 3"],
+        names: Sequence[str],
+        rows: Sequence[int] | ndarray | None = None,
+    ):
+        self.images = np.asarray(images) if isinstance(images, np.ndarray) else images  # plain views of maps are quick
+        self.names = tuple(names)
+        self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
+        if len(self._rows) != len(self.names):
+            raise ValueError(f"{len(self._rows)} panoramas with {len(self.names)} names")
+        self._levels: Kept[ndarray] = Kept(KEPT_BYTES, _bytes)
+        self._on_device: Kept[Tensor] = Kept(KEPT_BYTES, _bytes)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, i: int) -> UInt8[ndarray, "h w 3"]:
+        return np.asarray(self.images[self._rows[i]])
+
+    def level(self, i: int, level: int) -> UInt8[ndarray, "h w 4"]:
+        """Panorama ``i`` halved ``level`` times and padded; computed once and kept within :data:`KEPT_BYTES`."""
+        return self._levels.get((int(self._rows[i]), level), lambda: padded(self._halved(i, level)))
+
+    def level_on(self, i: int, level: int, device: "torch.device") -> "UInt8[Tensor, '3 h w']":
+        """The same on a device, channels first; kept there within the same limit."""
+        import torch
+
+        def moved() -> torch.Tensor:
+            planes = np.ascontiguousarray(self.level(i, level)[..., :3].transpose(2, 0, 1))
+            return torch.from_numpy(planes).to(device)
+
+        return self._on_device.get((int(self._rows[i]), level, device), moved)
+
+    def _halved(self, i: int, level: int) -> ndarray:
+        image = self[i]
+        for _ in range(level):  # levels between are not kept: they are often the larger part, and not used
+            image = halved(image)
+        return image
+
+
+def _bytes(array: "ndarray | Tensor") -> int:
+    return int(array.nbytes)
+
+
+@runtime_checkable
+class PanoramaSource(Protocol):
+    """A dataset of panoramas in three splits.
+
+    Attributes:
+        name: of the dataset in messages.
+    """
+
+    name: str
+
+    def files(self, split: Split) -> list[Path]:
+        """The files that ``split`` is read from; nothing is rendered or decoded.
+
+        Raises:
+            UserError: the files are missing.
+        """
+
+    def fingerprint(self) -> str:
+        """Hash that changes when the data does."""
+
+    def read(self, split: Split) -> Panoramas:
+        """The panoramas of a split.
+
+        Raises:
+            UserError: a file cannot be read; the message names it.
+        """
+
+
+class TownPanoramaSource(RenderedSource):
+    """The rendered panoramas of :class:`~sextant.data.worlds.TownPanoramas`."""
+
+    def read(self, split: Split) -> Panoramas:
+        """The panoramas of a split, memory-mapped from their file."""
+        found = self.read_split(split, f"images.{split}=16")
+        towns = zip(found.columns["scene"], found.rows, strict=True)
+        return Panoramas(found.images, [f"town_{town:02d}__{row:05d}" for town, row in towns], found.rows)
+
+
+class PanoramaMix:
+    """Several sources joined, split by split.
+
+    Args:
+        sources: sources to join, by name: datasets with panoramas, or functions of ``roots`` that make one
+            (``_partial_: true`` in a config).
+        repeats: how often the training panoramas of a source are shown in an epoch; once for sources not named.
+        roots: passed to these functions.
+
+    Raises:
+        UserError: there is no source, ``repeats`` names an unknown one, or a number of repeats is below 1.
+    """
+
+    def __init__(
+        self, sources: Mapping[str, Any], repeats: Mapping[str, int] | None = None, roots: Sequence[Path | str] = ()
+    ):
+        if not sources:
+            raise ArgumentError("sources is empty: a mix of panoramas needs at least one source")
+        repeats = dict(repeats or {})
+        for name, count in repeats.items():
+            if name not in sources or count < 1:
+                raise ArgumentError(
+                    f"repeats.{name}={count}: it takes whole numbers above 0 for {', '.join(sources)}",
+                    f"repeats.{next(iter(sources))}=2",
+                )
+        self.repeats = [repeats.get(name, 1) for name in sources]
+        made = [source(roots=roots) if isinstance(source, partial) else source for source in sources.values()]
+        self.sources = [as_panorama_source(source) for source in made]
+        self.name = "+".join(source.name for source in self.sources)
+
+    def files(self, split: Split) -> list[Path]:
+        """The files of all sources."""
+        return [path for source in self.sources for path in source.files(split)]
+
+    def fingerprint(self) -> str:
+        """Hash of the fingerprints of all sources."""
+        prints: list[Any] = [source.fingerprint() for source in self.sources]
+        if any(count > 1 for count in self.repeats):
+            prints.append(self.repeats)
+        return hashlib.sha256(json.dumps(prints).encode()).hexdigest()
+
+    def read(self, split: Split) -> Panoramas:
+        """The panoramas of all sources, one after the other."""
+        images: list[Any] = []
+        names: list[str] = []
+        rows: list[int] = []
+        for source, count in zip(self.sources, self.repeats, strict=True):
+            part = source.read(split)
+            again = count if split == "train" else 1
+            rows += again * list(range(len(images), len(images) + len(part)))
+            images += [part[i] for i in range(len(part))]
+            names += again * [f"{source.name}/{name}" for name in part.names]
+        return Panoramas(images, names, rows)
+
+
+def panorama_count(source: PanoramaSource, split: Split) -> int | None:
+    """Number of panoramas in a split, with the repeats of training; None if only reading them would tell."""
+    if isinstance(source, PanoramaMix):
+        counts = [panorama_count(part, split) for part in source.sources]
+        repeats = source.repeats if split == "train" else [1] * len(counts)
+        known = [count * again for count, again in zip(counts, repeats, strict=True) if count is not None]
+        return sum(known) if len(known) == len(counts) else None
+    if isinstance(source, TownPanoramaSource):
+        return int(source.dataset.config["images"][split])  # type: ignore[attr-defined]
+    return len(source.files(split)) or None
+
+
+def rendered_sources(source: PanoramaSource) -> list[TownPanoramaSource]:
+    """The parts of a source that are rendered."""
+    if isinstance(source, PanoramaMix):
+        return [town for part in source.sources for town in rendered_sources(part)]
+    return [source] if isinstance(source, TownPanoramaSource) else []
+
+
+def as_panorama_source(dataset: Any) -> PanoramaSource:
+    """A dataset as a source of panoramas.
+
+    Raises:
+        UserError: it has no panoramas.
+    """
+    if hasattr(dataset, "plan"):  # a rendered world: its modules are loaded anyway
+        from sextant.data.worlds.towns import TownPanoramas
+
+        if isinstance(dataset, TownPanoramas):
+            return TownPanoramaSource(dataset)
+    elif isinstance(dataset, PanoramaSource) and not hasattr(dataset, "spec"):
+        return dataset
+    name = getattr(dataset, "name", type(dataset).__name__)
+    raise UserError(
+        f"dataset={name} has no panoramas, which task=calibration needs",
+        "Choose town_panoramas (rendered here) or panorama_folder (your own).",
+    )

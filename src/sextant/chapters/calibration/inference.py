@@ -1,0 +1,141 @@
+"""What is seen in photos, what the network predicts for them, and immediate doubts about it."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float64, UInt8
+from numpy import ndarray
+from PIL import Image
+from torch import Tensor
+
+from sextant.applications.failures import FailedPhoto, attempted
+from sextant.baselines.calibration import LineEvidence
+from sextant.chapters.calibration.finding import LEVELS, Finding
+from sextant.chapters.calibration.network import CameraNetwork
+from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
+from sextant.data.photos.odd_pictures import check_no_panorama, closed_around, odd_picture
+from sextant.data.pixel_values import eight_bits, rgb_bytes
+from sextant.data.upright import upright
+from sextant.errors import UserError
+from sextant.geometry import CameraParameters
+
+#: photos whose reduced views go through the network at a time
+BATCH = 64
+LITTLE_SEEN = 0.6  # of the photo's area
+MAYBE_PANORAMA = (
+    "it is 2:1 and closed around, as panoramas of 360 degrees are, though its edge shows too little to be sure"
+)
+AnyPhoto = Path | str | UInt8[ndarray, "h w 3"] | Image.Image
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A photo without its pixels, and what was seen in it."""
+
+    name: str
+    photo: Photo
+    view: NetworkView
+    lines: LineEvidence | None
+    doubts: tuple[tuple[int, str], ...]
+
+
+def find_cameras(
+    network: CameraNetwork, photos: Iterable[tuple[str, AnyPhoto]], *, look_at_lines: bool = False
+) -> Iterator[Finding | FailedPhoto]:
+    """The network's prediction for each photo, in their order.
+
+    Photos are read one at a time, and only the reduced views and the lines are kept.
+
+    Args:
+        network: the trained network.
+        photos: photos with their names.
+        look_at_lines: keep the lines of each photo, and report what is not a photo.
+    """
+    left = iter(photos)
+    while batch := [attempted(name, _seen, network, name, photo, look_at_lines) for name, photo in islice(left, BATCH)]:
+        predicted = _predicted(network, [each.view for each in batch if not isinstance(each, FailedPhoto)])
+        for each in batch:
+            yield each if isinstance(each, FailedPhoto) else _finding(network, each, *next(predicted))
+
+
+def _seen(network: CameraNetwork, name: str, photo: AnyPhoto, look_at_lines: bool) -> _Seen:
+    spec = network.spec
+    read = _read(name, photo)
+    if look_at_lines:
+        check_no_panorama(read.image, name)
+    view = network_view(read, spec.aspects, spec.width, spec.height, canvas=spec.canvas)
+    lines = LineEvidence.of(np.ascontiguousarray(read.image)) if look_at_lines else None
+    doubts = list[tuple[int, str]]()
+    if look_at_lines:
+        doubts += [(2, odd)] if (odd := odd_picture(read.image)) else []
+        doubts += [(1, MAYBE_PANORAMA)] if closed_around(read.image) else []
+    if read.cropped:
+        doubts.append(
+            (1, "EXIF describes a picture of another shape: cropped, it need not show the lens's axis in its middle")
+        )
+    return _Seen(name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view, lines, tuple(doubts))
+
+
+def _read(name: str, photo: AnyPhoto) -> Photo:
+    if isinstance(photo, Path | str):
+        return read_photo(Path(photo))
+    if isinstance(photo, Image.Image):
+        try:
+            photo = np.asarray(rgb_bytes(upright(eight_bits(photo)), 1))
+        except OSError as error:  # Pillow reads it only now
+            raise UserError(f"{name} cannot be read: {error}", "Give another.") from None
+    if not isinstance(photo, ndarray):
+        raise UserError(
+            f"{name} is of type {type(photo).__name__}; a photo is a file, RGB bytes, or a picture of Pillow",
+            "Give its file; several photos go to calibrate_many or one_camera.",
+        )
+    return photo_of_array(photo, name)
+
+
+def _predicted(
+    network: CameraNetwork, views: Sequence[NetworkView]
+) -> Iterator[tuple[Tensor, dict[str, Float64[ndarray, "4"]], float]]:
+    """For each view: the camera parameters, half-widths of their intervals by level, and the view's strangeness."""
+    if not views:
+        return
+    images = torch.from_numpy(np.stack([view.image for view in views]).transpose(0, 3, 1, 2).copy())
+    said = network.predict(images, torch.tensor([view.aspect for view in views]))
+    strange = torch.zeros(len(views)) if said.strangeness is None else said.strangeness.cpu()
+    cameras = torch.stack(list(said.parameters), -1).cpu().double()
+    half = {name: (said.scale * said.quantile(level)).cpu().double().numpy() for name, (level, _) in LEVELS.items()}
+    for i, camera in enumerate(cameras):
+        widths = {name: np.nan_to_num(each[i], nan=np.inf, posinf=np.inf) for name, each in half.items()}
+        yield camera, widths, float(strange[i])
+
+
+def _finding(
+    network: CameraNetwork, seen: _Seen, numbers: Tensor, half: dict[str, Float64[ndarray, "4"]], strangeness: float
+) -> Finding | FailedPhoto:
+    spec, camera = network.spec, CameraParameters(*numbers.unbind())
+    name, photo, view = seen.name, seen.photo, seen.view
+    if not (numbers.isfinite().all() and camera.focal > 0 and camera.tilt.abs() < math.pi / 2):
+        said = ", ".join(f"{n}={v:.3g}" for n, v in zip(camera._fields, numbers.tolist(), strict=True))
+        return FailedPhoto(name, UserError(f"{name}: what the network predicts is no camera ({said})"))
+    doubts = []
+    if view.share < LITTLE_SEEN:
+        doubts.append(f"the network saw only {view.share:.0%} of the photo: it has an unusual shape")
+    if view.width < spec.width or view.height < spec.height:
+        doubts.append(
+            f"of {photo.width}x{photo.height} pixels the network saw {view.width:.0f}x{view.height:.0f}, fewer than "
+            f"the {spec.width}x{spec.height} that it takes"
+        )
+    if strangeness > 1:
+        doubts.append(
+            f"it does not look like anything the network was trained on: {strangeness:.1f} times as far from it as all "
+            "but a twentieth of its validation images"
+        )
+    family = network.parameterization.k2_of_k1
+    return Finding(
+        name, photo, view, camera, half, family, seen.doubts, lines=seen.lines, strangeness=strangeness,
+        network_doubts=tuple((1, doubt) for doubt in doubts),
+    )  # fmt: skip

@@ -1,0 +1,12 @@
+"""Numerical self-checks of calibration on this machine, run by ``sextant doctor calibration``.
+
+Every check computes a number in two ways that share no code where possible (a closed form, bisection, finite
+differences, a search along the picture, OpenCV), and gives figures with the limits that they must keep.
+"""
+
+from sextant.chapters.calibration.metrics.doctor.checks import examine
+from sextant.chapters.calibration.metrics.doctor.crops import Crop
+from sextant.chapters.calibration.metrics.doctor.finding import Finding
+from sextant.chapters.calibration.metrics.doctor.loss import CrossTalk, cross_talk
+
+__all__ = ["Crop", "CrossTalk", "Finding", "cross_talk", "examine"]

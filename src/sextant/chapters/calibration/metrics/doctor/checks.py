@@ -1,0 +1,43 @@
+"""All checks, in order."""
+
+import math
+
+from sextant.chapters.calibration.metrics.doctor import crops, lens, loss, parameters
+from sextant.chapters.calibration.metrics.doctor.finding import Finding
+
+#: in the order shown
+CHECKS = (
+    parameters.round_trips,
+    lens.newton_against_bisection,
+    lens.implicit_gradients,
+    lens.fold_radius,
+    lens.straightness,
+    lens.against_opencv,
+    parameters.horizon_feet,
+    parameters.bow_test,
+    loss.closed_forms,
+)
+
+
+def examine(
+    crop: crops.Crop | None, why_not: str = "no function that cuts crops was given"
+) -> tuple[list[Finding], list[loss.CrossTalk]]:
+    """Run all checks, and compute the cross-talk table.
+
+    Args:
+        crop: cuts crops of a panorama; None skips the checks that need it.
+        why_not: why there is no such function.
+
+    Example:
+        >>> findings, table = examine(crop=None)  # some seconds  # doctest: +SKIP
+        >>> all(finding.passed for finding in findings), findings[-1].skipped  # doctest: +SKIP
+        (True, 'no function that cuts crops was given')
+    """
+    findings = [finding for check in CHECKS for finding in check()]
+    table = loss.cross_talk()
+    findings += loss.cross_talk_findings(table)
+    if crop is None:
+        findings.append(Finding("crop", "against the render", math.nan, 2.0, skipped=why_not))
+    else:
+        findings += crops.crop_against_render(crop) + crops.edge_in_crop(crop)
+    return findings, table

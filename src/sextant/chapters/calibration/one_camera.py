@@ -1,0 +1,196 @@
+"""Fusing the estimates of several photos of one camera and lens setting."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sextant.applications.failures import FailedPhoto
+from sextant.chapters.calibration.finding import Finding
+from sextant.chapters.calibration.fusing import adopt, estimate, shared
+from sextant.chapters.calibration.metrics.fusion import CORRELATION, Fusion, Prior, fuse, with_prior
+from sextant.chapters.calibration.photo_camera import PhotoCamera
+from sextant.chapters.calibration.priors import FocalPrior, disagreement, prior_of
+from sextant.data.metadata import EXIF_BLOCK, as_text, directory, exif_of, tag_of
+from sextant.data.photos.header import MAKE, MODEL
+from sextant.data.picture_files import open_picture
+from sextant.errors import UserError
+
+SAME_SHAPE = 0.02  # largest relative difference of aspect among photos of one camera
+SAME_FOCAL = 1.05  # largest ratio of their focal lengths by EXIF, in longer sides
+SERIAL, LENS = 0xA431, 0xA434  # tags of EXIF
+
+
+@dataclass(frozen=True, eq=False)
+class OneCamera:
+    """One camera and lens setting, estimated from several of its photos.
+
+    Attributes:
+        photos: each photo with the fused camera, or why it failed; in the given order.
+        fusion: fusion of the log of the focal length and of k1 / f², f in longer sides of a photo; it states which
+            photos were kept and whether they agree.
+        doubts: what speaks against the result.
+    """
+
+    photos: tuple[PhotoCamera | FailedPhoto, ...]
+    fusion: Fusion
+    doubts: tuple[str, ...]
+
+    @property
+    def cameras(self) -> tuple[PhotoCamera, ...]:
+        """The cameras of the photos that did not fail."""
+        return tuple(photo for photo in self.photos if isinstance(photo, PhotoCamera))
+
+    @property
+    def focal_of_longer_side(self) -> float:
+        """Focal length in longer sides of a photo; times the longer side in pixels, it is in pixels."""
+        return math.exp(self.fusion.values[0])
+
+    def row(self) -> dict[str, Any]:
+        """The fusion as plain values."""
+        kept = [(camera.name, bool(kept)) for camera, kept in zip(self.cameras, self.fusion.kept, strict=True)]
+        return {
+            "photos": len(kept),
+            "kept": [name for name, used in kept if used],
+            "left_out": [name for name, used in kept if not used],
+            "focal_of_longer_side": self.focal_of_longer_side,
+            "focal_log_sigma": float(self.fusion.sigmas[0]),
+            "k1_hat_of_longer_side": float(self.fusion.values[1]),
+            "k1_hat_sigma": float(self.fusion.sigmas[1]),
+            "chi_square": self.fusion.chi_square,
+            "degrees_of_freedom": self.fusion.degrees,
+            "p_value": self.fusion.p_value,
+            "consistent": self.fusion.consistent,
+            "prior_z": self.fusion.prior_z,
+            "doubts": list(self.doubts),
+        }
+
+
+def fuse_as_one_camera(
+    findings: Sequence[Finding], focal_prior: FocalPrior
+) -> tuple[list[Finding], Fusion, tuple[str, ...]]:
+    """The findings with the focal length and distortion fused where they agree; the fusion, and doubts about it.
+
+    Copies of one photo count once.
+
+    Raises:
+        UserError: the photos cannot be of one camera, or the network gives no intervals.
+    """
+    resized = _check_one_camera(findings, focal_prior)
+    firsts = _firsts(findings)
+    distinct = {i: findings[i] for i in firsts}
+    values, sigmas = (np.stack(column) for column in zip(*map(estimate, distinct.values()), strict=True))
+    if not np.isfinite(sigmas).any(0).all():
+        raise UserError(
+            "the network gives no intervals, without which photos of one camera cannot be fused",
+            "Calibrate each photo by itself.",
+        )
+    correlation = max(CORRELATION, float(np.mean([shared(finding) for finding in distinct.values()])))
+    fusion, doubts = _with_priors(fuse(values, sigmas, correlation=correlation), [*distinct.values()], focal_prior)
+    if resized and not fusion.consistent:
+        raise UserError(
+            f"{resized}, and they disagree more than their intervals allow (p = {fusion.p_value:.2g}): they are of "
+            "several cameras",
+            "Calibrate the photos of each size by themselves, in a folder of their own.",
+        )
+    if not fusion.consistent:
+        doubts.append(
+            f"the photos disagree more than their intervals allow (p = {fusion.p_value:.2g}): are they of one camera?"
+        )
+    basis = f"fused over {int(fusion.kept.sum())} photos, normal"
+    kept = dict(zip(distinct, fusion.kept, strict=True))
+    fused = [
+        adopt(finding, fusion, basis).doubted(1, *doubts)
+        if kept[first]
+        else finding.doubted(1, "left out of the fusion: it disagrees with the other photos")
+        for finding, first in zip(findings, firsts, strict=True)
+    ]
+    for i, first in enumerate(firsts):
+        if i != first:
+            fused[i] = fused[i].doubted(0, f"a copy of {findings[first].name}: the two count as one photo")
+    if resized:
+        doubts.append(f"{resized}: taken for one camera's, some of them made smaller or larger")
+        fused = [finding.doubted(0, doubts[-1]) for finding in fused]
+    used = np.array([i == first and kept[first] for i, first in enumerate(firsts)])
+    return fused, replace(fusion, kept=used), tuple(doubts)
+
+
+def _firsts(findings: Sequence[Finding]) -> list[int]:
+    """For each photo, the number of the first photo with the same picture: its own, unless it is a copy."""
+    numbers: dict[tuple[int, int, bytes], int] = {}
+    pictures = ((each.photo.width, each.photo.height, each.view.image.tobytes()) for each in findings)
+    return [numbers.setdefault(picture, i) for i, picture in enumerate(pictures)]
+
+
+def _with_priors(fusion: Fusion, findings: Sequence[Finding], focal_prior: FocalPrior) -> tuple[Fusion, list[str]]:
+    """The fusion with the median of the known focal lengths, and what speaks against it."""
+    priors = [prior for finding in findings if (prior := prior_of(finding, focal_prior))]
+    doubts: list[str] = []
+    if priors:
+        means = np.array([prior.mean for prior in priors])
+        if np.ptp(means) > 2 * priors[0].sigma:
+            doubts.append("EXIF gives focal lengths that differ: a zoom lens is another camera at each setting")
+        known = with_prior(fusion, 0, Prior(float(np.median(means)), priors[0].sigma))
+        against = disagreement(known.prior_z, focal_prior)
+        if against and focal_prior == "exif":
+            return fusion, [*doubts, f"{against[0]}: it was not used"]
+        fusion, doubts = known, [*doubts, *against]
+    return fusion, doubts
+
+
+def _check_one_camera(findings: Sequence[Finding], focal_prior: FocalPrior) -> str:
+    """Refuse photos that cannot be of one camera; if they are of several sizes, say so."""
+    shapes = {f.name: f.side / min(f.photo.width, f.photo.height) for f in findings}
+    first, last = min(shapes, key=lambda p: shapes[p]), max(shapes, key=lambda p: shapes[p])
+    if shapes[last] / shapes[first] - 1 > SAME_SHAPE:
+        raise UserError(
+            f"{first} and {last} have sides of 1:{shapes[first]:.3f} and 1:{shapes[last]:.3f}, so that they are not of "
+            "one camera, or one was cropped",
+            "Take it out, or calibrate each photo by itself.",
+        )
+    sides = {finding.side for finding in findings}
+    if isinstance(focal_prior, int | float) and len(sides) > 1:
+        raise UserError(
+            f"focal_prior={focal_prior:g}: the photos have longer sides of {min(sides)} to {max(sides)} pixels, so "
+            "that their focal lengths in pixels differ",
+            "Give photos of one size, or focal_prior=exif",
+        )
+    named: dict[str, str] = {}
+    for finding in findings:
+        if camera := _camera_of(finding.name):
+            named.setdefault(camera, finding.name)
+    if len(named) > 1:
+        (one, first), (other, second) = list(named.items())[:2]
+        raise UserError(
+            f"{first} is by {one} and {second} by {other}, by EXIF, so that they are not of one camera",
+            "Calibrate the photos of each camera by themselves, in a folder of their own.",
+        )
+    sizes = {tuple(sorted((finding.photo.width, finding.photo.height))): finding for finding in findings}
+    if len(sizes) == 1:
+        return ""
+    known = {f.name: f.photo.exif_focal_px / f.side for f in findings if f.photo.exif_focal_px}
+    if known and max(known.values()) > SAME_FOCAL * min(known.values()):
+        wide, long = min(known, key=lambda name: known[name]), max(known, key=lambda name: known[name])
+        raise UserError(
+            f"{wide} and {long} are of different sizes and, by EXIF, of focal lengths of {known[wide]:.2f} and "
+            f"{known[long]:.2f} longer sides, so that they are not of one camera and lens setting",
+            "Calibrate the photos of each size by themselves, in a folder of their own.",
+        )
+    told = ", ".join(f"{long}x{short}" for short, long in sorted(sizes, reverse=True)[:4])
+    return f"the photos are of {len(sizes)} sizes ({told})"
+
+
+def _camera_of(name: str) -> str:
+    """Make, model, serial number and lens from the EXIF of a file; "" if it names no model, or is no file."""
+    try:
+        with open_picture(Path(name)) as image:
+            exif = exif_of(image)
+    except Exception:  # decoders raise whatever they come across; an array has no file
+        return ""
+    block = directory(exif, EXIF_BLOCK)
+    tags = [tag_of(exif, MAKE), tag_of(exif, MODEL), block.get(SERIAL), block.get(LENS)]
+    words = [" ".join(as_text(tag).split()) for tag in tags]
+    return ", ".join(filter(None, words)) if words[1] else ""

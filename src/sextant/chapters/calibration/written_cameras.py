@@ -1,0 +1,205 @@
+"""What is written of calibrated photos: straightened photos, tables, pictures, a COLMAP database."""
+
+import io
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+from PIL import Image
+
+from sextant.applications.failures import FailedPhoto, FailedPhotosError
+from sextant.applications.write_errors import telling_write_errors
+from sextant.atomic_files import write_atomically, write_csv, write_json
+from sextant.chapters.calibration.calibrator import PhotoCalibrator
+from sextant.chapters.calibration.colmap_database import check_colmap, write_colmap
+from sextant.chapters.calibration.finding import LEVELS
+from sextant.chapters.calibration.photo_camera import PhotoCamera
+from sextant.chapters.calibration.priors import FocalPrior, GravityPrior
+from sextant.data.photos import Keep, read_photo
+from sextant.data.photos.file_stems import file_stems
+
+if TYPE_CHECKING:
+    from sextant.chapters.calibration.figures.overlay import CalibratedPhoto
+
+
+COLUMNS = (
+    "file", "verdict", "tilt_deg", "roll_deg", "focal_px", "vfov_deg", "true_vfov_deg", "true_hfov_deg", "k1", "k2",
+    "width", "height", "exif_focal_px", "error",
+)  # fmt: skip
+BOUNDED = [(name, level) for name in ("tilt_deg", "roll_deg", "focal_px", "vfov_deg", "k1") for level in LEVELS]
+
+
+def write_collected(
+    rows: Sequence[Mapping[str, Any]],
+    summary: Mapping[str, Any] | None,
+    sheet: "Sequence[CalibratedPhoto]",
+    output: Path,
+) -> None:
+    """Write ``calibrations.json``, ``calibrations.csv`` and ``calibrations.png``.
+
+    Args:
+        rows: rows of all photos, including those that failed.
+        summary: summary of the one camera, if they are of one.
+        sheet: photos on the contact sheet.
+        output: folder to write into.
+
+    Raises:
+        UserError: the disk is full, or the folder cannot be written to.
+    """
+    with telling_write_errors(output):
+        write_json(output / "calibrations.json", {"photos": list(rows), "camera": summary})
+        names = [f"{q}_{level}_{end}" for q, level in BOUNDED for end in ("low", "high")]
+        write_csv(output / "calibrations.csv", [*COLUMNS, *names], map(_flat, rows))
+        if sheet:
+            from sextant.chapters.calibration.figures.overlay import photo_sheet
+            from sextant.figures.style import save_figure
+
+            save_figure(photo_sheet(sheet), output, "calibrations")
+
+
+def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    flat = dict(row)
+    if "intervals" in row:
+        flat["verdict"] = row["confidence"]["verdict"]
+        for quantity, level in BOUNDED:
+            for end, value in zip(("low", "high"), row["intervals"][level][quantity], strict=True):
+                flat[f"{quantity}_{level}_{end}"] = value if math.isfinite(value) else ""
+    return flat
+
+
+SHEET = 40  # photos on the contact sheet
+#: whether and how photos are undistorted
+Undistort = Keep | Literal["none"]
+
+
+def write_photos(
+    found: Sequence[PhotoCamera | FailedPhoto], output: Path, undistort: Undistort
+) -> tuple[list[dict[str, Any]], "list[CalibratedPhoto]"]:
+    """Write ``<stem>.json``, ``<stem>_overlay.png`` and ``<stem>_undistorted`` for each photo that did not fail.
+
+    Returns:
+        The rows of all photos, and what belongs on the contact sheet.
+
+    Raises:
+        UserError: the disk is full, or the folder cannot be written to.
+    """
+    from sextant.chapters.calibration.figures.overlay import LONGEST_SIDE, calibration_overlay
+    from sextant.figures.style import save_figure
+
+    sheet: list[CalibratedPhoto] = []
+    rows = [each.row() for each in found]
+    good = [(each, row) for each, row in zip(found, rows, strict=True) if isinstance(each, PhotoCamera)]
+    for (camera, row), stem in zip(good, file_stems([Path(camera.name) for camera, _ in good]), strict=True):
+        image = read_photo(Path(camera.name)).image  # read again, so that only one photo at a time is in memory
+        with telling_write_errors(output):
+            _forget_straight(output, stem)
+            if undistort != "none":
+                row["undistorted"] = _write_straight(camera, image, output, stem, undistort)
+            small = Image.fromarray(image)
+            small.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
+            drawn = camera.drawn(np.asarray(small))
+            save_figure(calibration_overlay(drawn), output, f"{stem}_overlay")
+            write_json(output / f"{stem}.json", row)
+        if len(sheet) < SHEET:
+            sheet.append(drawn)
+    return rows, sheet
+
+
+def _forget_straight(output: Path, stem: str) -> None:
+    """Remove the undistorted photo that an earlier run wrote, if the JSON file of that run names it."""
+    try:
+        earlier = json.loads((output / f"{stem}.json").read_text())["undistorted"]["file"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    if earlier in (f"{stem}_undistorted.jpg", f"{stem}_undistorted.png"):
+        (output / earlier).unlink(missing_ok=True)
+
+
+def _write_straight(
+    camera: PhotoCamera, image: UInt8[ndarray, "h w 3"], output: Path, stem: str, keep: Keep
+) -> dict[str, Any]:
+    kind = "jpg" if Path(camera.name).suffix.lower() in (".jpg", ".jpeg") else "png"
+    name = f"{stem}_undistorted.{kind}"
+    straight, focal = camera.undistort(image, keep)
+    _save(Image.fromarray(straight), output / name, kind)
+    return {"file": name, "focal_px": focal, "width": straight.shape[1], "height": straight.shape[0], "kept": keep}
+
+
+def _save(image: Image.Image, path: Path, kind: str) -> None:
+    buffer = io.BytesIO()
+    options: dict[str, int] = {"quality": 95, "subsampling": 0} if kind == "jpg" else {"compress_level": 3}
+    image.save(buffer, "JPEG" if kind == "jpg" else "PNG", **options)
+    write_atomically(path, lambda file: file.write(buffer.getbuffer()))
+
+
+@dataclass(frozen=True)
+class WrittenCameras:
+    """What was found and written.
+
+    Attributes:
+        rows: plain values of each photo, including those that failed.
+        summary: summary of the one camera, if they are of one.
+        files: files for all photos together.
+    """
+
+    rows: list[dict[str, Any]]
+    summary: dict[str, Any] | None
+    files: list[Path]
+
+
+def write_cameras(
+    calibrator: PhotoCalibrator,
+    paths: Iterable[Path],
+    output: Path,
+    *,
+    undistort: Undistort = "crop",
+    camera: Literal["each", "one"] = "each",
+    focal_prior: FocalPrior = None,
+    gravity_prior: GravityPrior = None,
+    colmap: bool = False,
+) -> WrittenCameras:
+    """Calibrate photos and write all results to a folder; a photo that fails is among the rows, and the rest go on.
+
+    Args:
+        calibrator: calibrates the photos.
+        paths: files of the photos.
+        output: an existing folder.
+        undistort: whether and how photos are undistorted.
+        camera: ``one`` fuses all photos as those of one camera.
+        focal_prior, gravity_prior: as for :meth:`~sextant.PhotoCalibrator.calibrate`.
+        colmap: write ``colmap/database.db`` and ``colmap/priors.json`` too.
+
+    Raises:
+        UserError: the photos cannot be of one camera, the folder already has a COLMAP database, or the disk is full.
+    """
+    if colmap:
+        check_colmap(output / "colmap")
+    found, summary = _calibrated(
+        calibrator, paths, camera, {"focal_prior": focal_prior, "gravity_prior": gravity_prior}
+    )
+    rows, sheet = write_photos(found, output, undistort)
+    write_collected(rows, summary, sheet, output)
+    files = [output / f"calibrations.{kind}" for kind in ("csv", "json", "png")]
+    good = [each for each in found if isinstance(each, PhotoCamera)]
+    if colmap and good:
+        files += write_colmap(good, output / "colmap")
+    return WrittenCameras(rows, summary, files)
+
+
+def _calibrated(
+    calibrator: PhotoCalibrator, paths: Iterable[Path], camera: Literal["each", "one"], priors: dict[str, Any]
+) -> tuple[Sequence[PhotoCamera | FailedPhoto], dict[str, Any] | None]:
+    """The result for each photo, and the summary of the one camera, if they are of one."""
+    if camera == "each":
+        return calibrator.calibrate_many(paths, **priors, errors="return"), None
+    try:
+        one = calibrator.one_camera(paths, **priors, errors="return")
+    except FailedPhotosError as error:
+        return error.failed, None
+    return one.photos, one.row()

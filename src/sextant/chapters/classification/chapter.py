@@ -1,0 +1,135 @@
+"""Recipe of image classification under corruptions."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from sextant.config import Config
+from sextant.config.building import build, part_name
+from sextant.config.schema import ClassificationTask
+from sextant.config.schema.classification import PerturbationSuite
+from sextant.data.source import ImageSource
+from sextant.errors import UserError
+from sextant.evaluation.headline import Headline
+from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
+from sextant.kit.chapter import Recipe, Source, TestRecord
+from sextant.kit.image_spec import image_spec
+
+if TYPE_CHECKING:
+    from numpy import ndarray
+
+    from sextant.chapters.classification.task import Classification
+    from sextant.data.datamodule import ImageData
+    from sextant.evaluation.measure import RunValues
+    from sextant.evaluation.shared_set import SharedSet
+
+
+class ClassificationRecipe(Recipe):
+    """See :class:`~sextant.chapters.classification.task.Classification`."""
+
+    evaluation_example = ("corruption=gaussian",)
+    monitor = ("val/accuracy", "max")
+    sweep_example = ("inhibition", ("none", "push_pull"))
+    cannot_test = ()
+    test_settings = ("test_every",)
+
+    def source(self, config: Config) -> ImageSource:
+        """The dataset as a source of labelled images."""
+        source = build_dataset(config)
+        if not hasattr(source, "spec"):
+            name = getattr(source, "name", config.dataset.target)
+            raise UserError(
+                f"dataset={name} holds no labelled images, which task=classification needs",
+                "Choose digits, mnist, fashion_mnist, cifar10 or image_folder; "
+                "worlds are rendered by sextant data render.",
+            )
+        return source  # type: ignore[no-any-return]
+
+    def check(self, source: Source) -> None:
+        """Raise a ``UserError`` if files of the training or the test split are missing."""
+        source.files("train")
+        source.files("test")
+
+    def training_size(self, config: Config, source: ImageSource) -> int | None:
+        """The size of the training split without its held-out share."""
+        assert isinstance(config.task, ClassificationTask)
+        count = source.count("train") if isinstance(source, ImageSource) else None  # a custom source may have no count
+        return None if count is None else count - round(config.task.validation_fraction * count)
+
+    def summary(self, config: Config) -> dict[str, str]:
+        """Network, inhibition and test conditions."""
+        return {
+            "backbone": part_name(config.plain["backbone"]),
+            "inhibition": part_name(config.plain["inhibition"]),
+            "augmentation": part_name(config.plain.get("augmentation") or {"_target_": "none"}),
+            "test": conditions_name(config.plain["corruption"]),
+        }
+
+    def data(self, config: Config, source: ImageSource) -> "ImageData":
+        """The batches of a source."""
+        from sextant.data.datamodule import ImageData
+
+        assert isinstance(config.task, ClassificationTask)
+        return ImageData(
+            source,
+            batch_size=config.trainer.batch_size,
+            eval_batch_size=config.trainer.eval_batch_size,
+            validation_fraction=config.task.validation_fraction,
+            split_seed=config.task.split_seed,
+            seed=config.seed,
+            augmentation=None if config.augmentation is None else build(config.plain, "augmentation"),
+            workers=config.trainer.workers,
+            test_every=config.task.test_every,
+        )
+
+    def spec(self, config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
+        """The shape and the classes of the images."""
+        spec = source.spec()
+        return {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
+
+    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "Classification":
+        """The classification module."""
+        from sextant.chapters.classification.task import Classification
+        from sextant.kit.networks import classifier
+
+        network = classifier(config, spec)
+        return Classification(
+            network, image_spec(spec), build_suite(config), **build_training(config, training=training)
+        )
+
+    def require_fit(self, config: Config, spec: Mapping[str, Any], source: ImageSource) -> None:
+        """Raise a ``UserError`` unless the images have the shape and the number of classes of training."""
+        trained, found = image_spec(spec), source.spec()
+        if (found.channels, found.height, found.width) != (trained.channels, trained.height, trained.width):
+            raise UserError(
+                f"dataset={source.name} has images of {found.channels}x{found.height}x{found.width}, "
+                f"the model was trained on {trained.channels}x{trained.height}x{trained.width}",
+                "Choose a dataset of that shape; image_folder and digits take dataset.size",
+            )
+        if len(found.classes) != len(trained.classes):
+            raise UserError(
+                f"dataset={source.name} has {len(found.classes)} classes, the model was trained on "
+                f"{len(trained.classes)}"
+            )
+        if found.classes != trained.classes:
+            self.reporter.say(f"the classes of dataset={source.name} have other names than those of training")
+
+    def record(self, module: "Classification", data: "ImageData", config: Config) -> TestRecord:
+        """Predictions by condition, figures of the test, cost of the network, and the test protocol."""
+        from sextant.chapters.classification.report import result_figures
+
+        assert module.result is not None
+        pictures = result_figures(
+            module.result, module.suite, module.network, module.spec.classes, data.split("test").images
+        )
+        accuracy = {} if isinstance(config.corruption, PerturbationSuite) else module.result.accuracy()
+        headline = Headline("accuracy", "%", "higher", {"clean": 1.0} | accuracy)
+        told = about_headline(config, headline, (module.spec.height, module.spec.width))
+        return TestRecord(module.arrays(), pictures, headline.metrics(), facts=module.facts() | told)
+
+    def measured(
+        self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
+    ) -> "RunValues":
+        """Accuracy, or errors under a published set."""
+        from sextant.evaluation.measure import classified
+
+        return classified(arrays, shared)

@@ -1,0 +1,136 @@
+"""Classifies images and writes the results to files."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.applications.write_errors import telling_write_errors
+from sextant.atomic_files import write_csv, write_json
+from sextant.console.console import console
+from sextant.console.output_folder import tell_written
+from sextant.console.skipped_files import skipped_of, tell_skipped
+from sextant.console.work_progress import counted
+from sextant.data.image_folder import decode_square
+from sextant.data.pixel_values import WhiteLevels
+from sextant.data.source import ImageSpec
+from sextant.errors import UserError
+from sextant.kit.handler import Trained
+from sextant.kit.image_spec import image_spec
+
+BATCH = 256
+#: number of images on the contact sheet
+SHEET = 40
+#: maps images to a number for each class
+Answering = Callable[[UInt8[Tensor, "b c h w"]], Float[Tensor, "b k"]]
+
+
+def predict_classes(trained: Trained, paths: Sequence[Path], output: Path, given: str) -> list[dict[str, Any]]:
+    """Classify images, write the results into ``output`` and show them; unreadable images are named.
+
+    Args:
+        trained: the model.
+        paths: paths of the images.
+        output: folder for the results.
+        given: what the user gave as ``input``.
+
+    Raises:
+        UserError: not one image could be read, they cannot be cropped to the network's images, the model is damaged, or
+            the disk is full.
+    """
+    spec = image_spec(trained.about["spec"])
+    if spec.height != spec.width:
+        raise UserError(
+            f"{trained.found.checkpoint} takes images of {spec.height}x{spec.width}; only square ones are cropped to "
+            "fit",
+            "Images of a dataset: sextant evaluate run=<...> dataset=<...>",
+        )
+    number, answer = answering(trained)
+    rows: list[dict[str, Any]] = [{"file": str(path)} for path in paths]
+    sheet: list[tuple[ndarray, str]] = []
+    levels = WhiteLevels(paths, f"input={given}")
+    for start in counted("classifying", f"batches of {BATCH} images", range(0, len(paths), BATCH)):
+        images = _decoded(rows[start : start + BATCH], spec, levels)
+        for row, image, values in _answered(images, answer, str(trained.found.checkpoint)):
+            best = int(np.argmax(values))
+            row |= {"class": spec.classes[best], number: round(values[best], 6)}
+            # a score of -inf means that there was no example of the class
+            told = {n: round(v, 6) for n, v in zip(spec.classes, values, strict=True) if v > -math.inf}
+            row["probabilities" if number == "probability" else "scores"] = told
+            if len(sheet) < SHEET:
+                sheet.append((image, f"{spec.classes[best]} {values[best]:.2f}"))
+    with telling_write_errors(output):
+        write_json(output / "predictions.json", rows)
+        write_csv(output / "predictions.csv", ["file", "class", number, "error"], rows)
+        if sheet:
+            draw(sheet, output)
+    skipped = skipped_of(rows, f"input={given}: none of {len(rows):,} images could be read")
+    tell_skipped(skipped)
+    written = [output / f"predictions.{kind}" for kind in ("csv", "json", "png")]
+    tell_written(f"{len(rows) - len(skipped)} images classified", len(skipped), written, "could not be read")
+    return rows
+
+
+def answering(trained: Trained) -> tuple[str, Answering]:
+    """The name of the number given for each class, and the function that computes it.
+
+    Raises:
+        UserError: the model is damaged, or needs the user's own code.
+    """
+    checkpoint = trained.found.checkpoint
+    if trained.task == "cosfire":
+        from sextant.kit.content import own_config
+        from sextant.kit.trained_model import model_from_checkpoint
+
+        module = model_from_checkpoint(own_config(trained.about, trust=trained.trust), trained.content, checkpoint)
+        console.print(f"method {module.estimator.methods[0]}")
+        return "score", module.estimator.first_scores
+    from sextant.applications import ImageClassifier
+
+    return "probability", ImageClassifier.of(trained.content, checkpoint, trust=trained.trust).probabilities
+
+
+def _decoded(
+    rows: Sequence[dict[str, Any]], spec: ImageSpec, levels: WhiteLevels
+) -> list[tuple[dict[str, Any], ndarray]]:
+    """The rows whose image can be read, with the image; the other rows get an error."""
+    images = []
+    for row in rows:
+        try:
+            images.append((row, decode_square(Path(row["file"]), spec.height, spec.channels, levels)))
+        except UserError as error:
+            row["error"] = error.problem
+    return images
+
+
+def _answered(
+    images: Sequence[tuple[dict[str, Any], ndarray]], answer: Answering, model: str
+) -> list[tuple[dict[str, Any], ndarray, list[float]]]:
+    """Each row with its image and its numbers per class."""
+    if not images:
+        return []
+    stacked = np.stack([image for _, image in images])
+    stacked = stacked[:, None] if stacked.ndim == 3 else stacked.transpose(0, 3, 1, 2)
+    with torch.no_grad():
+        found = answer(torch.from_numpy(stacked.copy()))
+    if bool(found.isnan().any()):
+        raise UserError(
+            f"the model in {model} returns NaN",
+            "Its weights are damaged, or its training diverged. Take another checkpoint.",
+        )
+    return [(row, image, values) for (row, image), values in zip(images, found.tolist(), strict=True)]
+
+
+def draw(sheet: Sequence[tuple[ndarray, str]], output: Path) -> None:
+    """Write ``predictions.png``: images with their predicted classes."""
+    from sextant.figures.gallery import gallery
+    from sextant.figures.style import save_figure
+
+    images, texts = zip(*sheet, strict=True)
+    save_figure(gallery(list(images), list(texts)), output, "predictions")

@@ -1,0 +1,60 @@
+"""Options of detection from one example; imports nothing heavy."""
+
+from collections.abc import Mapping
+from typing import Annotated, Self
+
+from pydantic import Field
+
+from sextant.chapters.cosfire.detector_options import LONGEST, MAX_DETECTIONS, Preset
+from sextant.console.arguments import SPLIT, Options
+from sextant.errors import UserError
+
+PROTOTYPE = {"prototype": "the image that a filter is configured from"}
+
+
+class DetectionOptions(Options):
+    """What the user chose; None leaves the choice to the filter."""
+
+    point: Annotated[tuple[float, float], SPLIT] | None = Field(
+        None, title="two numbers, x,y in pixels", examples=["120,80"]
+    )
+    """x,y of what to look for, in pixels of the upright prototype (default: its middle)"""
+    preset: Preset | None = Field(None, examples=["photo"])
+    """constants of the filter: photo (edges; default), bifurcation, symbol, digit, traffic_sign"""
+    layer: str | None = None
+    """with run=: the layer of its network whose features the filter looks at, instead of a preset's"""
+    rotations: int | None = Field(None, ge=1, le=360, examples=[8])
+    """number of rotations of the example to find too, evenly over the circle (default: the preset's, or 1)"""
+    scales: Annotated[tuple[Annotated[float, Field(gt=0)], ...], SPLIT] | None = Field(
+        None, min_length=1, title="numbers above 0, separated by commas", examples=["0.7,1,1.4"]
+    )
+    """sizes of the example to find too, such as 0.7,1,1.4 (default: the preset's, or 1)"""
+    reflection: bool | None = Field(None, examples=["true"])
+    """true: find mirror images of the example too"""
+    threshold: float | None = Field(None, gt=0, le=1, examples=[0.7])
+    """least score of a detection, as a share of the filter's response to its own prototype (default: 0.7; 0.8 with
+    run=)"""
+    min_distance: float | None = Field(None, gt=0, examples=[20])
+    """distance in pixels within which two detections are one (default: the filter's radius)"""
+    max_detections: int = Field(MAX_DETECTIONS, ge=1, examples=[8])
+    """largest number of detections in an image; the strongest are kept (default: 100)"""
+    longest: int = Field(LONGEST, ge=16, examples=[1200])
+    """longest side in pixels; larger images and prototypes are shrunk to it (default: 800)"""
+
+    @classmethod
+    def of(cls, given: Mapping[str, str], usage: str | None = None) -> Self:
+        """Read the values of these keys.
+
+        Raises:
+            UserError: as for all options; or an option is incompatible with ``run=``, or needs it.
+        """
+        if "preset" in given and "run" in given:
+            raise UserError(
+                "preset= and run= do not go together: the filter looks through a preset's filters or through a network",
+                "Leave one of them out.",
+            )
+        if "layer" in given and "run" not in given:
+            raise UserError(
+                "layer= is of a network: run= is missing", "run=<run of classification or place_recognition>"
+            )
+        return super().of(given, usage)

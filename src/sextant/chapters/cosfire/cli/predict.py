@@ -1,0 +1,148 @@
+"""From one example and a folder of images to files of detections."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from jaxtyping import Float
+from numpy import ndarray
+from rich.markup import escape
+
+from sextant.applications.write_errors import telling_write_errors
+from sextant.chapters.cosfire.cli.inputs import DetectionInputs
+from sextant.chapters.cosfire.detector import Detection, ExampleDetector
+from sextant.chapters.cosfire.detector_options import PHOTO
+from sextant.chapters.cosfire.figures import cosfire_filter, cosfire_responses
+from sextant.chapters.cosfire.images import UprightImage, read_image
+from sextant.chapters.cosfire.network_image import TrainedFeatures
+from sextant.chapters.cosfire.written_detections import filter_facts, write_detections
+from sextant.console.console import console, rows_table
+from sextant.console.output_folder import tell_written
+from sextant.console.skipped_files import skipped_of, tell_skipped
+from sextant.console.work_progress import work_progress
+from sextant.data.photos.file_stems import file_stems
+from sextant.errors import NAMED, UserError
+from sextant.figures.style import save_figure
+
+#: name of the prototype's picture, which later commands do not mistake for an input
+FILTER_PICTURE = "filter_overlay"
+#: remark on images too small for a filter
+SMALLER = "smaller than the filter"
+#: ratio of sizes above which a difference is mentioned
+OTHER_SIZE = 1.25
+
+
+def predict_detections(inputs: DetectionInputs, network: TrainedFeatures | None = None) -> list[dict[str, Any]]:
+    """Configure a filter, detect, write the results into ``output`` and show them; unreadable images are named.
+
+    Args:
+        inputs: example, images and options.
+        network: network whose features are used; None uses the filter bank of a preset.
+
+    Raises:
+        UserError: no filter can be configured from the example, not one image could be used, or the disk is full.
+    """
+    options, output = inputs.options, inputs.output
+    chosen = options.model_dump(include={"preset", "rotations", "scales", "reflection", "longest"})
+    detector = ExampleDetector(network, **chosen).add(inputs.prototype, options.point)
+    detector.threshold = options.threshold or detector.threshold
+    (example,) = detector.examples
+    with telling_write_errors(output):
+        pixels, title = example.image.tensor(detector.channels), f"{inputs.prototype.name}: {example.parts} parts"
+        save_figure(cosfire_filter(detector.filters, pixels, example.point, title=title), output, FILTER_PICTURE)
+    rows: list[dict[str, Any]] = []
+    scales: list[float] = []
+    with work_progress("detecting", "images") as progress:
+        # the first stem is reserved for the filter's picture
+        stems = file_stems([Path(FILTER_PICTURE.removesuffix("_overlay")), *inputs.paths])[1:]
+        for number, (path, stem) in enumerate(zip(inputs.paths, stems, strict=True)):
+            progress(number, len(inputs.paths))
+            try:
+                image = read_image(path, options.longest)
+                response, found = detector.find(
+                    image, min_distance=options.min_distance, max_detections=options.max_detections
+                )
+            except UserError as error:
+                rows.append({"file": str(path), "error": error.problem})
+                continue
+            scales.append(image.scale)
+            _draw(image, response, found, output, f"{stem}_overlay")
+            rows.append(
+                {
+                    "file": str(path),
+                    **({} if found or min(response.shape) > 2 * detector.radius else {"remark": SMALLER}),
+                    "width": image.width,
+                    "height": image.height,
+                    "strongest": round(float(response.max()), 4),
+                    "detections": [each.row() for each in found],
+                    "overlay": f"{stem}_overlay.png",
+                }
+            )
+    facts = options.model_dump(include={"min_distance", "max_detections", "longest"}) | {
+        "prototype": str(inputs.prototype),
+        "filter": filter_facts(detector, {"preset": options.preset or PHOTO} if network is None else network.facts),
+        "threshold": detector.threshold,
+    }
+    write_detections(rows, facts, output)
+    skipped = skipped_of(rows, f"none of {len(rows):,} images could be used")
+    written = [output / "detections.csv", output / "detections.json", output / f"{FILTER_PICTURE}.png"]
+    tell(rows, skipped, _remarks(rows, facts["filter"], example.image, scales, inputs), written)
+    return rows
+
+
+def _draw(
+    image: UprightImage, response: Float[ndarray, "y x"], found: Sequence[Detection], output: Path, name: str
+) -> None:
+    points = [(*image.at((each.x, each.y)), each.score) for each in found]
+    with telling_write_errors(output):
+        drawn = cosfire_responses(image.picture, response, points, strongest=1.0, title=Path(image.name).name)
+        save_figure(drawn, output, name)
+
+
+def _remarks(
+    rows: Sequence[Mapping[str, Any]],
+    facts: Mapping[str, Any],
+    prototype: UprightImage,
+    shrunk: Sequence[float],
+    inputs: DetectionInputs,
+) -> list[str]:
+    remarks = ["a score of 1 is what the filter answers to its own prototype"]
+    if "run" not in facts:
+        remarks[0] += "; it falls with contrast"  # kernel responses are proportional to contrast, cosines are not
+    if small := sum(row.get("remark") == SMALLER for row in rows):
+        remarks.append(f"{small:,} images are smaller than the filter, and nothing was found in them")
+    other = sum(max(scale / prototype.scale, prototype.scale / scale) > OTHER_SIZE for scale in shrunk)
+    if other:
+        remarks.append(
+            f"{other:,} images were shrunk to longest={inputs.options.longest} by another factor than the prototype, "
+            "so that things in them are of other sizes: give longest= the largest side, or scales="
+        )
+    return remarks
+
+
+def tell(
+    rows: Sequence[Mapping[str, Any]], skipped: Mapping[str, str], remarks: Sequence[str], written: Sequence[Path]
+) -> None:
+    """Print what was found, which images failed, remarks on the scores, and where the files are."""
+    good = [row for row in rows if row["file"] not in skipped]
+    ordered = sorted(good, key=_best, reverse=True)
+    table = [
+        {
+            "image": Path(row["file"]).name,
+            "found": f"{len(row['detections']):,}",
+            "best score": f"{_best(row):.2f}" if row["detections"] else "–",
+        }
+        for row in ordered[:NAMED]
+    ]
+    console.print(rows_table("Detections", table))
+    if len(ordered) > NAMED:
+        console.print(f"[dim]and {len(ordered) - NAMED:,} more in detections.json[/]")
+    tell_skipped(skipped)
+    for remark in remarks:
+        console.print(f"[dim]{escape(remark)}[/]")
+    total = sum(len(row["detections"]) for row in good)
+    tell_written(f"{total:,} detections in {len(good):,} images", len(skipped), written)
+
+
+def _best(row: Mapping[str, Any]) -> float:
+    return max((float(found["score"]) for found in row["detections"]), default=0.0)

@@ -1,0 +1,201 @@
+"""The images to localize, one by one: photos of a folder, or frames of a video."""
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, UInt8
+from numpy import ndarray
+from PIL import Image
+
+from sextant.chapters.localization.data.pose_times import check_rising, times_of_names
+from sextant.data.image_files import decode_image, natural_key, picture_bytes
+from sextant.data.name_matching import match_names
+from sextant.data.photo_files import find_photos
+from sextant.data.photos import read_photo
+from sextant.data.picture_files import UnreadableImageError
+from sextant.data.pixel_values import WhiteLevels
+from sextant.data.unusable_files import reason_alone
+from sextant.errors import UserError
+
+VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
+#: files written into the output folder, which may be the folder of the photos
+WRITTEN = ("trajectory.png",)
+Size = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image.
+
+    Attributes:
+        name: of its file, or its number in the video.
+        image: bytes of the requested size; None if there is no image.
+        problem: why there is no image.
+    """
+
+    name: str
+    image: UInt8[ndarray, "h w c"] | None
+    problem: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Photos:
+    """Photos in the natural order of their names.
+
+    Attributes:
+        folder: that the names are relative to.
+        names: of the files.
+        times_s: from the names, if all contain a time, or None.
+    """
+
+    folder: Path
+    names: tuple[str, ...]
+    times_s: Float64[ndarray, "n"] | None
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def read(self, size: Size | None) -> Iterator[Frame]:
+        """Yield all images, stretched to a size or in colour as they are; those that cannot be decoded are reported."""
+        levels = WhiteLevels(self.folder / name for name in self.names)
+        for name in self.names:
+            path = self.folder / name
+            if not path.is_file():
+                yield Frame(name, None, "there is no such file")
+                continue
+            try:
+                yield Frame(name, read_photo(path, levels).image if size is None else decode_image(path, *size, levels))
+            except (UnreadableImageError, UserError) as error:
+                yield Frame(name, None, reason_alone(str(path), str(error)))
+
+    def in_order_of(self, names: Sequence[str], given: Path) -> "Photos":
+        """The photos in the order of a table's rows; a row whose file is missing is a frame in which nothing is seen.
+
+        Raises:
+            UserError: a photo has no row or several, or times do not increase in the order of the rows.
+        """
+        rows = match_names(self.names, names).refuse_ambiguous(f"odometry={given}").rows
+        if missing := [name for name, row in zip(self.names, rows, strict=True) if row is None]:
+            raise UserError(
+                f"odometry={given} has no row for {len(missing):,} of {len(self):,} photos, such as {missing[0]}",
+                "One row per image, with its file name relative to the folder; or leave out the column file.",
+            )
+        photos = {row: name for name, row in zip(self.names, rows, strict=True)}
+        times = None if len(names) != len(self.names) else self.times_s
+        order = [photos.get(row, Path(name).as_posix()) for row, name in enumerate(names)]
+        if order != list(self.names) and times is not None:
+            times = np.array([times[self.names.index(name)] for name in order])
+            check_rising(times, order, f"odometry={given}")
+        return Photos(self.folder, tuple(order), times)
+
+
+@dataclass(frozen=True, eq=False)
+class Video:
+    """Every ``every``-th frame of a video."""
+
+    path: Path
+    every: int
+    frames: int
+    per_second: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Numbers of the frames."""
+        return tuple(f"frame {number}" for number in range(0, self.frames, self.every))
+
+    @property
+    def times_s(self) -> Float64[ndarray, "n"]:
+        """Seconds from the start."""
+        return np.arange(0, self.frames, self.every) / self.per_second
+
+    def __len__(self) -> int:
+        return math.ceil(self.frames / self.every)
+
+    def read(self, size: Size | None) -> Iterator[Frame]:
+        """Yield the frames, stretched to a size or as they are; those that cannot be decoded are reported."""
+
+        video = open_video(self.path)
+        try:
+            for number in range(self.frames):
+                if not video.grab():
+                    if number % self.every == 0:
+                        yield Frame(f"frame {number}", None, "cannot be decoded")
+                    continue
+                if number % self.every:
+                    continue
+                fine, pixels = video.retrieve()
+                if not fine:
+                    yield Frame(f"frame {number}", None, "cannot be decoded")
+                    continue
+                picture = Image.fromarray(np.ascontiguousarray(pixels[..., ::-1]))
+                yield Frame(f"frame {number}", picture_bytes(picture, *(size or (picture.height, picture.width, 3))))
+        finally:
+            video.release()
+
+
+def find_frames(given: str, output: Path, every: int) -> Photos | Video:
+    """The photos or the video that ``input=`` names.
+
+    Raises:
+        UserError: there are none, the video cannot be opened, photos are out of order, or ``every`` is given for
+            photos.
+    """
+    path = Path(given).expanduser()
+    if path.is_file() and path.suffix.lower() in VIDEOS:
+        return _video(path, every)
+    if every != 1:
+        raise UserError(f"every={every} applies to a video; input={given} is not one", "Leave out every=.")
+    folder = path if path.is_dir() else path.parent
+    mine = output.resolve()
+    found = [p for p in find_photos(given, output) if not (p.name in WRITTEN and _of_localizing(p.parent, mine))]
+    if not found:
+        raise UserError(f"input={given}: no photo there", "Give a folder of photos, a video, or a ROS bag.")
+    if not path.is_dir() and not path.is_file():
+        folder = Path(found[0].parent)
+        found = [p for p in found if p.parent == folder] if len({p.parent for p in found}) == 1 else found
+        folder = folder if len({p.parent for p in found}) == 1 else Path()
+    names = sorted((p.relative_to(folder).as_posix() for p in found), key=natural_key)
+    times = times_of_names([Path(name) for name in names])
+    if times is not None:
+        check_rising(times, names, f"input={given}")
+    return Photos(folder, tuple(names), times)
+
+
+def _of_localizing(folder: Path, output: Path) -> bool:
+    return folder.resolve() == output or (folder / "poses.csv").is_file()
+
+
+def open_video(path: Path) -> Any:
+    """OpenCV's reader of a video, which prints nothing: what is wrong with the file is reported by the caller."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    import cv2
+
+    ffmpeg = cv2.videoio_registry.hasBackend(cv2.CAP_FFMPEG)  # other readers of AVI print what they do not expect
+    set_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel  # of OpenCV 4, of OpenCV 5
+    level = set_level(0)
+    try:
+        return cv2.VideoCapture(str(path), cv2.CAP_FFMPEG if ffmpeg else cv2.CAP_ANY)
+    finally:
+        set_level(level)
+
+
+def _video(path: Path, every: int) -> Video:
+    import cv2
+
+    video = open_video(path)
+    try:
+        frames = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+        per_second = float(video.get(cv2.CAP_PROP_FPS))
+    finally:
+        video.release()
+    if frames <= 0:
+        raise UserError(
+            f"input={path} cannot be read as a video ({path.stat().st_size:,} bytes)",
+            "Extract its frames as photos, for example: ffmpeg -i video.mp4 frames/%06d.png",
+        )
+    return Video(path, every, frames, per_second if per_second > 0 else 25.0)

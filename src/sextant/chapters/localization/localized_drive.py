@@ -1,0 +1,145 @@
+"""Localizing the images of a drive, and writing files that state where each was taken."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sextant.applications.write_errors import telling_write_errors
+from sextant.chapters.localization.data.frames import Frame
+from sextant.chapters.localization.data.own_drive import OwnDrive
+from sextant.chapters.localization.data.pose_formats import write_tum
+from sextant.chapters.localization.localizer import Localizer
+from sextant.chapters.localization.written_poses import Moment, Replay, Row, draw_trajectory, write_poses
+from sextant.data.unusable_files import nothing_usable
+from sextant.errors import UserError
+from sextant.localization import recognition
+from sextant.localization.foresight import LEAST
+from sextant.reporter import SILENT, Progress
+
+#: animation of the particles, if there is to be one
+ReplayKind = Literal["mp4", "gif", "none"]
+#: an odometry scale that deviates from 1 by more than this factor is remarked on
+MISTAKEN = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class LocalizedDrive:
+    """The result of localizing a drive.
+
+    Attributes:
+        rows: where each image was taken.
+        files: files that were written.
+        interrupted: Ctrl-C came before the last image; everything was written for the images before it.
+    """
+
+    rows: list[Row]
+    files: list[Path]
+    interrupted: bool
+
+
+def localize_drive(
+    localizer: Localizer,
+    drive: OwnDrive,
+    frames: Iterable[Frame],
+    output: Path,
+    *,
+    replay: ReplayKind = "mp4",
+    smooth: bool = False,
+    progress: Progress = SILENT.progress,
+    watch: Callable[[Moment], None] | None = None,
+) -> LocalizedDrive:
+    """Localize the images of a drive one after the other, and write where each was taken.
+
+    Ctrl-C ends the drive there: what was localized so far is written.
+
+    Args:
+        localizer: localizer in the map; its current belief is the start.
+        drive: the drive with its odometry and times; remarks are added to it.
+        frames: its images, of the size of the map's.
+        output: an existing folder, for ``poses.csv``, ``trajectory.tum``, ``trajectory.png`` and whatever else is
+            asked for.
+        replay: write an animation of the particles.
+        smooth: write ``smoothed.tum`` too; the localizer's ``lag`` must be the length of the drive.
+        progress: shows the progress of the work.
+        watch: called with each step as it happens.
+
+    Raises:
+        UserError: none of the images can be used, or the disk is full.
+        KeyboardInterrupt: before the first image was localized.
+    """
+    rows, moments, interrupted = list[Row](), Replay(), False
+    try:
+        with progress("localizing", "images") as advance:
+            for step, (frame, motion) in enumerate(drive.with_motions(frames)):
+                row = Row(frame.name, localizer.step(motion, frame.image), frame.problem)
+                rows.append(row)
+                if watch is not None or replay != "none":
+                    moment = Moment.of(step, row, localizer, frame.image)
+                    moments.add(moment)
+                    if watch is not None:
+                        watch(moment)
+                advance(step + 1, len(drive) or step + 1)
+    except KeyboardInterrupt:
+        if not rows:
+            raise
+        interrupted = not drive.endless
+        if interrupted:
+            drive.remarks.append(f"interrupted after {len(rows):,} of {len(drive):,} images")
+    if all(row.problem for row in rows):
+        raise nothing_usable(f"none of {len(rows):,} images can be used", {row.name: row.problem for row in rows})
+    drive.remarks.extend(_doubts(localizer, rows))
+    positions, times = localizer.model.map.poses[:, :2].numpy(), drive.times_of(len(rows))
+    with telling_write_errors(output):
+        write_poses(rows, times, output)
+        draw_trajectory(rows, positions, output, localizer.unit)
+        written = [output / name for name in ("poses.csv", "trajectory.tum", "trajectory.png")]
+        if smooth:
+            written.append(output / "smoothed.tum")
+            with progress("smoothing", "images") as advance:
+                write_tum(written[-1], times, np.stack([told.pose for told in localizer.past(advance)]))
+        if replay != "none":
+            with progress("drawing the replay", "frames"):
+                written.append(_animated(moments, positions, output, replay, localizer.unit, drive.remarks))
+    return LocalizedDrive(rows, written, interrupted)
+
+
+def _doubts(localizer: Localizer, rows: list[Row]) -> Iterator[str]:
+    """Remarks where images contradict odometry or the map."""
+    if abs(math.log(scale := localizer.odometry_scale)) > math.log(MISTAKEN):
+        told = "short" if scale > 1 else "long"
+        yield f"odometry tells of too {told} a way: in the end it was taken {scale:.2f} times"
+    if disbelieved := sum(row.told.disbelieved for row in rows):
+        yield (
+            f"at {disbelieved:,} images odometry said that the camera stood while its images said that it moved: "
+            "there it was not believed"
+        )
+    if elsewhere := sum(row.told.recognised < recognition.LEAST for row in rows):
+        yield (
+            f"{elsewhere:,} of {len(rows):,} images look less like the map than its own places look like each other: "
+            "they are probably of another place, or it has changed too much"
+        )
+    if unforeseen := sum(row.told.foreseen < LEAST for row in rows):
+        yield (
+            f"at {unforeseen:,} images the last ones had looked hardly more like where the robot was thought to be "
+            "than like any other place: either the map does not show them, or odometry is wrong"
+        )
+
+
+def _animated(
+    moments: Replay, positions: np.ndarray, output: Path, kind: ReplayKind, unit: Literal["m", "frames"],
+    remarks: list[str],
+) -> Path:  # fmt: skip
+    path = output / f"replay.{kind}"
+    try:
+        moments.write(positions, path, unit)
+    except UserError as error:
+        if kind == "gif":
+            raise
+        remarks.append(f"{error.problem}: a GIF was written")
+        path = path.with_suffix(".gif")
+        moments.write(positions, path, unit)
+    return path

@@ -1,0 +1,686 @@
+"""Live localization of a robot: images and odometry go in step by step, poses with their uncertainty come out.
+
+>>> localizer = Localizer.load("outputs/runs/localization/1a2b3c4d-s0")  # doctest: +SKIP
+>>> for motion, image in robot:  # doctest: +SKIP
+...     told = localizer.step(motion, image)
+...     print(told.pose, told.sigmas, told.lost)
+
+The map may also be built from arrays, with :meth:`Localizer.from_images`, and saved with :meth:`Localizer.save`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from numbers import Real
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Float64, UInt8
+from numpy import ndarray
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from sextant.applications.arguments import check_kind, check_whole, make_folder
+from sextant.applications.pixels import AnyImage, as_pixels, several_pixels
+from sextant.chapters.localization.kept_filter import usual_filter, usual_radius
+from sextant.chapters.localization.localizer_folder import (
+    check_descriptor,
+    checked_poses,
+    described_map,
+    open_localizer,
+    save_localizer,
+)
+from sextant.chapters.localization.map_pictures import map_pictures
+from sextant.chapters.places.kept_descriptor import Describes, KeptDescriptor
+from sextant.data.positions import FURTHEST
+from sextant.errors import UserError
+from sextant.evaluation.protocols import MODE_MASS
+from sextant.geometry.planar import se2_compose
+from sextant.localization import recognition
+from sextant.localization.appearance_change import AppearanceChange
+from sextant.localization.belief import Belief
+from sextant.localization.descriptor_map import DescriptorMap
+from sextant.localization.estimate import estimate
+from sextant.localization.evidence_scale import USUAL_ODDS, EvidenceScale, ScaledEvidence
+from sextant.localization.foresight import Foresight, drawn_evenly, foreseen
+from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.map_support import images_near, map_spacing
+from sextant.localization.motion import MotionModel, PacedMotion
+from sextant.localization.observation import ObservationModel
+from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.neighbourhoods import Neighbourhoods
+from sextant.localization.odometry_scale import OdometryScale
+from sextant.localization.pace import Pace
+from sextant.localization.particle_filter import FilterState, ParticleFilter, way_moved
+from sextant.localization.pose_kernel import PoseKernel
+from sextant.localization.recovery import Recovery
+from sextant.localization.smoothing import smoothed
+from sextant.localization.standstill import Standstill
+from sextant.reporter import Advance
+from sextant.runs.outputs_folder import default_outputs
+
+#: how independent one image's evidence is assumed to be at most, where no traverse can tell
+TEMPERING = 0.125
+#: a kernel fitted to one traverse treats as noise what tells its places apart in another, and smooths over it; so its
+#: lengths are multiplied by the first number, and its noise is at most the second as a share of the signal's variance
+#: (which walks call for it: docs/localization_change.md)
+SHARPER, LEFT_NOISE = 0.5, 1e-3
+#: an image less new than this repeats the previous one: it is no evidence
+SAME = 0.25
+#: the kernel is fitted to at most this many images of a map, evenly spaced
+FITTED_TO = 600
+LEARNING_RATE = 0.05
+#: as in a config; more would take gigabytes, and seconds per step
+MOST_PARTICLES = 1_000_000
+STARTS: dict[str, type[Initialisation]] = {"uniform": UniformStart, "appearance": AppearanceStart}
+#: the classes of a localizer's parts, each with an example
+PARTS: dict[str, tuple[type, str]] = {
+    "kernel": (PoseKernel, 'PoseKernel("rbf", (2.0, 2.0), 1.0, 0.01, 0.001) of sextant.localization.pose_kernel'),
+    "observation": (ObservationModel, "LocalGP(16) of sextant.localization.observation.local_gp"),
+    "likelihood": (Likelihood, "Likelihood(tempering=0.125) of sextant.localization.likelihood"),
+    "motion": (MotionModel, "motion_of_spacing(2.0) of sextant.localization.motion"),
+    "recovery": (Recovery, "NoRecovery() of sextant.localization.recovery"),
+}
+Start = Literal["uniform", "appearance"] | Initialisation
+
+
+@dataclass(frozen=True, eq=False)
+class LocalizedPose:
+    """The estimate after a step.
+
+    Attributes:
+        pose: x, y in the unit of the map and heading in rad, of the heaviest mode.
+        covariance: covariance of 99 % of the belief about the pose, including other places that may be right.
+        mass: share of the weight in the heaviest mode.
+        modes: number of modes.
+        lost: the heaviest mode holds less than half of the weight, or recent images were not foreseen, or, without
+            odometry, not recognised.
+        off_map: probability of being where the map shows nothing; 0 for a filter without
+            :class:`~sextant.localization.map_support.MapSupport`.
+        degenerate: no particle explained the image, which was dropped.
+        foreseen: mean share of the map that recent images, some twenty, resembled less than the place where the robot
+            was believed to be before each of them. 1/2 is chance, less than 0.65 is lost; nan before the fifth image.
+            See :mod:`~sextant.localization.foresight`.
+        recognised: mean share, over recent images, of the map's own images that would look less like the map if it did
+            not show their place. 1/2 is chance, less than 0.4 is lost; nan where the motion is known. See
+            :mod:`~sextant.localization.recognition`.
+        disbelieved: the motion was treated as unknown, since odometry reports that the robot stands still while its
+            images show that it moves. See :mod:`~sextant.localization.standstill`.
+    """
+
+    pose: Float64[ndarray, "3"]
+    covariance: Float64[ndarray, "3 3"]
+    mass: float
+    modes: int
+    lost: bool
+    degenerate: bool = False
+    off_map: float = 0.0
+    foreseen: float = math.nan
+    recognised: float = math.nan
+    disbelieved: bool = False
+
+    @property
+    def sigmas(self) -> Float64[ndarray, "3"]:
+        """Standard deviations of x, y and heading."""
+        return np.asarray(np.sqrt(np.clip(self.covariance.diagonal(), 0.0, None)))
+
+
+class Localizer:
+    """A map, its sensor and a particle filter, for one robot.
+
+    Args:
+        model: observation model, fitted to the map's descriptors.
+        likelihood: likelihood with its calibration.
+        filter: particle filter whose prior is the map's.
+        radius: radius of the mode that is reported, in the unit of the map.
+        descriptor: descriptor of images; without it, steps take vectors.
+        image_size: height, width and channels of the map's images; None if unknown.
+        unit: unit of positions.
+        particles: number of particles, unless it adapts.
+        adapts: learn while driving how appearance has changed since the map was made
+            (:class:`~sextant.localization.appearance_change.AppearanceChange`), the systematic error of odometry
+            (:class:`~sextant.localization.odometry_scale.OdometryScale`), and the robot's speed where there is no
+            odometry (:class:`~sextant.localization.pace.Pace`) or where it reports that a moving robot stands still
+            (:class:`~sextant.localization.standstill.Standstill`); and weight images by how new they are. For a
+            likelihood that was not fitted to another drive.
+        odds: with ``adapts``, the scale of one image's evidence, as for
+            :class:`~sextant.localization.evidence_scale.EvidenceScale`; None keeps that of the likelihood.
+        start: where the particles are before the first image.
+        seed: seed of all random numbers.
+        facts: other plain values to save with the map.
+        pictures: small pictures of the map's images, for display; None for none.
+        lag: number of steps that :meth:`past` smooths.
+        region_scale: factor by which reported standard deviations are multiplied, as
+            :mod:`sextant.chapters.localization.regions` learns it for a filter with these settings.
+
+    Raises:
+        UserError: the number of particles is zero or above a million, there is no such start, the lag is negative, or
+            the radius or scale is not a number above 0.
+    """
+
+    def __init__(
+        self,
+        model: ObservationModel,
+        likelihood: Likelihood,
+        filter: ParticleFilter,
+        *,
+        radius: float,
+        descriptor: KeptDescriptor | None = None,
+        image_size: tuple[int, int, int] | None = None,
+        unit: Literal["m", "frames"] = "m",
+        particles: int = 1000,
+        adapts: bool = False,
+        odds: float | None = None,
+        start: Start = "uniform",
+        seed: int = 0,
+        facts: dict[str, Any] | None = None,
+        pictures: UInt8[ndarray, "n h w c"] | None = None,
+        lag: int = 0,
+        region_scale: float = 1.0,
+    ):
+        _check_settings(radius, particles, start, lag, region_scale)
+        self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
+        self.descriptor, self.image_size, self.unit = descriptor or KeptDescriptor(), image_size, unit
+        self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
+        self.lag, self.pictures, self.odds, self.region_scale = lag, pictures, odds, region_scale
+        self._start = start if isinstance(start, Initialisation) else STARTS[start]()
+        self._spacing = map_spacing(filter.prior.poses)
+        self.reset()
+
+    def __repr__(self) -> str:
+        whose, found = self.descriptor.facts["kind"], self.model.map
+        return (
+            f"{type(self).__name__}({len(found):,} images, {found.dimension} numbers each by descriptor {whose!r}, "
+            f"spacing={self._spacing:.2g} {self.unit}, particles={self.particles:,})"
+        )
+
+    # -- live use ------------------------------------------------------------------------------------------------------
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget where the robot is; the next step is the first. The same seed gives the same results again.
+
+        Raises:
+            UserError: the seed is not a whole number of at least 0.
+        """
+        self.seed = self.seed if seed is None else seed
+        check_whole("seed", self.seed, 0, "For example seed=1")
+        self._generator = torch.Generator().manual_seed(self.seed)
+        self._state: FilterState | None = None
+        self._past: list[tuple[Belief, Tensor, MotionModel, Foresight, float]] = []
+        self._change = AppearanceChange.none(self.model.map.dimension)
+        self._counted, self._way = torch.empty(0), math.inf  # the last image that counted, and the way since
+        self._scale = None if self.odds is None else EvidenceScale(self.odds)
+        self._foresight = Foresight()
+        # counts one image of no evidence, so that the first alone does not decide
+        self._recognised, self._drive = Foresight(images=1.0), AppearanceChange.none(self.model.map.dimension)
+        self._odometry = OdometryScale()
+        self._standstill = Standstill()
+        self._pace = Pace()
+        self._before: LocalizedPose | None = None
+        self._sighted: LocalizedPose | None = None  # after the last image, and the steps since
+        self._steps = 0
+
+    @torch.no_grad()
+    def step(
+        self,
+        motion: Sequence[float] | Float[ndarray, "3"] | None = None,
+        image: AnyImage | None = None,
+        descriptor: Float[ndarray, " d"] | None = None,
+    ) -> LocalizedPose:
+        """Move, observe, and return the estimate of the robot's pose.
+
+        Args:
+            motion: dx, dy in the unit of the map and dtheta in rad since the previous step, in the robot's frame then.
+                None if unknown: particles then continue at the pace of the drive if the localizer adapts, or spread
+                as the motion model says. Ignored in the first step.
+            image: a file, bytes or a picture, stretched to the size of the map's images; None if nothing is seen.
+            descriptor: descriptor of the image, in place of the image: as the map's were, before whitening.
+
+        Raises:
+            UserError: the motion is not three finite numbers, the image or descriptor is not like the map's, or the map
+                has no descriptor with which to describe images.
+        """
+        seen = self._seen(image, descriptor)
+        moved, disbelieved = self._believed(self._odometry.applied(_motion(motion)), seen)
+        if self._state is not None and not bool(self.filter.counts(self._state, moved[None])):
+            seen = None  # too close to the last one
+        self._way += self._steps_of_map(moved)
+        follows = self._state is None or bool(moved.isfinite().all())
+        new = 0.0 if seen is None else self._newness(seen)
+        evidence = None if seen is None else self._evidence(seen, new, follows=follows)
+        looked = torch.tensor([evidence is not None])
+        if self._state is not None and evidence is not None and bool(moved.isfinite().all()):
+            self._foresight = self._compared(self._state.belief, moved, evidence, new)
+        recognised = math.nan if bool(moved.isfinite().all()) else self._recognise(seen, new)
+        moves = self._paced()
+        if self._state is None:
+            state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
+            weighed = self._start.uses_evidence and evidence is not None  # then the belief includes the first image
+            state, told = self.filter.step(state, None, None if weighed else evidence, looked, self._generator)
+        else:
+            paced = replace(self.filter, motion=moves)
+            state, told = paced.step(self._state, moved[None], evidence, looked, self._generator)
+        self._state = state
+        self._past = (
+            [*self._past[-self.lag :], (state.belief, moved, moves, self._foresight, recognised)] if self.lag else []
+        )
+        found = self._told(
+            state.belief, self._foresight, recognised, degenerate=bool(told.degenerate[0]), disbelieved=disbelieved
+        )
+        if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
+            before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
+            self._odometry = self._odometry.seen(moved, before, after, self._spacing)
+        self._before, self._steps = found, self._steps + 1
+        if evidence is not None and not found.degenerate:
+            self._pace = self._pace_with(found)
+            self._sighted, self._steps = found, 0
+        return found
+
+    def _believed(self, moved: Tensor, seen: Tensor | None) -> tuple[Tensor, bool]:
+        """The motion, unknown if images contradict odometry that reports a standstill; and whether they do."""
+        if not self.adapts:
+            return moved, False
+        self._standstill = self._standstill.moved(moved, self._spacing)
+        if seen is not None:
+            self._standstill = self._standstill.seen(seen)
+        if not self._standstill.contradicted(self._anywhere):
+            return moved, False
+        return torch.full_like(moved, torch.nan), True
+
+    def _pace_with(self, found: LocalizedPose) -> Pace:
+        """The pace, updated with the way since the last image: between images a belief moves as it is expected to."""
+        if self._sighted is None:
+            return self._pace
+        before, after = torch.from_numpy(self._sighted.pose), torch.from_numpy(found.pose)
+        sure = self._sighted.mass * found.mass * (1 - found.off_map)
+        return self._pace.seen(before, after, sure, self._steps)
+
+    @property
+    def odometry_scale(self) -> float:
+        """The learned factor of odometry since the last reset; 1 for a localizer that does not adapt."""
+        return self._odometry.factor
+
+    def _paced(self) -> MotionModel:
+        """The filter's motion model; where nothing measures the motion, most particles keep the pace of the drive."""
+        if not self.adapts:
+            return self.filter.motion
+        strayed = self._before is not None and self._before.off_map > 0.5  # it would only go further away
+        return PacedMotion(self.filter.motion, None if strayed else self._pace.along(self._spacing))
+
+    def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
+        """The poses of the last ``lag`` steps and of now, given everything seen since; the oldest first.
+
+        It compares all particles of each step with all of the next, so call it only when it is needed.
+
+        Args:
+            progress: called with the number of steps smoothed and the total.
+        """
+        if not self._past:
+            return []
+        beliefs, motions, models, *told = zip(*self._past, strict=True)
+        draws = torch.Generator().manual_seed(self.seed)  # separate: calling this does not affect later steps
+        ways = [motion[None] for motion in motions[1:]]
+        better = smoothed(beliefs, ways, models[1:], draws, progress=progress)
+        return [self._told(belief, *each) for belief, *each in zip(better, *told, strict=True)]
+
+    @cached_property
+    def _known_map(self) -> recognition.MapRecognition | None:
+        return recognition.MapRecognition.of(self.model.map)
+
+    def _recognise(self, seen: Tensor | None, new: float) -> float:
+        """How well recent images were recognised, with this one, where no motion says what should be seen."""
+        if seen is not None and new > 0 and self._known_map is not None:
+            self._drive = self._drive.seen(seen, new)
+            centred = self._drive.centred(seen, self.model.map.mean)
+            self._recognised = self._recognised.seen(self._known_map.share(seen, centred), new)
+        return self._recognised.mean if self._drive.images else math.nan
+
+    def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> Foresight:
+        """The foresight, updated with how well the belief before an image had foreseen it."""
+        rows = drawn_evenly(belief.weights[0])
+        poses, support = se2_compose(belief.poses[:, rows], moved[None, None]), self.filter.support
+        on_map = 1.0 if support is None else float(support.share(poses).mean())
+        found = foreseen(evidence.over_map()[0], self._near.nearest(poses[0]))
+        return self._foresight.seen(found, new * on_map)
+
+    def _told(
+        self,
+        belief: Belief,
+        foresight: Foresight,
+        recognised: float,
+        *,
+        degenerate: bool = False,
+        disbelieved: bool = False,
+    ) -> LocalizedPose:
+        found = estimate(belief, self.radius)
+        mass = float(found.mass[0])
+        support = self.filter.support
+        return LocalizedPose(
+            found.pose[0].numpy(),
+            self.region_scale**2 * found.covariance[0].numpy(),
+            mass,
+            int(found.modes[0]),
+            mass < MODE_MASS or foresight.failed or recognised < recognition.LEAST,
+            degenerate,
+            0.0 if support is None else float(support.off_map(belief)[0]),
+            foresight.told,
+            recognised,
+            disbelieved,
+        )
+
+    @property
+    def belief(self) -> Belief:
+        """The weighted particles of the one run.
+
+        Raises:
+            UserError: no step was made since the last reset.
+        """
+        if self._state is None:
+            raise UserError("nothing is believed before the first step", "Call step(motion, image) first.")
+        return self._state.belief
+
+    def picture_near(self, pose: Float64[ndarray, "3"]) -> UInt8[ndarray, "h w c"] | None:
+        """The small picture of the map's image nearest to a pose; None for a map without pictures.
+
+        Raises:
+            UserError: the pose is not three finite numbers.
+        """
+        if self.pictures is None:
+            return None
+        if (at := _numbers(pose)).shape != (3,) or not np.isfinite(at).all():
+            raise UserError(f"pose={pose} must be three finite numbers: x, y, heading", "For example a told pose.")
+        return np.asarray(self.pictures[int(self._near.nearest(torch.from_numpy(at)[None])[0])])
+
+    @cached_property
+    def _near(self) -> Neighbourhoods:
+        return images_near(self.model.map.poses)
+
+    def describe(self, image: AnyImage) -> Float32[ndarray, " d"]:
+        """The descriptor of an image, before whitening.
+
+        Raises:
+            UserError: it is not an image, or the map has no descriptor.
+        """
+        if self.descriptor.describer is None:
+            raise UserError(
+                "the map was described by vectors from elsewhere, so images cannot be described",
+                "Give its vector: step(motion, descriptor=vector); or what describes it: load(folder, descriptor=...)",
+            )
+        pixels = as_pixels(image, self.image_size)
+        return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
+
+    def _evidence(self, seen: Tensor, new: float, *, follows: bool) -> Evidence | None:
+        """The evidence of an image, weighted by how new it is; None if it repeats the previous one.
+
+        ``follows``: particles follow odometry, so that errors of consecutive images add up. Where motion is unknown
+        they spread far between images, and weaker evidence would not bring them together again.
+        """
+        if new >= SAME:
+            self._counted, self._way = seen, 0.0
+        if not self.adapts:
+            plain = self.model.observe(seen[None], self.likelihood)
+            return ScaledEvidence(plain, plain.over_map(), 1.0)
+        if new < SAME:
+            return None
+        where, dimension = self.model.map, self.model.map.dimension
+        change = self._change.seen(seen, new)
+        residuals = self.model.residuals_over_map(change.centred(seen, where.mean)[None])
+        if bool(residuals.squared.isfinite().all()):  # nothing can be learned from values that overflow
+            self._change = change.exceeded(residuals, dimension, new)
+        centred = self._change.centred(seen, where.mean)[None]
+        evidence = self.model.observe(centred, self._change.likelihood(self.likelihood))
+        over_map = evidence.over_map()
+        if self._scale is not None:
+            self._scale = self._scale.seen(over_map[0], new)
+        scale = self._scale.tempering if self._scale is not None and follows else 1.0
+        return ScaledEvidence(evidence, over_map, scale * new)
+
+    def _newness(self, seen: Tensor) -> float:
+        """How new an image is relative to the last that counted, in [0, 1], by the way since or the change it shows.
+
+        Both are in steps from one image of the map to the next. A robot that stands still sees the same error again and
+        again, and must not become sure of it; a kidnapped robot sees another place.
+        """
+        if not math.isfinite(self._way):
+            return 1.0
+        changed = float((seen - self._counted).double().square().sum())
+        return min(1.0, max(self._way, changed / self._apart if self._apart > 0 else 0.0))
+
+    @cached_property
+    def _apart(self) -> float:
+        """The median squared distance between descriptors of neighbouring images of the map."""
+        features, descriptors = self._near.features, self.model.map.descriptors
+        rows = np.unique(np.linspace(0, len(features) - 1, min(FITTED_TO, len(features))).astype(np.int64))
+        beside = cKDTree(features).query(features[rows], k=min(2, len(features)))[1].reshape(len(rows), -1)[:, -1]
+        apart = descriptors[torch.from_numpy(rows)] - descriptors[torch.from_numpy(beside)]
+        return float(apart.double().square().sum(1).median())
+
+    @cached_property
+    def _anywhere(self) -> float:
+        """The median squared distance between descriptors of any two images of the map."""
+        descriptors = self.model.map.descriptors
+        rows = np.unique(np.linspace(0, len(descriptors) - 1, min(FITTED_TO, len(descriptors))).astype(np.int64))
+        apart = descriptors[torch.from_numpy(rows)] - descriptors[torch.from_numpy(np.roll(rows, len(rows) // 2))]
+        return float(apart.double().square().sum(1).median())
+
+    def _steps_of_map(self, moved: Tensor) -> float:
+        """The motion as a fraction of the way from one image of the map to the next; infinite if it is unknown."""
+        support = self.filter.support
+        return math.inf if support is None else float(way_moved(moved, self._spacing, 2 * support.heading_reach))
+
+    def _seen(self, image: AnyImage | None, descriptor: ndarray | None) -> Tensor | None:
+        if image is not None and descriptor is not None:
+            raise UserError("step() was given an image and a descriptor", "Give one of the two.")
+        if image is not None:
+            descriptor = self.describe(image)
+        if descriptor is None:
+            return None
+        row = torch.from_numpy(_numbers(descriptor).astype(np.float32))
+        if row.ndim != 1 or not bool(row.isfinite().all()):
+            raise UserError(f"the descriptor, of shape {tuple(row.shape)}, is not one row of finite numbers")
+        self.model.check_dimension(row[None])
+        whitener = self.descriptor.whitener
+        return row if whitener is None else (row[None] @ whitener.to(row.dtype))[0]
+
+    # -- maps ----------------------------------------------------------------------------------------------------------
+
+    def save(self, folder: Path | str) -> None:
+        """Write the map, with its descriptor and the filter's settings, into a folder; without pickles.
+
+        Raises:
+            UserError: it is a file, or cannot be created.
+            OSError: the disk is full.
+        """
+        save_localizer(self, make_folder("folder", folder))
+
+    @classmethod
+    def load(
+        cls,
+        folder: Path | str,
+        run: Path | str | None = None,
+        *,
+        outputs: Path | str | None = None,
+        descriptor: Describes | None = None,
+        motion: MotionModel | None = None,
+        recovery: Recovery | None = None,
+        radius: float | None = None,
+        particles: int | None = None,
+        start: Start = "uniform",
+        seed: int = 0,
+        lag: int = 0,
+        verify: bool = True,
+        trust: bool = False,
+    ) -> Self:
+        """Open the map of a run, a saved map, or one that was built from a stream.
+
+        A map built by :class:`~sextant.localization.tiled_map.TiledMapBuilder` has no filter settings: it gets the
+        filter of :meth:`from_images`, and takes vectors unless a descriptor is given.
+
+        Args:
+            folder: an MLflow run id, a run directory or its name, or the folder of a map.
+            run: place-recognition run whose network describes images; an error if it is not the map's.
+            outputs: folder of runs; the folder that runs are written to by default.
+            descriptor: descriptor of images, for a map whose own could not be saved.
+            motion, recovery, radius: replace those of the map.
+            particles: number of particles; None for the number that the map was tested with.
+            start, seed, lag: as for the class.
+            verify: check the hashes of all files, which reads them once; their sizes are checked in any case.
+            trust: build user-defined parts that the map or a network's config names.
+
+        Raises:
+            UserError: there is no map, it is damaged, or its descriptors are of another run.
+        """
+        _check_parts(motion=motion, recovery=recovery)
+        where = default_outputs() if outputs is None else Path(outputs).expanduser()
+        parts = open_localizer(
+            folder, where, run=run, descriptor=descriptor, motion=motion, recovery=recovery, verify=verify, trust=trust
+        )
+        given = {"radius": radius, "particles": particles}
+        parts |= {name: value for name, value in given.items() if value is not None}
+        return cls(**parts, start=start, seed=seed, lag=lag)
+
+    @classmethod
+    def from_images(
+        cls,
+        images: UInt8[ndarray, "n h w c"] | Sequence[AnyImage],
+        poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]],
+        descriptor: Describes | str | Path | None = None,
+        *,
+        kernel: PoseKernel | None = None,
+        observation: ObservationModel | None = None,
+        likelihood: Likelihood | None = None,
+        motion: MotionModel | None = None,
+        recovery: Recovery | None = None,
+        radius: float | None = None,
+        steps: int = 60,
+        merge_duplicates: bool = False,
+        particles: int = 1000,
+        start: Start = "uniform",
+        seed: int = 0,
+        lag: int = 0,
+    ) -> Self:
+        """Build a map from images at known poses.
+
+        Args:
+            images: bytes; or files, arrays or pictures, stretched to the size of the first.
+            poses: x, y in metres and heading in rad, counter-clockwise.
+            descriptor: a descriptor of :mod:`sextant.baselines` or its name, a place-recognition run, or any object
+                with ``describe``. By default ``zoo:places`` for colour images of at least 48 pixels a side, otherwise
+                whitened principal components of 32x48 pixels.
+            kernel: by default fitted, by the joint likelihood of at most 600 of the images, and sharpened.
+            observation: observation model to fit; by default the cached local Gaussian process.
+            likelihood: by default the change of appearance and the weight of an image are learned while driving.
+            motion, recovery: parts of the filter; by default odometry with an error of three tenths of the map's
+                spacing over a way of that length, and restarts.
+            radius: radius of the mode that is reported, in metres; by default 2.5 times the spacing of the map.
+            steps: gradient steps of the fit of the kernel.
+            merge_duplicates: merge images at one pose into one.
+            particles, start, seed, lag: as for the class.
+
+        Raises:
+            UserError: the images and poses do not make a map.
+        """
+        check_whole("steps", steps, 0, "steps=60")
+        _check_settings(1.0 if radius is None else radius, particles, start, lag)
+        _check_parts(kernel=kernel, observation=observation, likelihood=likelihood, motion=motion, recovery=recovery)
+        check_descriptor(descriptor)
+        images = several_pixels(images)
+        where = checked_poses(poses, len(images))
+        kept, rows = described_map(images, descriptor)
+        found = DescriptorMap.of(where, torch.from_numpy(rows), merge_duplicates=merge_duplicates)
+        if observation is None:
+            from sextant.localization.observation.cached_local_gp import CachedLocalGP
+
+            observation = CachedLocalGP(min(16, len(found)), map_evidence="mean")
+        learnt = kernel or fitted_kernel(found, steps)
+        model = observation.fit(found, kernel or learnt.sharpened(SHARPER, LEFT_NOISE))
+        filter = usual_filter(found.poses, learnt, motion=motion, recovery=recovery)
+        return cls(
+            model,
+            likelihood or Likelihood(tempering=TEMPERING),
+            filter,
+            radius=usual_radius(filter.prior.poses) if radius is None else radius,
+            adapts=likelihood is None,
+            odds=USUAL_ODDS if likelihood is None else None,
+            descriptor=kept,
+            image_size=images.shape[1:],
+            pictures=map_pictures(images) if len(found) == len(images) else None,  # otherwise some images were merged
+            particles=particles,
+            start=start,
+            seed=seed,
+            lag=lag,
+        )
+
+
+def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
+    if motion is None:
+        return torch.full((3,), torch.nan, dtype=torch.float64)
+    moved = torch.from_numpy(_numbers(motion))
+    if moved.shape != (3,) or not bool(moved.isfinite().all()):
+        raise UserError(
+            f"motion={motion} must be three finite numbers: dx, dy, dtheta",
+            "Give None where odometry is missing.",
+        )
+    if bool((moved.abs() > FURTHEST).any()):
+        raise UserError(f"motion={motion} is further than {FURTHEST:g}", "Give None where odometry cannot be trusted.")
+    if abs(float(moved[2])) > 2 * math.pi:
+        raise UserError(
+            f"motion={motion} turns by {float(moved[2]):g} rad, more than once round, in one step",
+            "dtheta is in rad: numpy.radians of degrees. Give None where odometry cannot be trusted.",
+        )
+    return moved
+
+
+def _numbers(given: Any) -> Float64[ndarray, "*n"]:
+    """The values as an array; an array of a shape that matches nothing if they are not numbers."""
+    try:
+        return np.array(given, np.float64)
+    except (TypeError, ValueError):
+        return np.empty((0, 0))
+
+
+def _check_settings(radius: float, particles: int, start: Start, lag: int, region_scale: float = 1.0) -> None:
+    check_whole("lag", lag, 0, "lag=20 keeps twenty steps")
+    check_whole("particles", particles, 1, "For example particles=1000", MOST_PARTICLES)
+    for name, value, fix in (
+        ("radius", radius, "For example radius=2.5, in the map's unit"),
+        ("region_scale", region_scale, "region_scale=1.0"),
+    ):
+        if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < math.inf:
+            raise UserError(f"{name}={value!r} must be a number above 0 and finite", fix)
+    if not isinstance(start, Initialisation) and not (isinstance(start, str) and start in STARTS):
+        raise UserError(f"start={start} must be one of {', '.join(STARTS)}", "start=uniform")
+
+
+def _check_parts(**given: Any) -> None:
+    for name, part in given.items():
+        kind, fix = PARTS[name]
+        check_kind(name, part, kind, f"For example {fix}; None takes the usual one.")
+
+
+def fitted_kernel(found: DescriptorMap, steps: int = 60) -> PoseKernel:
+    """Fit the kernel to the descriptors of a map by maximum likelihood, on at most 600 of its images.
+
+    Args:
+        found: the map.
+        steps: gradient steps.
+
+    Raises:
+        UserError: the descriptors are all alike.
+    """
+    from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
+
+    rows = torch.from_numpy(np.unique(np.linspace(0, len(found) - 1, min(FITTED_TO, len(found))).astype(np.int64)))
+    poses, descriptors = found.poses[rows], found.descriptors[rows]
+    kernel = TrainableKernel.from_map(poses, descriptors)
+    optimizer = torch.optim.Adam(kernel.parameters(), lr=LEARNING_RATE)
+    for _ in range(steps):
+        optimizer.zero_grad()
+        loss = -joint_log_likelihood(kernel, poses, descriptors, found.mean) / descriptors.numel()
+        loss.backward()
+        optimizer.step()
+    return kernel.frozen()

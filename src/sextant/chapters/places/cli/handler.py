@@ -1,0 +1,47 @@
+"""The ``predict.py`` handler for matching places."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from sextant.chapters.places.cli.inputs import read_inputs
+from sextant.chapters.places.cli.options import INPUTS, PlaceOptions
+from sextant.console.output_folder import make_output
+from sextant.errors import UserError
+from sextant.kit.handler import Handler, Trained, open_run
+
+
+class PlaceMatching(Handler):
+    """Finds photos of a map that show the same places as others."""
+
+    task = "place_recognition"
+    topic = "places"
+    usage = "sextant predict run=<...> map=<folder> queries=<folder> [output=matches]"
+    keys = INPUTS | PlaceOptions.meanings()
+    needs = ("run", *INPUTS)
+    shared = ("run", "output", "outputs", "trust")
+    named_by = "map= and queries="
+
+    def claims(self, given: Mapping[str, str]) -> bool:
+        """Whether a map or queries are given."""
+        return any(key in given for key in INPUTS)
+
+    def predict(self, given: Mapping[str, str]) -> None:
+        """Look queries up in the map."""
+        inputs = read_inputs(given)
+        make_output(inputs.output)
+        trained = open_run(given)
+        if trained.task != self.task:
+            raise UserError(f"map= belongs to {self.task}; this is a model of {trained.task}", Handler.usage)
+        from sextant.chapters.places.cli.predict import predict_places
+        from sextant.chapters.places.place_map import PlaceMap
+        from sextant.chapters.places.run_facts import run_facts
+
+        places = PlaceMap.of(trained.content, trained.found, trust=trained.trust)
+        predict_places(places, inputs, run_facts(trained.reference, trained.found, places.model, trained.about))
+
+    def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
+        """Refuse photos without a map."""
+        raise UserError(
+            f"run={trained.reference}: input= does not take models of place_recognition, which look photos up in a map",
+            self.usage,
+        )

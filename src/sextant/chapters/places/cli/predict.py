@@ -1,0 +1,232 @@
+"""Matches a folder of queries with a folder of map photos, writes the matches to files, and prints them."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+
+from sextant.applications.write_errors import telling_write_errors
+from sextant.chapters.places.cli.inputs import PlaceInputs, refuse_overlap
+from sextant.chapters.places.cli.options import PlaceOptions
+from sextant.chapters.places.describing import LARGEST_STRETCH, DescribedPhotos
+from sextant.chapters.places.known_places import KnownPlaces, check_truth, known_places
+from sextant.chapters.places.matching import check_rides
+from sextant.chapters.places.photo_folder import PhotoFolder
+from sextant.chapters.places.place_map import PlaceMap
+from sextant.chapters.places.run_facts import Temperature
+from sextant.chapters.places.written_matches import (
+    counts,
+    query_rows,
+    write_gallery,
+    write_matches,
+    write_row_pairs,
+)
+from sextant.console.console import console, rows_table
+from sextant.console.output_folder import tell_written
+from sextant.console.skipped_files import tell_skipped
+from sextant.console.work_progress import work_progress
+from sextant.data.unusable_files import nothing_usable
+from sextant.errors import NAMED, UserError
+from sextant.tools.inspection.suggestion import overrides_of
+
+
+def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Match places, write the results into ``output`` and show them; failed photos are named and skipped.
+
+    Args:
+        places: an empty map.
+        inputs: photos and options.
+        run: facts of the run, for ``matches.json``.
+
+    Raises:
+        UserError: no photo of the map or no query could be used, photos lack what ``places=`` names, descriptors are of
+            another network, or the disk is full.
+    """
+    output, options = inputs.output, inputs.options
+    _fill(places, inputs)
+    asked = PlaceMap(places.descriptor, places.size)
+    _add(asked, "queries", inputs.queries, inputs)
+    reference, queries = places.described, asked.described
+    known = known_places(reference, queries, options.places, places.tolerances, options.tolerance)
+    with work_progress("looking up", "queries") as progress:
+        found = places.match(
+            queries.index,
+            options.matches,
+            centring=options.centring,
+            sequence=options.sequence,
+            same=known.same_place,
+            progress=progress,
+        )
+    rows = query_rows(reference, queries, known, found)
+    counted = counts(rows)
+    described = {"map": reference, "queries": queries}
+    remarks = _remarks(described, options, known, places.temperature, counted)
+    if options.places != "none":
+        remarks.append(f"beside training-free descriptors: {_comparison(places, inputs, known, run)}")
+    facts = {
+        "run": run,
+        "temperature": places.temperature.value,
+        "matches": found.neighbours.indices.shape[1],
+        "sequence": options.sequence,
+        "centring": options.centring,
+        "places": options.places,
+        "tolerance": known.tolerance.name,
+        "counts": counted,
+        "remarks": remarks,
+        **{key: photos.facts() for key, photos in described.items()},
+    }
+    write_matches(rows, facts, output)
+    with work_progress("drawing", "pages") as progress:
+        pages = write_gallery(rows, reference, queries, known, output, progress)
+    kept = [path for path in (output / "map", output / "queries") if options.descriptors and path.is_dir()]
+    if options.colmap:
+        kept.append(write_row_pairs(rows, reference.photos.folder, queries.photos.folder, output))
+    tell(rows, counted, described, remarks, [output / "matches.csv", output / "matches.json", *pages, *kept])
+    return rows
+
+
+def _fill(places: PlaceMap, inputs: PlaceInputs) -> None:
+    """Describe the map's photos or load their descriptors; general mistakes are reported before any is described."""
+    if isinstance(inputs.reference, Path):
+        try:
+            places.take(inputs.reference)
+        except UserError as error:
+            raise UserError(
+                f"map={inputs.reference}: {error.problem}",
+                "Describe the map's photos anew: map=<folder of photos> descriptors=true",
+            ) from None
+        refuse_overlap(places.described.photos, inputs.queries)
+    reference = places.described.photos if isinstance(inputs.reference, Path) else inputs.reference
+    check_truth(reference, inputs.queries, inputs.options.places)
+    check_rides(len(reference), len(inputs.queries), inputs.options.sequence)
+    if isinstance(inputs.reference, PhotoFolder):
+        _add(places, "map", inputs.reference, inputs)
+
+
+def _add(places: PlaceMap, key: str, photos: PhotoFolder, inputs: PlaceInputs) -> None:
+    """Describe photos and save the descriptors at once, so that Ctrl-C loses little."""
+    with work_progress(f"describing {'the map' if key == 'map' else key}", "photos") as progress:
+        failed = places.add(photos, errors="return", progress=progress)
+    if not len(places):
+        named = {
+            Path(each.name).relative_to(photos.folder).as_posix(): each.error.problem.removeprefix(f"{each.name}: ")
+            for each in failed
+        }
+        raise nothing_usable(f"{key}={photos.folder}: none of {len(photos):,} photos can be used", named)
+    if inputs.options.descriptors:
+        with telling_write_errors(inputs.output / key):
+            places.save(inputs.output / key, descriptor=False)
+
+
+def _remarks(
+    described: Mapping[str, DescribedPhotos],
+    options: PlaceOptions,
+    places: KnownPlaces,
+    temperature: Temperature,
+    counted: Mapping[str, Any],
+) -> list[str]:
+    """Remarks for the reader of the results."""
+    told = []
+    if options.centring != "none":
+        told.append(f"no confidence: the temperature is of descriptors as they are, not of centring={options.centring}")
+    elif temperature.value is None:
+        told.append(f"no confidence, similarities only: {temperature.lacking}")
+    else:
+        told.append(f"{SUPPOSED} (temperature {temperature.value:.4g}, fitted on the run's validation split)")
+        if options.sequence:
+            told.append("the temperature is of single photos: matches by sequences have no confidence")
+    if options.places == "none" and places.tolerance.positive < 1:
+        told.append(ALONE)
+    for key, photos in described.items():
+        if photos.stretched:
+            told.append(
+                f"{key}: {len(photos.stretched):,} photos, such as {photos.stretched[0]}, have another shape "
+                f"than the network's images: stretched to it by a factor above {LARGEST_STRETCH}"
+            )
+    if options.matches > len(described["map"].index):
+        told.append(f"matches={options.matches}: the map has only {len(described['map'].index):,} images")
+    if counted["same_file"]:
+        told.append(
+            f"{counted['same_file']:,} queries are copies of their best match, which says nothing of the network"
+        )
+    return [*told, *places.remarks]
+
+
+def _comparison(places: PlaceMap, inputs: PlaceInputs, known: KnownPlaces, run: Mapping[str, Any]) -> str:
+    """The command that tests the network and baselines on the same two folders."""
+    chosen, size = known.tolerance, places.size
+    heading = "null" if chosen.heading_deg is None else f"{chosen.heading_deg:g}"
+    described = {"map": places.described.photos, "queries": inputs.queries}
+    folders = overrides_of({name: photos.folder.absolute() for name, photos in described.items()})
+    words = [
+        *("sextant", "evaluate", f"run={run['run']}", "dataset=place_folders", "dataset.folder=."),
+        *(f"dataset.test={folders}", "dataset.skip_bad=true", "task.baselines=true"),
+        *(f"dataset.{key}={getattr(size, key)}" for key in ("height", "width", "channels")),
+        f"dataset.places={inputs.options.places}",
+        f"task.test_tolerance.{chosen.unit}={{positive: {chosen.positive:g}, negative: {chosen.negative:g}, "
+        f"heading_deg: {heading}}}",
+    ]
+    return shlex.join(words)
+
+
+#: the meaning of a confidence, shown in the terminal and in matches.json
+SUPPOSED = (
+    "confidence is the probability that the place of a match is the query's, supposing that its place is in the map: a "
+    "query of another place has some too"
+)
+ALONE = "each map image counts as a place of its own; if the map is a ride, give tolerance=<files> or places="
+
+
+def tell(
+    rows: Sequence[Mapping[str, Any]],
+    counted: Mapping[str, Any],
+    described: Mapping[str, DescribedPhotos],
+    remarks: Sequence[str],
+    written: Sequence[Path],
+) -> None:
+    """Print the matches, which photos failed, remarks, and where the files are."""
+    good = [row for row in rows if "error" not in row]
+    console.print(rows_table("Best matches", [_line(row) for row in good[:NAMED]]))
+    if len(good) > NAMED:
+        console.print(f"[dim]and {len(good) - NAMED:,} more in matches.csv[/]")
+    for key, photos in described.items():
+        tell_skipped(photos.failed, f"Skipped of {key}")
+    for remark in remarks:
+        console.print(f"[dim]{escape(remark)}[/]", soft_wrap=True)
+    if "right" in counted:
+        console.print(_truth(counted))
+    done = f"{len(good):,} queries looked up among {len(described['map'].index):,} map images"
+    tell_written(done, counted["failed"], written)
+
+
+def _line(row: Mapping[str, Any]) -> dict[str, str]:
+    best = row["matches"][0]
+    line = {"query": row["query"], "match": best["match"], "similarity": f"{best['similarity']:.3f}"}
+    line["margin"] = "–" if row["margin"] is None else f"{row['margin']:.3f}"
+    if "confidence" in best:
+        line["confidence"] = f"{best['confidence']:.2f}"
+    if "right" in best:
+        line["right"] = _verdict(row, best)
+    if "sequence_matches" in row:
+        line["by sequence"] = row["sequence_matches"][0]["match"]
+        if "right" in best:
+            line["right "] = _verdict(row, row["sequence_matches"][0])
+    return line
+
+
+def _verdict(row: Mapping[str, Any], match: Mapping[str, Any]) -> str:
+    return "not in the map" if not row["in_map"] else "yes" if match["right"] else "no"
+
+
+def _truth(counted: Mapping[str, Any]) -> str:
+    inside, looked_up = counted["in_map"], counted["queries"] - counted["failed"]
+    if not inside:
+        return f"none of the {looked_up:,} queries has its place in the map, so no match can be right"
+    told = f"best match right: {counted['right']:,} of the {inside:,} queries whose place is in the map"
+    if "mean_confidence_in_map" in counted:
+        told += f" (mean confidence {counted['mean_confidence_in_map']:.2f})"
+    if "right_by_sequence" in counted:
+        told += f", by sequences {counted['right_by_sequence']:,}"
+    return told + (f". {looked_up - inside:,} have no place in the map" if looked_up > inside else "")

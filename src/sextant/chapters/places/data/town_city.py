@@ -1,0 +1,82 @@
+"""A rendered city as places: what a map of all directions and drives through it show of each other."""
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy import ndarray
+
+from sextant.chapters.places.data.image_rows import ImageRows
+from sextant.chapters.places.data.images import PlaceImages
+from sextant.chapters.places.data.split import SPLITS, Split
+from sextant.data.rendered import RenderedSource
+from sextant.errors import ArgumentError
+
+#: shares of the map's images that lie west of the border between two splits, and how wide a strip is left out there
+BORDERS, STRIP_M = (0.7, 0.8), 40.0
+#: the traverse of the city's map
+MAP = "map"
+
+
+class TownCitySource(RenderedSource):
+    """The map of :class:`~sextant.data.worlds.TownCity`, and a drive under each of its conditions.
+
+    An image of a drive is mostly within 7 m of an image of the map, along the street or across it, and looks up to half
+    the map's turn beside it: places seen from elsewhere, where the traverses of
+    :class:`~sextant.data.worlds.TownSeasons` return to about the same poses. Parts of the city from west to east are
+    the training, validation and test split; a strip at each border is in none. The frames of the map go round at each
+    of its positions, and those of drives leave a split and come back: they are no sequences.
+    """
+
+    place_unit: Literal["m", "frames"] = "m"
+
+    def conditions(self, split: Split) -> tuple[str, ...]:
+        """The map and the conditions of the config; nothing is rendered."""
+        return (MAP, *self.dataset.plan().condition_names)
+
+    def read(self, split: Split) -> PlaceImages:
+        """The images of a split, memory-mapped from their file, with positions and headings.
+
+        Raises:
+            UserError: a split has no image of the map or of a drive, which is told before anything is rendered; or a
+                condition is called ``map``.
+        """
+        names = self.conditions(split)
+        if names.count(MAP) > 1:
+            raise ArgumentError(f"conditions: one is called {MAP!r}, as the map of the city is", "Give it another name")
+        columns = self.dataset.plan().columns
+        pose, traverse = columns["pose"], np.where(columns["split"] == 0, 0, 1 + columns["condition"]).astype(np.int64)
+        for part in SPLITS:
+            self._check(part, names, traverse[_within(pose[:, 0], pose[traverse == 0, 0], part)])
+        rows = np.flatnonzero(_within(pose[:, 0], pose[traverse == 0, 0], split))
+        frame = np.concatenate([np.arange(count) for count in np.bincount(traverse)])
+        self.read_split("map", "images=20000")
+        images = self.read_split("query", "query_frames=2500").images
+        return PlaceImages(
+            ImageRows(images, rows),
+            traverse[rows],
+            names,
+            frame[rows],
+            tuple(f"{split}/{names[traverse[row]]}/{frame[row]:06d}" for row in rows),
+            np.ascontiguousarray(pose[rows, :2]),
+            np.degrees(pose[rows, 3]),
+            aligned=False,
+            drives=False,
+        )
+
+    def _check(self, split: Split, names: tuple[str, ...], traverse: Int64[ndarray, "k"]) -> None:
+        missing = [name for number, name in enumerate(names) if not (traverse == number).any()]
+        if missing:
+            raise ArgumentError(
+                f"no image of {', '.join(missing)} lies in the {split} part of this city",
+                "Let the drives go everywhere, for example size_m=1000 images=20000 query_frames=2500 query_step_m=8.0",
+            )
+
+
+def _within(x: Float64[ndarray, "n"], mapped: Float64[ndarray, "k"], split: Split) -> Bool[ndarray, "n"]:
+    """Whether positions lie in the part of a split, given those of the map."""
+    number = SPLITS.index(split)
+    west, east = np.quantile(mapped, BORDERS)
+    low, high = (-np.inf, west, east)[number], (west, east, np.inf)[number]
+    inside: Bool[ndarray, "n"] = (x > low + STRIP_M / 2) & (x < high - STRIP_M / 2)
+    return inside

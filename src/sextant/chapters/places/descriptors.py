@@ -1,0 +1,294 @@
+"""Image descriptors for localization: training-free, from a trained network, or computed elsewhere.
+
+Checks made before a run starts import nothing heavy.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+
+from sextant.config import Config
+from sextant.config.building import build, part_name
+from sextant.config.schema.localization import NetworkDescriptor
+from sextant.config.schema.parts import CustomPart
+from sextant.config.schema.places import Average, Flatten, GeM
+from sextant.config.trained import STARTS_FROM
+from sextant.data.photo_files import walk_folder
+from sextant.data.picture_files import open_picture, why_unreadable
+from sextant.data.source import file_sha256
+from sextant.data.upright import upright_size
+from sextant.errors import UserError
+from sextant.runs.resolve import resolve_run
+
+if TYPE_CHECKING:
+    from sextant.baselines.place_descriptors import PlaceDescriptor
+    from sextant.chapters.localization.data.described import Describer
+    from sextant.chapters.localization.data.drive import Drive
+    from sextant.chapters.places.data.image_rows import ImageRows
+    from sextant.chapters.places.network import TrainedPlaceNetwork
+
+
+@dataclass(frozen=True)
+class TrainedDescriptor:
+    """The network of a run of place recognition.
+
+    Args:
+        run: an MLflow run id, a run directory or its name, or a checkpoint.
+    """
+
+    run: str
+
+    def identity(self, outputs: Path) -> str:
+        """The hash of its checkpoint.
+
+        Raises:
+            UserError: the run does not exist.
+        """
+        return resolve_run(self.run, outputs, "descriptor.run").identity
+
+    def describer(self, outputs: Path) -> "NetworkDescriber":
+        """The network, ready to describe images of the size it was trained on.
+
+        Raises:
+            UserError: the run does not exist, it is not a run of place recognition, or it is a file from elsewhere that
+                names parts from outside Sextant.
+        """
+        from sextant.chapters.places.place_network import trained_place_network
+        from sextant.kit.content import read_trained
+        from sextant.runs.checkpoint import KEY
+
+        found = resolve_run(self.run, outputs, "descriptor.run")
+        content = read_trained(found.checkpoint)
+        if (trained := content[KEY])["task"] != "place_recognition":
+            raise UserError(
+                f"descriptor.run={self.run} is a run of task={trained['task']}, which gives no place descriptor",
+                "Name a run of task=place_recognition.",
+            )
+        network = trained_place_network(content, found.checkpoint, found.identity, trust=found.is_own(outputs))
+        return NetworkDescriber(network)
+
+
+@dataclass(frozen=True)
+class DescriptorFiles:
+    """Vectors that were computed elsewhere: ``<folder>/<drive>.npy``, one row per image.
+
+    Args:
+        folder: folder of the files.
+    """
+
+    folder: str
+
+    def identity(self) -> str:
+        """The hash of the names and contents of all files.
+
+        Raises:
+            UserError: the folder does not exist, has no such file, or its files have different widths.
+        """
+        root = Path(self.folder).expanduser()
+        paths = sorted(root / path for path in walk_folder(root).files if path.suffix == ".npy")
+        if not paths:
+            raise UserError(
+                f"descriptor.folder={self.folder}: there is no such folder, or no .npy file in it",
+                "One file a drive: <drive>.npy, an array (images, dimensions) of 32-bit floats.",
+            )
+        widths = {path.relative_to(root).as_posix(): _rows(path).shape[-1] for path in paths}
+        first = next(iter(widths))
+        if other := [name for name, width in widths.items() if width != widths[first]]:
+            raise UserError(
+                f"descriptor.folder={self.folder}: {first} has {widths[first]} numbers an image, {other[0]} has "
+                f"{widths[other[0]]}; map and drives must be described by the same descriptor",
+                f"Describe the images of {first.removesuffix('.npy')} or {other[0].removesuffix('.npy')} anew.",
+            )
+        hashed = hashlib.sha256()
+        for name, path in zip(widths, paths, strict=True):
+            hashed.update(name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+        return hashed.hexdigest()
+
+    def of(self, drive: "Drive", count: int) -> Float32[ndarray, "n d"]:
+        """The vectors of a drive of ``count`` images.
+
+        Raises:
+            UserError: the file is missing, is not an array of floats, has the wrong number of rows, or has a
+                row that is not finite.
+        """
+        path = Path(self.folder).expanduser() / f"{drive.name}.npy"
+        rows = _rows(path)
+        if rows.ndim != 2 or len(rows) != count or rows.dtype.kind != "f":
+            raise UserError(
+                f"{path} has shape {rows.shape} of {rows.dtype}; {count} rows of floats are needed, one an image",
+                "Describe the images of this drive anew, in their order.",
+            )
+        told = np.asarray(rows, np.float32)
+        if len(bad := np.flatnonzero(~np.isfinite(told).all(axis=1))):
+            raise UserError(
+                f"{path}: {len(bad):,} of {count:,} rows are not finite, the first is row {bad[0]}, counted from 0",
+                "Describe these images anew, or leave them out of the drive.",
+            )
+        return told
+
+
+def _rows(path: Path) -> ndarray:
+    """The array in a file, memory-mapped."""
+    try:
+        rows: ndarray = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise UserError(f"descriptor.folder: {path} cannot be read: {error}", "Write it with numpy.save.") from None
+    if not rows.ndim:
+        raise UserError(f"descriptor.folder: {path} holds a single number", "One row an image, by numpy.save.")
+    return rows
+
+
+class BaselineDescriber:
+    """A training-free descriptor, or one that learns only from the images of the map."""
+
+    def __init__(self, descriptor: "PlaceDescriptor", identity: str):
+        self.descriptor, self.identity = descriptor, identity
+
+    def fit(self, images: "ImageRows") -> None:
+        """Learn from at most 10,000 images of the map, evenly spaced."""
+        rows = np.unique(np.linspace(0, len(images) - 1, min(len(images), 10_000)).astype(np.int64))
+        try:
+            self.descriptor.fit(images[rows])
+        except ValueError as error:
+            raise UserError(f"descriptor: {error}", "descriptor.dimensions=<fewer>, or a larger map") from None
+
+    def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
+        """Descriptors of a few images."""
+        return self.descriptor.describe(images)
+
+
+class LayerDescriber(BaselineDescriber):
+    """The network of the groups ``backbone``, ``inhibition`` and ``pooling``, as it is.
+
+    Args:
+        nodes: these groups and the descriptor's own, as plain values.
+    """
+
+    def __init__(self, nodes: Mapping[str, Any]):
+        from sextant.chapters.places.backbone_layer import backbone_layer, layer_identity
+
+        self.nodes, self.layer = nodes, backbone_layer(nodes)
+        super().__init__(self.layer, layer_identity(self.layer, nodes))
+
+
+class NetworkDescriber:
+    """A trained place-recognition network as descriptor."""
+
+    def __init__(self, network: "TrainedPlaceNetwork"):
+        self.network, self.identity = network, network.model
+
+    def fit(self, images: "ImageRows") -> None:
+        """Learn nothing; check that the images have the size on which the network was trained.
+
+        Raises:
+            UserError: they do not.
+        """
+        size = self.network.size
+        if images.shape[1:] != (size.height, size.width, size.channels):
+            _, height, width, channels = images.shape
+            raise UserError(
+                f"the images are of {height}x{width}x{channels}, the descriptor was trained on "
+                f"{size.height}x{size.width}x{size.channels}",
+                f"dataset.height={size.height} dataset.width={size.width}",
+            )
+
+    def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
+        """Descriptors of a few images."""
+        return np.concatenate([self.network.describe(images[k : k + 256]) for k in range(0, len(images), 256)])
+
+
+def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any]:
+    """A descriptor's config with hashes of its files in place of their paths. Light.
+
+    Raises:
+        UserError: the run, folder or photo does not exist.
+    """
+    if "run" in node:
+        return {"_target_": node["_target_"], "run": TrainedDescriptor(node["run"]).identity(outputs)}
+    if "folder" in node:
+        return {"_target_": node["_target_"], "folder": DescriptorFiles(node["folder"]).identity()}
+    if "photo" in node:
+        network = node["network"] and TrainedDescriptor(node["network"]).identity(outputs)
+        return {**node, "photo": _photo_identity(node["photo"], node["points"]), "network": network}
+    return dict(node)
+
+
+def check_network_parts(config: Config) -> None:
+    """Check that ``backbone``, ``inhibition`` and ``pooling`` belong to a descriptor of such a network. Light.
+
+    Raises:
+        UserError: the descriptor has no network, or one of its own; or it is such a network and has no backbone, or a
+            pooling that would have to be trained.
+    """
+    groups = {name: getattr(config, name) for name in ("backbone", "inhibition", "pooling")}
+    if not isinstance(config.descriptor, NetworkDescriptor):
+        given = next((name for name, part in groups.items() if part is not None), None)
+        if given is None or config.descriptor is None:
+            return
+        kind = part_name({"_target_": config.descriptor.target}).removesuffix("()")
+        of = "has a network of its own" if "run" in config.plain["descriptor"] else f"({kind}) has no network"
+        raise UserError(
+            f"{given}={part_name(config.plain[given])}: the descriptor {of}",
+            f"descriptor=network for one of this {given}, or leave out {given}=",
+        )
+    if config.backbone is None:
+        raise UserError("descriptor=network: no backbone is chosen", "backbone=efficientnet_lite0 backbone.stages=5")
+    if config.pooling is not None and not isinstance(config.pooling, Average | GeM | Flatten | CustomPart):
+        raise UserError(
+            f"pooling={part_name(config.plain['pooling'])} has to be trained, and descriptor=network is not",
+            "pooling=gem, average or flatten; or descriptor=run:<a run of task=place_recognition with this pooling>",
+        )
+
+
+def about_weights(config: Config) -> list[str]:
+    """A note for the reader about a network without weights of its own."""
+    brings = any(config.plain["backbone"].get(key) for key in STARTS_FROM) if config.backbone is not None else True
+    if brings or not isinstance(config.descriptor, NetworkDescriptor):
+        return []
+    return [f"descriptor=network: the weights of the backbone are drawn by descriptor.seed={config.descriptor.seed}"]
+
+
+def _photo_identity(photo: str, points: Sequence[Sequence[float]]) -> str:
+    """The hash of a photo; raises a ``UserError`` unless all points lie on it."""
+    path = Path(photo).expanduser()
+    try:
+        with open_picture(path) as image:
+            width, height = upright_size(image)
+        digest = file_sha256(path)
+    except OSError as error:
+        raise UserError(f"descriptor.photo={photo} {why_unreadable(path, error)}", "Give a photo's file.") from None
+    for x, y in points:
+        if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
+            raise UserError(
+                f"descriptor.points=[[{x:g},{y:g}]] lies outside {path.name} of {width}x{height} pixels",
+                "Give x and y in pixels of the photo.",
+            )
+    return digest
+
+
+def describer(config: Config) -> "Describer | DescriptorFiles":
+    """Build the descriptor that a config names.
+
+    Raises:
+        UserError: the descriptor cannot be built.
+    """
+    if isinstance(config.descriptor, NetworkDescriptor):
+        from sextant.chapters.places.backbone_layer import layer_nodes
+
+        return LayerDescriber(layer_nodes(config.plain))
+    node = dict(config.plain["descriptor"])
+    if "photo" in node and node.get("network"):  # landmarks; in the user's own parts the key may mean anything
+        node["network"] = str(resolve_run(node["network"], Path(config.paths.outputs), "descriptor.network").checkpoint)
+    found = build({"descriptor": node}, "descriptor")
+    if isinstance(found, DescriptorFiles):
+        return found
+    if isinstance(found, TrainedDescriptor):
+        return found.describer(Path(config.paths.outputs))
+    identity = descriptor_identity(config.plain["descriptor"], Path(config.paths.outputs))
+    return BaselineDescriber(found, str(sorted(identity.items())))

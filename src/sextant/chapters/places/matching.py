@@ -1,0 +1,148 @@
+r"""The best matches of every query, how probable they are, and how clearly they stand out.
+
+With the similarities :math:`s_{ij}` of query i and map image j and the temperature T, the probability of the place of
+map image j is
+
+.. math:: \sum_{l \in \mathcal S_j} p(l \mid i), \qquad p(l \mid i) = \frac{e^{s_{il} / T}}{\sum_{l'} e^{s_{il'} / T}},
+
+where :math:`\mathcal S_j` are the map images that show the same place as j, including j. It assumes that the place of
+the query is in the map. The *margin* is the similarity of the best match minus that of the best map image of another
+place.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import repeat
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from scipy.special import logsumexp
+
+from sextant.errors import UserError
+from sextant.evaluation.positives import Positives
+from sextant.reporter import Advance
+from sextant.retrieval import FlatIndex, Neighbours, SequenceMatches, match_sequences
+
+#: similarities that are held in memory at a time: 16 MiB
+BLOCK = 2**22
+#: most similarities of all pairs for which sequences are matched; about 4 GiB with what is computed from them
+LARGEST_RIDES = 2**28
+
+
+class Match(NamedTuple):
+    """A map image that a query was matched with: its number, its similarity, and the probability of its place."""
+
+    image: int
+    similarity: float
+    confidence: float | None
+
+
+@dataclass(frozen=True)
+class Matches:
+    """The matches of all queries.
+
+    Attributes:
+        neighbours: the most similar map images.
+        confidence: probability of the place of each neighbour; None without a temperature.
+        margin: margin of the best match over the next place; nan where the map has no other place.
+        sequences: best map images by sequences of queries; None if not asked for.
+    """
+
+    neighbours: Neighbours
+    confidence: Float64[ndarray, "m k"] | None
+    margin: Float64[ndarray, "m"]
+    sequences: SequenceMatches | None
+
+    def single(self, query: int) -> list[Match]:
+        """The matches of a query by itself, the best first."""
+        sure: Iterable[float | None] = repeat(None) if self.confidence is None else self.confidence[query].tolist()
+        found = zip(self.neighbours.indices[query].tolist(), self.neighbours.values[query].tolist(), sure, strict=False)
+        return [Match(*each) for each in found]
+
+    def by_sequence(self, query: int) -> list[Match] | None:
+        """The query's matches together with the queries before it, the best first; None if not asked for."""
+        if self.sequences is None:
+            return None
+        found = zip(self.sequences.indices[query].tolist(), self.sequences.scores[query].tolist(), strict=True)
+        return [Match(image, score, None) for image, score in found]
+
+    def margin_of(self, query: int) -> float | None:
+        """The margin of the query's best match; None where the map has no other place."""
+        margin = float(self.margin[query])
+        return None if math.isnan(margin) else margin
+
+
+def match(
+    reference: FlatIndex,
+    queries: FlatIndex,
+    same_place: Positives,
+    k: int,
+    *,
+    temperature: float | None,
+    sequence: int | None = None,
+    progress: Advance = lambda done, total: None,
+) -> Matches:
+    """Look every query up in the map.
+
+    Args:
+        reference: the map.
+        queries: descriptors of the queries, in the order of their ride if sequences are asked for.
+        same_place: for each map image, the map images of its place, with or without itself.
+        k: number of matches, in [1, n].
+        temperature: temperature of the posterior over the map; None for no confidence.
+        sequence: number of queries in a sequence; None for single queries only.
+        progress: called with the number of queries done and the total.
+
+    Raises:
+        UserError: the two rides are too long for sequences.
+        ValueError: k is out of range.
+    """
+    sequences = _by_sequences(reference, queries, k, sequence)
+    count = len(queries)
+    values, indices = np.empty((count, k), np.float32), np.empty((count, k), np.int64)
+    confidence = None if temperature is None else np.empty((count, k))
+    margin = np.empty(count)
+    at_a_time = max(1, BLOCK // len(reference))
+    for start in range(0, count, at_a_time):
+        block = queries.references.rows[start : start + at_a_time]
+        values[start : start + at_a_time], indices[start : start + at_a_time] = reference.search(block, k)
+        for row, near in enumerate(block @ reference.references.rows.T, start):
+            similarities = near.astype(np.float64)
+            places = [_place(same_place, int(j)) for j in indices[row]]
+            if confidence is not None:
+                confidence[row] = _probabilities(similarities / temperature, places)
+            similarities[places[0]] = -np.inf
+            second = similarities.max()
+            margin[row] = max(0.0, values[row, 0] - second) if np.isfinite(second) else np.nan
+        progress(min(start + at_a_time, count), count)
+    return Matches(Neighbours(values, indices), confidence, margin, sequences)
+
+
+def _place(same_place: Positives, image: int) -> ndarray:
+    """The map images of the place of one of them, each once."""
+    return np.union1d(same_place[image], [image])
+
+
+def _probabilities(scores: Float64[ndarray, "n"], places: list[ndarray]) -> list[float]:
+    total = logsumexp(scores)
+    return [float(min(1.0, np.exp(scores[place] - total).sum())) for place in places]
+
+
+def _by_sequences(reference: FlatIndex, queries: FlatIndex, k: int, length: int | None) -> SequenceMatches | None:
+    if length is None:
+        return None
+    check_rides(len(reference), len(queries), length)
+    return match_sequences(queries.references.rows @ reference.references.rows.T, k, length=length)
+
+
+def check_rides(reference: int, queries: int, length: int | None) -> None:
+    """Raise a ``UserError`` if there are too many images to be matched by sequences."""
+    if length is not None and queries * reference > LARGEST_RIDES:
+        raise UserError(
+            f"sequences of {length} need the similarities of all pairs, and {queries:,} queries x {reference:,} map "
+            f"images are more than {LARGEST_RIDES:,}",
+            "Give a part of the queries at a time, or look up single photos.",
+        )

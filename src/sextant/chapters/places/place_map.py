@@ -1,0 +1,223 @@
+"""A map of photos, in which other photos are looked up."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal, Self, overload
+
+from numpy import ndarray
+
+from sextant.applications.arguments import check_whole
+from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
+from sextant.applications.pixels import AnyImage, as_pixels
+from sextant.chapters.places.data.tolerance import PlaceTolerance
+from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, failed_photo
+from sextant.chapters.places.describing import describe
+from sextant.chapters.places.kept_descriptor import Describes, kept_network, load_descriptor
+from sextant.chapters.places.looked_up import LookedUp, looked_up
+from sextant.chapters.places.run_facts import FITTED, Temperature, fitted_confidence, run_temperature
+from sextant.chapters.places.saved_map import TOLERANCES, read_facts
+from sextant.errors import UserError
+from sextant.kit.content import own_config, read_trained
+from sextant.retrieval import FlatIndex
+from sextant.retrieval.without_mean import Centring
+from sextant.runs.checkpoint import KEY
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import FoundRun, resolve_run
+
+
+class PlaceMap(DescribedMap):
+    """Photos of known places, in which the place of another photo is looked up.
+
+    Photos of the map are image files of any kind; photos that are looked up may also be bytes, as arrays, lists or
+    Pillow images. They may have any size; they are turned upright by EXIF and stretched to the size of the network's
+    images. The map keeps only the descriptors and names of its files.
+
+    The confidence of a match is the posterior of its place over the map, at the temperature that the run's test fitted
+    (see :mod:`~sextant.chapters.places.matching`). It assumes that the place is in the map.
+
+    >>> places = PlaceMap.load("outputs/runs/place_recognition/1a2b3c4d-s0")  # doctest: +SKIP
+    >>> places.add("photos/day")  # doctest: +SKIP
+    >>> best = places.look_up("photos/night/7.jpg").best  # doctest: +SKIP
+    >>> print(best.photo, best.similarity, best.confidence)  # doctest: +SKIP
+
+    Args:
+        descriptor: what describes images: a descriptor of :mod:`sextant.baselines` that is fitted or needs no fitting,
+            the name of one (``"Hog"``), or any object with ``describe``.
+        size: size of the images that it takes; by default its own ``size``, or ``height`` and ``width``.
+        temperature: temperature of the posterior over the map, above 0; without it matches have no confidence.
+        tolerances: what counts as one place, in metres and in photos along a ride.
+
+    Raises:
+        ArgumentError: the size is unknown or not an ``ImageSize``, the descriptor takes only vectors, or the
+            temperature is not above 0.
+    """
+
+    @classmethod
+    def load(cls, run: Path | str, outputs: Path | str | None = None, *, trust: bool = False) -> Self:
+        """Create an empty map whose photos are described by the network of a run.
+
+        Args:
+            run: an MLflow run id, a run directory or its name, or a checkpoint.
+            outputs: folder of runs; the folder that runs are written to by default.
+            trust: build user-defined parts that the checkpoint names.
+
+        Raises:
+            UserError: there is no such run, its file is damaged, or it is of another task.
+        """
+        found = resolve_run(str(run), default_outputs() if outputs is None else Path(outputs).expanduser())
+        return cls.of(read_trained(found.checkpoint), found, trust=trust)
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any], found: FoundRun, *, trust: bool = False) -> Self:
+        """Create an empty map for a run's checkpoint that has been read already.
+
+        Raises:
+            UserError: as for :meth:`load`.
+        """
+        trained = content[KEY]
+        if trained["task"] != "place_recognition":
+            raise UserError(f"{found.checkpoint} is a model of {trained['task']}, not of place_recognition")
+        task: Any = own_config(trained, trust=trust).task
+        tolerances = {
+            unit: PlaceTolerance(unit, **getattr(task.test_tolerance, unit).model_dump()) for unit in TOLERANCES
+        }
+        kept = kept_network(found.checkpoint, content, trust=trust)
+        own = trained["spec"].get(FITTED, {}).get("temperature")
+        temperature = run_temperature(found) if own is None else Temperature(own)
+        return cls(kept, temperature=temperature, tolerances=tolerances)
+
+    @classmethod
+    def open(
+        cls,
+        folder: Path | str,
+        run: Path | str | None = None,
+        outputs: Path | str | None = None,
+        *,
+        descriptor: Describes | None = None,
+        trust: bool = False,
+    ) -> Self:
+        """Open a saved map.
+
+        Args:
+            folder: folder that the map was saved to, or that ``predict.py`` wrote with ``descriptors=true``.
+            run: run whose network describes photos, for a map that was saved without it.
+            outputs: folder of runs; the folder that runs are written to by default.
+            descriptor: descriptor of photos, for a map whose descriptor could not be saved.
+            trust: build user-defined parts that a network's config names.
+
+        Raises:
+            UserError: there is no map, it is damaged, or its network is not that of the run.
+        """
+        folder = Path(str(folder)).expanduser()
+        facts = read_facts(folder)
+        if run is not None:
+            places = cls.load(run, outputs, trust=trust)
+        elif descriptor is not None or facts.descriptor:
+            kept = descriptor or load_descriptor(folder / DESCRIPTOR, trust=trust)
+            places = cls(kept, facts.size, temperature=facts.temperature, tolerances=facts.tolerances)
+        else:
+            raise UserError(
+                f"the map in {folder} was saved without what describes photos",
+                "Name the run of its network: PlaceMap.open(folder, run=...)",
+            )
+        places.tolerance = facts.tolerance
+        return places.take(folder)
+
+    def look_up(self, photo: AnyImage, k: int = 5) -> LookedUp:
+        """Find the photos of the map that show the place of a photo.
+
+        Args:
+            photo: a file, bytes or a Pillow image.
+            k: number of matches, at least 1; a smaller map gives all its photos.
+
+        Raises:
+            UserError: the photo cannot be read, or the map is empty.
+        """
+        (found,) = self.look_up_many([photo], k, errors="return")
+        if isinstance(found, FailedPhoto):
+            raise found.error
+        return found
+
+    @overload
+    def look_up_many(
+        self, photos: Iterable[AnyImage], k: int = 5, *, centring: Centring = "none", errors: Literal["raise"] = "raise"
+    ) -> list[LookedUp]: ...
+    @overload
+    def look_up_many(
+        self, photos: Iterable[AnyImage], k: int = 5, *, centring: Centring = "none", errors: Literal["return"]
+    ) -> list[LookedUp | FailedPhoto]: ...
+    def look_up_many(
+        self, photos: Iterable[AnyImage], k: int = 5, *, centring: Centring = "none", errors: Errors = "raise"
+    ) -> list[LookedUp] | list[LookedUp | FailedPhoto]:
+        """Look up several photos, each by itself; the results are in the same order.
+
+        Args:
+            photos: files, bytes or Pillow images.
+            k: as for :meth:`look_up`.
+            centring: for photos of one ride: which mean descriptor is subtracted, as for :meth:`match`.
+            errors: ``raise`` tries all photos, then raises if some failed; ``return`` puts a :class:`FailedPhoto` in
+                the place of each that did.
+
+        Raises:
+            FailedPhotosError: photos failed; it names all of them.
+            ArgumentError: k is not a whole number of at least 1, or ``photos`` is not a collection of photos.
+            UserError: the map is empty.
+        """
+        return self._look_up(photos, k, None, errors, centring)
+
+    @overload
+    def look_up_sequence(
+        self, photos: Iterable[AnyImage], k: int = 5, *, length: int = 10, errors: Literal["raise"] = "raise"
+    ) -> list[LookedUp]: ...
+    @overload
+    def look_up_sequence(
+        self, photos: Iterable[AnyImage], k: int = 5, *, length: int = 10, errors: Literal["return"]
+    ) -> list[LookedUp | FailedPhoto]: ...
+    def look_up_sequence(
+        self, photos: Iterable[AnyImage], k: int = 5, *, length: int = 10, errors: Errors = "raise"
+    ) -> list[LookedUp] | list[LookedUp | FailedPhoto]:
+        """Look up the photos of a ride, each together with those before it.
+
+        The map must be a ride too, in the order in which photos were added; see
+        :mod:`sextant.retrieval.sequence_matching`. A photo that fails is left out of the ride.
+
+        Args:
+            photos: as for :meth:`look_up_many`, in the order of the ride.
+            k: as for :meth:`look_up`.
+            length: number of photos in a sequence, at least 2.
+            errors: as for :meth:`look_up_many`.
+
+        Raises:
+            FailedPhotosError: photos failed; it names all of them.
+            UserError: the map is empty, or the two rides are too long to be compared.
+        """
+        check_whole("length", length, 2, "For example length=10")
+        return self._look_up(photos, k, length, errors)
+
+    def _look_up(
+        self, photos: Iterable[AnyImage], k: int, sequence: int | None, errors: Errors, centring: Centring = "none"
+    ) -> list[LookedUp | FailedPhoto]:
+        check_whole("k", k, 1, "For example k=5")
+        photos, described = several(photos, errors), self.described
+        size = (self.size.height, self.size.width, self.size.channels)
+        names: list[str] = []
+        given: dict[int, Path | ndarray] = {}
+        results: dict[int, LookedUp | FailedPhoto] = {}
+        for i, photo in enumerate(photos):
+            names.append(str(Path(photo).expanduser()) if isinstance(photo, Path | str) else f"photo {i}")
+            try:
+                given[i] = Path(names[i]) if isinstance(photo, Path | str) else as_pixels(photo, size)
+            except UserError as error:
+                results[i] = FailedPhoto(names[i], error)
+        numbers = list(given)
+        found = describe(self._describer, self.size, list(given.values()))
+        results |= {numbers[j]: failed_photo(names[numbers[j]], why) for j, why in found.failed.items()}
+        raise_failed((each for _, each in sorted(results.items())), len(names), "looked up", errors)
+        good = [i for i in numbers if i not in results]
+        if good:
+            far = {numbers[j] for j in found.stretched}
+            matches = self.match(FlatIndex(found.rows), k, centring=centring, sequence=sequence)
+            sure = fitted_confidence(self.descriptor.facts) if centring == "none" else None
+            stretched = [i in far for i in good]
+            results |= zip(good, looked_up([names[i] for i in good], stretched, described, matches, sure), strict=True)
+        return [results[i] for i in range(len(names))]

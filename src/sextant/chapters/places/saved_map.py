@@ -1,0 +1,145 @@
+"""Saved descriptors of photos, which can be searched again without the photos.
+
+A folder holds a :class:`~sextant.retrieval.FlatIndex` (``descriptors.npy``, ``index.json``) and ``map.json``, which
+states the network and the photos. The latter is written last, and holds the hash of ``index.json`` and of itself.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.array_folder import FolderFormat, file_sha256
+from sextant.chapters.places.data.decoded_images import DECODER, ImageSize
+from sextant.chapters.places.data.tolerance import PlaceTolerance, Unit
+from sextant.chapters.places.describing import DescribedPhotos
+from sextant.chapters.places.photo_folder import HEADER, PhotoFolder
+from sextant.chapters.places.run_facts import Temperature
+from sextant.errors import UserError
+from sextant.retrieval import flat_index
+from sextant.retrieval.flat_index import FlatIndex
+
+#: what counts as one place where no run says so
+TOLERANCES: dict[Unit, PlaceTolerance] = {"m": PlaceTolerance("m", 5, 25), "frames": PlaceTolerance("frames", 0, 1)}
+NO_TEMPERATURE = Temperature(None, "the map was saved without one")
+KIND = FolderFormat("a map of photos", "sextant.place_map", 1, HEADER)
+
+
+@dataclass(frozen=True)
+class MapFacts:
+    """What the header of a map states besides its photos.
+
+    Attributes:
+        model: identifies the network among others.
+        descriptor: whether the descriptor is saved beside the map.
+        temperature: temperature of the posterior over the map.
+        tolerance: largest distance within one place, if it was set.
+        tolerances: what counts as one place, by unit.
+        size: size of the images that the network takes; None for the network's own.
+    """
+
+    model: str
+    descriptor: bool = False
+    temperature: Temperature = NO_TEMPERATURE
+    tolerance: float | None = None
+    tolerances: Mapping[Unit, PlaceTolerance] = field(default_factory=lambda: TOLERANCES)
+    size: ImageSize | None = None
+
+
+def save_map(described: DescribedPhotos, facts: MapFacts, folder: Path) -> None:
+    """Write descriptors with the names of their photos; existing files are replaced.
+
+    Raises:
+        OSError: the disk is full, or the folder cannot be written to.
+    """
+    described.index.save(folder)
+    photos = {
+        "decoder": DECODER,
+        "folder": str(described.photos.folder.absolute()),
+        "photos": list(described.photos.names),
+        "failed": dict(described.failed),
+        "stretched": list(described.stretched),
+        "positions": None if described.positions is None else described.positions.tolist(),  # nan becomes null
+        "index_sha256": file_sha256(folder / flat_index.HEADER),
+    }
+    KIND.write_header(folder, {**asdict(facts), "temperature": facts.temperature._asdict(), **photos})
+
+
+def read_facts(folder: Path) -> MapFacts:
+    """Read what the header of a map states besides its photos.
+
+    Raises:
+        UserError: there is no map, or its header is damaged.
+    """
+    return _facts(_header(folder), folder)
+
+
+def load_map(folder: Path) -> tuple[DescribedPhotos, MapFacts]:
+    """Open saved descriptors, memory-mapped.
+
+    Raises:
+        UserError: they are damaged, or of a version of Sextant that decodes images differently.
+    """
+    header = _header(folder)
+    if header["decoder"] != DECODER:
+        raise UserError(
+            f"the map in {folder} is of a version of Sextant that decodes photos otherwise", "Add its photos anew."
+        )
+    index = FlatIndex.load(folder)
+    photos = PhotoFolder(Path(header["folder"]), tuple(header["photos"]))
+    try:
+        positions = _positions(header.get("positions"), len(index))
+    except (ValueError, TypeError):
+        raise KIND.damaged(folder, f"{HEADER} does not have a position of each photo") from None
+    found = DescribedPhotos(photos, index, header["failed"], tuple(header["stretched"]), positions)
+    if file_sha256(folder / flat_index.HEADER) != header["index_sha256"] or index.names != found.names:
+        raise KIND.damaged(folder, f"{flat_index.HEADER} is not the one that {HEADER} was written for")
+    return found, _facts(header, folder)
+
+
+def _header(folder: Path) -> dict[str, Any]:
+    header = KIND.read_header(folder)
+    if not _well_formed(header):
+        raise KIND.damaged(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
+    return header
+
+
+def _facts(header: Mapping[str, Any], folder: Path) -> MapFacts:
+    if "size" not in header:  # written before these were stored
+        return MapFacts(header["model"])
+    try:
+        value, lacking, tolerance = *(header["temperature"][key] for key in ("value", "lacking")), header["tolerance"]
+        return MapFacts(
+            header["model"],
+            bool(header["descriptor"]),
+            Temperature(None if value is None else float(value), str(lacking)),
+            None if tolerance is None else float(tolerance),
+            {unit: PlaceTolerance(**header["tolerances"][unit]) for unit in TOLERANCES},
+            ImageSize(**{key: int(side) for key, side in header["size"].items()}),
+        )
+    except (AttributeError, KeyError, TypeError, ValueError, UserError) as error:
+        raise KIND.damaged(folder, f"{HEADER} does not tell how photos are looked up: {error!r}") from error
+
+
+def _positions(rows: Any, count: int) -> Float64[ndarray, "n 2"] | None:
+    """Positions by the header; None in headers from before there were any."""
+    if rows is None:
+        return None
+    positions = np.array(rows, np.float64)  # null is nan
+    if positions.shape != (count, 2):
+        raise ValueError(f"{positions.shape} for {count} photos")
+    return positions
+
+
+def _well_formed(header: dict[str, Any]) -> bool:
+    texts = all(isinstance(header.get(key), str) for key in ("model", "folder", "index_sha256"))
+    lists = all(
+        isinstance(header.get(key), list) and all(isinstance(name, str) for name in header[key])
+        for key in ("photos", "stretched")
+    )
+    failed = header.get("failed")
+    return texts and lists and isinstance(failed, dict) and all(isinstance(why, str) for why in failed.values())

@@ -1,1 +1,0 @@
-"""Success, errors and posteriors of localization."""

@@ -1,0 +1,334 @@
+"""The measure of a report: how images become one number per run, in which unit, and which direction is better."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from sextant.chapters.calibration.metrics.summary import KIND, failures, median_error
+from sextant.errors import UserError
+from sextant.evaluation import BENCHMARK_15, CorruptionErrors, mean_interval, share_interval
+from sextant.evaluation.shared_set import SharedSet
+
+Images = Float[ndarray, "images"]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """How the test images of one run are summarised.
+
+    Attributes:
+        title: heading of the table of cells.
+        quantity: name of the values, in a word.
+        unit: unit of all values, such as ``%``; empty if conditions have their own units.
+        difference: name of the values of a contrast.
+        statistic: statistic over the images of a run. Means can be compared image by image, medians only run by run.
+        better: whether higher or lower is better.
+        diverged: when a run counts as diverged, in words for the reader.
+        trained_by: keys that set how long runs train, which may make one learn that diverged.
+        remedy: what to try without such keys.
+        digits: number of decimals.
+        items: name of the test items, each of which has a value.
+        metrics: metrics that a report tabulates beside the measure, unless the sweep names others; see
+            :mod:`~sextant.reports.metric`.
+    """
+
+    title: str
+    quantity: str
+    difference: str
+    statistic: Literal["mean", "median"]
+    better: Literal["higher", "lower"]
+    diverged: str
+    trained_by: tuple[str, ...] = ("trainer.max_epochs", "trainer.batch_size")
+    remedy: str = ""
+    unit: str = "%"
+    digits: int = 2
+    items: str = "images"
+    metrics: tuple[str, ...] = ()
+
+    @property
+    def is_share(self) -> bool:
+        """Whether the number of a run is a share, in per cent."""
+        return self.unit == "%"
+
+    @property
+    def largest(self) -> float:
+        """The largest possible difference in either direction."""
+        return 100.0 if self.is_share else math.inf
+
+    def interval(self, values: Float[ndarray, "seeds"], trials: int) -> tuple[float, float]:
+        """The 95 % interval of the mean over seeds; for shares it stays within 0 and 100, otherwise it is Student's t.
+
+        Args:
+            values: one value per run.
+            trials: total number of trials of all runs.
+        """
+        if not self.is_share:
+            return mean_interval(values)
+        low, high = share_interval(values / 100, trials)
+        return (100 * low, 100 * high)
+
+    def of_published(self, accuracy: float) -> float:
+        """A published figure in this measure's unit; sweeps give those of classifiers as accuracies in per cent."""
+        return 100 - accuracy if self == CORRUPTION_ERROR else accuracy
+
+    def of(self, images: Images) -> float:
+        """The number of a run; a nan counts as an infinite error."""
+        if self.statistic == "mean":
+            return float(images.mean())
+        return median_error(images)
+
+
+ACCURACY = Measure(
+    "Accuracy on the test split, per cent",
+    "accuracy",
+    "difference in accuracy (points)",
+    "mean",
+    "higher",
+    "its validation accuracy after training is nearer to chance than to 1",
+)
+#: measure of runs tested under a published set of corruptions, whose literature reports errors
+CORRUPTION_ERROR = Measure(
+    "Errors on the test split, per cent; lower is better",
+    "error",
+    "difference in error (points)",
+    "mean",
+    "lower",
+    ACCURACY.diverged,
+)
+CALIBRATION = Measure(
+    "Median errors on the test split",
+    "median error",
+    "difference in median error",
+    "median",
+    "lower",
+    "its median bearing error on the validation split is above 0.8 of that of a constant camera",
+    unit="",
+    digits=3,
+)
+FAILURES = Measure(
+    "Failures on the test split, per cent: bearings off by more than 10°, or no answer",
+    "failures",
+    "difference in failures (points)",
+    "mean",
+    "lower",
+    CALIBRATION.diverged,
+)
+RECALL = Measure(
+    "Recall@1 on the test split, per cent",
+    "recall@1",
+    "difference in recall@1 (points)",
+    "mean",
+    "higher",
+    "its recall@1 on the validation split is below three times chance",
+    trained_by=("trainer.max_epochs",),
+)
+SUCCESS = Measure(
+    "Success, per cent of the runs along the test drives",
+    "success",
+    "difference in success (points)",
+    "mean",
+    "higher",
+    "its posterior over the map's images is no likelier to be right on the validation drives than a uniform one",
+    trained_by=(),
+    remedy="Most often the descriptor cannot tell the places apart, or map and drives are not of the same places.",
+    digits=1,
+    items="runs along drives",
+    metrics=(
+        *("success", "frames_to_converge_median", "recovered", "frames_to_recover_median", "tracking"),
+        *("position_error_median", "heading_error_deg_median", "pose_nll", "nees_median", "coverage_95", "ess"),
+        *("descriptor_nll", "us_per_particle", "ms_per_image", "ms_per_step_of_all_runs"),
+        *("fit_map_s", "model_mb", "peak_memory_mb"),
+    ),
+)
+RECOGNITION = Measure(
+    "Accuracy on the test split, per cent",
+    "accuracy",
+    "difference in accuracy (points)",
+    "mean",
+    "higher",
+    "the validation accuracy of its network after training is nearer to chance than to 1",
+)
+#: prefixes of the arrays of a classifier that hold its confidence and the negative log-likelihood of the true class
+BELIEVED = ("confidence/", "nll/")
+#: name of the mean over corruptions, and prefix of the arrays of corrupted images: answers by method and condition key,
+#: and whether runs along drives succeeded
+CORRUPTED = "corrupted"
+#: prefix of the arrays of recognition by filters that hold the answers of a method
+ANSWERS = "answer/"
+#: prefix of the arrays of a calibration run that hold a method's bearing errors
+BEARINGS = "bearing_deg/"
+#: prefix of those that mark the test images of a condition
+UNDER = "condition/"
+#: prefix of the arrays of a localizer that mark the successful runs along the test drives
+LOCALIZED = "success/"
+#: prefix and suffix of the arrays of place recognition that mark the queries found by the network
+FOUND_FIRST, FOUND_LAST = "R@1_", "/network"
+#: errors of the network that a calibration run stores, with their columns in a report
+CALIBRATION_ERRORS = {
+    "bearing_deg": "bearing (deg)",
+    "tilt_deg": "tilt (deg)",
+    "roll_deg": "roll (deg)",
+    "vfov_deg": "vfov (deg)",
+    "k1": "k1",
+    "k1_hat": "k1_hat",
+    "undistortion_px": "undistortion (px)",
+}
+
+
+@dataclass(frozen=True)
+class RunValues:
+    """Values derived from the arrays of one run.
+
+    Attributes:
+        measure: the measure of the values.
+        by_condition: the value of each test image under each condition of the report.
+        errors: errors by corruption and severity, for a run under a published set.
+        metrics: metrics computed from the arrays, to check that they belong to the run's ``metrics.json``.
+    """
+
+    measure: Measure
+    by_condition: dict[str, Images]
+    errors: CorruptionErrors | None = None
+    metrics: Mapping[str, float] = field(default_factory=dict)
+
+
+def require_answers(arrays: Mapping[str, ndarray], reads: str) -> None:
+    """Raise a ``UserError`` unless a run has the answers of the method that an arm reads."""
+    methods = [key.removeprefix(of) for of in (ANSWERS, BEARINGS) for key in arrays if key.startswith(of)]
+    if reads not in methods:
+        raise UserError(
+            f"an arm of the sweep reads the answers of {reads}; its runs have those of "
+            f"{', '.join(methods) or 'one method alone'}",
+            "Correct the arm's reads, and run the sweep again.",
+        )
+
+
+def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -> RunValues:
+    """Accuracy under each condition of the test, or errors under a published set of corruptions.
+
+    Under a set the report has few conditions: ``clean``, ``corrupted`` (the mean over severities, then over all shared
+    corruptions), if more corruptions than those are shared ``benchmark 15``, and each corruption beside the set. The
+    value of an image is 100 times the mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per
+    cent.
+
+    Args:
+        arrays: arrays of the run's ``predictions.npz``.
+        shared: the conditions of a published set that all runs share, if they were tested under one.
+
+    Raises:
+        KeyError: the arrays are not those of such a run.
+    """
+    if shared is None:
+        right = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in conditions_in(arrays)}
+        return RunValues(ACCURACY, right, metrics=_accuracies(right) | _trust(arrays))
+    wrong = {
+        key: np.asarray(arrays[key] != arrays["labels"]) for key in (*shared.keys, *sum(shared.beside.values(), ()))
+    }
+    values = {"clean": 100.0 * wrong["clean"]}
+    for title, names in summary_conditions(shared).items():
+        values[title] = 100.0 * np.mean([_over_severities(wrong, shared, name) for name in names], axis=0)
+    for name, keys in shared.beside.items():
+        values[name] = 100.0 * np.mean([wrong[key] for key in keys], axis=0)
+    errors = CorruptionErrors.of_conditions({key: float(wrong[key].mean()) for key in shared.keys})
+    right = {key: 100.0 * ~images for key, images in wrong.items()}
+    return RunValues(CORRUPTION_ERROR, values, errors, _accuracies(right) | _trust(arrays))
+
+
+def calibrated(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunValues:
+    """Errors of the network, with each quantity as a condition; or failures of the method ``reads``, on all test images
+    and on those of each kind of scene."""
+    if reads is not None:
+        kinds = {key.removeprefix(KIND): arrays[key] for key in arrays if key.startswith(KIND)}
+        return RunValues(FAILURES, {kind: 100.0 * of for kind, of in failures(arrays[BEARINGS + reads], kinds).items()})
+    found = {key: arrays[f"{key}/network"] for key in CALIBRATION_ERRORS}
+    medians = {f"test/{key}/network": median_error(errors) for key, errors in found.items()}
+    return RunValues(CALIBRATION, {CALIBRATION_ERRORS[key]: found[key] for key in found}, metrics=medians)
+
+
+def places_found(arrays: Mapping[str, ndarray]) -> RunValues:
+    """Recall of the network under each condition of the queries, without sequences."""
+    from sextant.chapters.places.report import logged_name
+
+    found = {key: key.removesuffix(FOUND_LAST) for key in arrays if key.endswith(FOUND_LAST)}
+    recalls = {logged_name(name): float(arrays[key].mean()) for key, name in found.items()}
+    single = {key: name for key, name in found.items() if not name.startswith(f"{FOUND_FIRST}sequence")}
+    return RunValues(RECALL, {name: 100.0 * arrays[key] for key, name in single.items()}, metrics=recalls)
+
+
+def localized(arrays: Mapping[str, ndarray]) -> RunValues:
+    """Success of localization: each "image" is one run along a test drive, and the conditions are the trials."""
+    found = {key.removeprefix(LOCALIZED): 100.0 * arrays[key] for key in arrays if key.startswith(LOCALIZED)}
+    success = {"test/success": float(np.mean([runs.mean() for runs in found.values()])) / 100} if found else {}
+    shares = {key: 100.0 * arrays[key] for key in arrays if key.startswith(f"{CORRUPTED}/")}
+    corrupted = {name: _corrupted(shares, name) for name in found}
+    under = {f"{name}, {CORRUPTED}": runs for name, runs in corrupted.items() if runs is not None}
+    return RunValues(SUCCESS, found | under, metrics=success)
+
+
+def recognised(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunValues:
+    """Accuracy of each method, or of the method ``reads`` under each condition of the test."""
+    answers = {key.removeprefix(ANSWERS): arrays[key] for key in arrays if key.startswith(ANSWERS)}
+    right = {method: 100.0 * (found == arrays["labels"]) for method, found in answers.items()}
+    rights = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in arrays if key.startswith(f"{CORRUPTED}/")}
+    corrupted = {method: _corrupted(rights, method) for method in right}
+    values = right | {f"{method}, {CORRUPTED}": images for method, images in corrupted.items() if images is not None}
+    if reads is not None:
+        under = {key.removeprefix(UNDER): arrays[key] for key in arrays if key.startswith(UNDER)}
+        values = {name: right[reads][rows] for name, rows in under.items()} or {"test": right[reads]}
+        if (images := corrupted.get(reads)) is not None:
+            each = under or {"test": np.ones(len(images), bool)}
+            values |= {f"{name}, {CORRUPTED}": images[rows] for name, rows in each.items()}
+    return RunValues(RECOGNITION, values, metrics=_accuracies(right))
+
+
+def conditions_in(arrays: Iterable[str]) -> list[str]:
+    """The keys of the arrays of a classifier that hold predictions: all but labels and what it believed of them."""
+    return [key for key in arrays if key != "labels" and not key.startswith(BELIEVED)]
+
+
+def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:
+    """The conditions of a report beside ``clean``, with the corruptions over which each is averaged."""
+    everything = tuple(shared.severities)
+    conditions = {"corrupted": everything}
+    if set(BENCHMARK_15) < set(everything):
+        conditions["benchmark 15"] = BENCHMARK_15
+    return conditions
+
+
+def _accuracies(right: Mapping[str, Images]) -> dict[str, float]:
+    """Accuracies as metrics, from values of 0 or 100 per image."""
+    return {f"test/accuracy/{name}": float(images.mean()) / 100 for name, images in right.items()}
+
+
+def _corrupted(values: Mapping[str, Images], of: str) -> Images | None:
+    """Per image, the mean of ``corrupted/<of>/<corruption>/<severity>`` over severities, then corruptions; or None."""
+    prefix = f"{CORRUPTED}/{of}/"
+    by_corruption: dict[str, list[Images]] = {}
+    for key, found in values.items():
+        if key.startswith(prefix) and key.count("/") == prefix.count("/") + 1:
+            by_corruption.setdefault(key.removeprefix(prefix).rpartition("/")[0], []).append(found)
+    each = [np.mean(severities, axis=0) for severities in by_corruption.values()]
+    return np.asarray(np.mean(each, axis=0)) if each else None
+
+
+def _trust(arrays: Mapping[str, ndarray]) -> dict[str, float]:
+    """ECE and NLL as metrics; empty for runs that are older than these."""
+    from sextant.evaluation.confidence import trust
+
+    return {
+        name: value
+        for key in conditions_in(arrays)
+        if f"confidence/{key}" in arrays
+        for name, value in trust(
+            key, arrays[f"confidence/{key}"], arrays[f"nll/{key}"], arrays[key] == arrays["labels"]
+        ).items()
+    }
+
+
+def _over_severities(wrong: Mapping[str, Bool[ndarray, "images"]], shared: SharedSet, name: str) -> Images:
+    return np.asarray(np.mean([wrong[key] for key in shared.of(name)], axis=0))

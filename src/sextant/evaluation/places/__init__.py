@@ -1,1 +1,0 @@
-"""Recall, precision and posteriors of place recognition."""

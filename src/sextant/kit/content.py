@@ -1,0 +1,77 @@
+"""The content of a trained model's file: its config and its weights."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sextant.config import Config
+from sextant.config.trained import trained_config
+from sextant.errors import UserError
+from sextant.zoo.files import WEIGHTS, read_model
+
+if TYPE_CHECKING:
+    from torch import nn
+
+PUBLISHED = ".pth.tar"  # what the push-pull paper's authors call their files
+RUNNING = ("running_mean", "running_var")  # statistics of normalisation, which are weights as well
+
+
+def read_trained(path: Path) -> dict[str, Any]:
+    """Read a checkpoint, or a model of the zoo or a published push-pull network in the form of one.
+
+    Raises:
+        UserError: the file is missing, damaged or none of these; nothing in it was executed.
+    """
+    if path.suffix == WEIGHTS:
+        from sextant.runs.checkpoint import KEY
+
+        model, weights = read_model(path)
+        return {KEY: model, "state_dict": weights}
+    if path.name.endswith(PUBLISHED):
+        from sextant.kit.published import published_content
+
+        return published_content(path)
+    from sextant.runs.checkpoint import load_checkpoint
+
+    return load_checkpoint(path)
+
+
+def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> Config:
+    """The config that a checkpoint contains, without what belongs to the run alone.
+
+    Args:
+        trained: what the checkpoint holds under ``runs.checkpoint.KEY``.
+        trust: allow parts that are not Sextant's.
+
+    Raises:
+        UserError: as for :func:`~sextant.config.trained.trained_config`.
+    """
+    own = {**trained["config"], "init_from": None, "sweep": None}
+    config = trained_config(own, trained["task"], trust=trust)
+    if (within := trained["spec"].get("features")) is not None:  # of another run's network, which is built as well
+        trained_config(within["config"], within["task"], trust=trust)
+    return config
+
+
+def load_weights(module: "nn.Module", content: Mapping[str, Any], checkpoint: Path) -> None:
+    """Load the weights of a checkpoint into a module, in place.
+
+    Values that a task stores besides its weights, such as the score of what was never seen, may be infinite.
+
+    Raises:
+        UserError: the weights do not fit, or are not finite.
+    """
+    from sextant.torch_file import require_finite
+
+    state = content["state_dict"]
+    weights = {name for name, _ in module.named_parameters()}
+    weights |= {name for name, _ in module.named_buffers() if name.endswith(RUNNING)}
+    require_finite(state, checkpoint, weights)
+    try:
+        module.load_state_dict(state)
+    except RuntimeError as error:
+        lines = [line.strip() for line in str(error).splitlines()[1:4]]
+        raise UserError(
+            f"the weights in {checkpoint} do not fit this network: {' '.join(lines)}",
+            "Choose the backbone and inhibition that the checkpoint was trained with.",
+        ) from None

@@ -1,1 +1,0 @@
-"""Camera calibration from one image (chapter 2): module and report."""

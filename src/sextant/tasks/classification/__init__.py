@@ -1,1 +1,0 @@
-"""Image classification under corruptions (chapter 7): module and report."""

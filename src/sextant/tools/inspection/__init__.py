@@ -1,0 +1,6 @@
+"""What a user's own folder contains, which tasks fit it, and the commands for them: :func:`inspect`."""
+
+from sextant.tools.inspection.inspecting import Inspection, inspect
+from sextant.tools.inspection.summary import summary
+
+__all__ = ["Inspection", "inspect", "summary"]

@@ -1,0 +1,185 @@
+"""What a user's own folder or video contains, and what can be done with it."""
+
+from collections import Counter
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from sextant.chapters.places.data.gps_poses import doubtful
+from sextant.errors import ArgumentError
+from sextant.reporter import SILENT, Progress
+from sextant.tools.inspection.files import found_files
+from sextant.tools.inspection.gps import extent_m, poses_by_gps, positions
+from sextant.tools.inspection.photos import camera_groups, described, duplicates, panoramas, read_headers
+from sextant.tools.inspection.poses import FoundPoses, found_poses, odometry_tables, separate_models
+from sextant.tools.inspection.seen import Seen
+from sextant.tools.inspection.suggestion import Suggestion
+from sextant.tools.inspection.suggestions import suggestions
+from sextant.tools.inspection.times import folders_of_photos
+from sextant.tools.inspection.videos import FoundVideo, found_video
+from sextant.user_files import absent
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """The contents of a folder, and the tasks that fit them.
+
+    Attributes:
+        seen: what the folder contains.
+        suggestions: tasks that fit, with their commands.
+        remarks: what the user should know beforehand.
+    """
+
+    seen: Seen
+    suggestions: tuple[Suggestion, ...]
+    remarks: tuple[str, ...]
+
+    def facts(self) -> dict[str, Any]:
+        """Everything as plain values: the content of a JSON file."""
+        seen, headers = self.seen, self.seen.headers.values()
+        return {
+            "input": str(seen.given),
+            "images": len(headers),
+            "sizes": [{"width": w, "height": h, "images": n} for (w, h), n in sizes(seen).items()],
+            "cameras": [asdict(each) for each in seen.cameras],
+            "gps": len(gps := positions(seen.headers)),
+            "gps_doubtful": sum(bool(each.gps.position and each.gps.problem) for each in seen.headers.values()),
+            "gps_directions": sum(each.direction_deg is not None for each in gps),
+            "gps_extent_m": list(extent_m(gps)) if gps else None,
+            "gravity": dict(Counter(each.gravity for each in headers if each.gravity)),
+            "panoramas": [path.as_posix() for path in seen.panoramas],
+            "duplicates": [list(group) for group in seen.duplicates],
+            "folders": [
+                {"folder": each.folder.as_posix(), "images": len(each.files), "times_from": each.times_from,
+                 "first_s": each.times_s[0] if each.times_s else None,
+                 "last_s": each.times_s[-1] if each.times_s else None,
+                 "jumps": [{"before": name, "seconds": step} for name, step in each.jumps],
+                 "backwards": list(each.backwards)}
+                for each in seen.folders
+            ],
+            "videos": [asdict(each) for each in seen.videos],
+            "recordings": [path.as_posix() for path in seen.files.recordings],
+            "poses": [
+                {"file": each.file.as_posix(), "format": each.format, "poses": each.count, "images": each.posed,
+                 "images_without_pose": each.unposed, "poses_without_image": each.without_image,
+                 "problem": each.problem or None, "remarks": list(each.remarks)}
+                for each in seen.poses
+            ],
+            "odometry": [{"file": file.as_posix(), "rows": rows} for file, rows in seen.odometry.items()],
+            "unreadable": dict(seen.unreadable),
+            "suggestions": [asdict(each) for each in self.suggestions],
+            "remarks": list(self.remarks),
+        }  # fmt: skip
+
+
+def sizes(seen: Seen) -> dict[tuple[int, int], int]:
+    """How many images have each width and height, the most frequent size first."""
+    return dict(Counter((each.width, each.height) for each in seen.headers.values()).most_common())
+
+
+def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspection:
+    """Inspect a folder, a photo, a video or a file of poses, by headers, so that thousands of photos take seconds.
+
+    Files of equal size are compared by content, and photos with the shape of a panorama are decoded at a small size.
+
+    Args:
+        input: what to look at.
+        progress: shows the progress of the work.
+
+    Raises:
+        ArgumentError: there is no such file or folder.
+
+    Example:
+        >>> found = inspect("photos")  # doctest: +SKIP
+        >>> found.suggestions[0].commands  # doctest: +SKIP
+        ('sextant predict input=photos output=calibrated camera=one',)
+    """
+    given = Path(input).expanduser()
+    if not given.exists():
+        raise ArgumentError(f"input={absent(given)}", "Give a folder of photos, or a video.")
+    folder = given if given.is_dir() else given.parent
+    files = found_files(given)
+    with progress("reading headers", "images") as advance:
+        headers, unreadable = read_headers(folder, files.images, advance)
+    with progress("looking for duplicates", "images") as advance:
+        same = duplicates(headers, advance)
+    with progress("looking for panoramas", "images") as advance:
+        around = panoramas(headers, advance)
+    videos: list[FoundVideo] = []
+    for file in files.videos:
+        video = found_video(folder / file, file.as_posix())
+        if isinstance(video, str):
+            unreadable[file.as_posix()] = video
+        else:
+            videos.append(video)
+    poses = [each for file in files.tables if (each := found_poses(folder, file, list(headers))) is not None]
+    odometry = odometry_tables(folder, files.tables)
+    photos = folders_of_photos(headers)
+    seen = Seen(
+        given, folder, files, headers, camera_groups(list(headers.values())), photos, around, same,
+        videos, [*poses, *poses_by_gps(headers, photos)], odometry, {**files.unreadable, **unreadable},
+    )  # fmt: skip
+    return Inspection(seen, tuple(suggestions(seen)), tuple(_remarks(seen)))
+
+
+def _remarks(seen: Seen) -> list[str]:
+    """Irregularities and their consequences."""
+    said: list[str] = []
+    photos = len(seen.headers) - len(seen.panoramas)
+    if not seen.headers and not seen.videos and not (seen.poses or seen.odometry or seen.files.recordings):
+        others = ", ".join(f"{count:,} {suffix}" for suffix, count in list(seen.files.others.items())[:5])
+        said.append(
+            "no image, video, recording, poses or odometry"
+            + (" that can be read" if seen.unreadable else "" if others else ": there is nothing here")
+            + f"; other files: {others}" * bool(others)
+        )
+    if seen.panoramas and photos:
+        said.append(
+            f"{len(seen.panoramas):,} panoramas of 360 degrees among {photos:,} photos, such as "
+            f"{seen.panoramas[0].as_posix()}: no lens took these, and what is for photos refuses them"
+        )
+    if len(seen.cameras) > 1 and photos:
+        said.append(f"photos of {described(seen.cameras)}: camera=one is for those of one at a time")
+    if seen.duplicates:
+        more = sum(len(group) - 1 for group in seen.duplicates)
+        said.append(
+            f"{more:,} images have the content of another, such as {seen.duplicates[0][1]} = {seen.duplicates[0][0]}"
+        )
+    for missing, what in ((False, "doubtful"), (True, "left out")):
+        found = {file.as_posix(): each.gps for file, each in seen.headers.items()}
+        chosen = {name: gps.problem if (gps.position is None) is missing else "" for name, gps in found.items()}
+        said += doubtful(chosen, what)
+    for each in seen.folders:
+        where = each.folder.as_posix()
+        if each.jumps:
+            name, step = each.jumps[0]
+            said.append(
+                f"{where}: {len(each.jumps):,} jumps in time by {each.times_from}, the first of {step:,.1f} s before "
+                f"{name}: one drive should have none"
+            )
+        if each.backwards:
+            said.append(
+                f"{where}: the order of names is not that of time by {each.times_from} at {len(each.backwards):,} "
+                f"places, the first {each.backwards[0]}"
+            )
+        if each.same_stem:
+            said.append(
+                f"{where}: {len(each.same_stem):,} names differ only in suffix or case, such as "
+                f"{each.same_stem[0]} and {each.same_stem[1]}"
+            )
+    said += [f"{link.as_posix()} is a link to a folder and was not followed" for link in seen.files.links]
+    said += filter(None, [separate_models(seen.poses)])
+    return said + [line for each in seen.poses for line in _remarks_on_poses(each)]
+
+
+def _remarks_on_poses(poses: FoundPoses) -> list[str]:
+    said = [f"{poses.file.as_posix()}: {remark}" for remark in poses.remarks]
+    if poses.problem or poses.images is None:
+        return said
+    if poses.unposed and poses.posed:
+        said.append(f"{poses.file.as_posix()}: {poses.unposed:,} images in {poses.images.as_posix()} have no pose")
+    if poses.without_image:
+        said.append(f"{poses.file.as_posix()}: {poses.without_image:,} poses have no image")
+    if not poses.headings:
+        said.append(f"{poses.file.as_posix()}: no column heading, which localization needs")
+    return said
