@@ -23,7 +23,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.console.arguments import parse_arguments
 from sextant.errors import UserError
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 
 USAGE = "python -m benchmarks.city_sides run=<run>"
 KEYS = {"run": "of place recognition, or zoo:places or zoo:streets"}
@@ -51,7 +51,7 @@ def main() -> None:
     pictures = [f"dataset.width={size.width}", f"dataset.height={size.height}"]
     described = ["descriptor=run", f"descriptor.run={run}"]
     config = validate(to_plain(compose(["experiment=localization_city", *described, *pictures])))
-    family = recipe_of("localization")
+    family = chapter_of("localization")
     data = family.data(config, family.source(config))
     assert isinstance(data, LocalizationDataModule)
     places, mapped = data.drives.map.poses, data.descriptors(data.drives.map)

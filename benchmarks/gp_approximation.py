@@ -42,7 +42,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.localization.calibration import appearance_noise
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
@@ -141,7 +141,7 @@ def read_floor(overrides: Sequence[str]) -> Floor:
     """Render or read the drives, describe their images, train the kernel."""
     raw = to_plain(compose([*OVERRIDES, *overrides]))
     config = validate(raw)
-    family = recipe_of("localization")
+    family = chapter_of("localization")
     data = family.data(config, family.source(config))
     assert isinstance(data, LocalizationDataModule)
     drives = data.drives

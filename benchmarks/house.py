@@ -32,19 +32,39 @@ CHAPTERS = {
 }
 TASKS = ("classification", "place_recognition", "localization", "calibration", "cosfire")
 #: where a task is named on purpose
-MAY_NAME_TASKS = ("chapters/", "recipes/", "config/schema/", "tasks/", "conf/")
-#: packages of today by their folders before, for the history
-MOVED: dict[str, str] = {}
+MAY_NAME_TASKS = ("chapters/", "config/schema/")
+#: packages of today by how paths began before, for the history
+MOVED = {
+    **{
+        f"{folder}/{words}": f"chapters/{chapter}"
+        for chapter, names in {
+            "classification": ("classification", "image_classification", "classifier"),
+            "calibration": ("calibration", "photo_calibration", "camera_network"),
+            "places": ("place", "descriptors", "off_the_shelf", "kept_descriptor", "backbone_layer"),
+            "localization": ("localization", "localizing", "run_map"),
+            "cosfire": ("cosfire", "detection"),
+        }.items()
+        for words in names
+        for folder in ("tasks", "applications", "data", "figures", "recipes", "trained", "cli")
+    },
+    "evaluation/calibration": "chapters/calibration",
+    **{f"applications/{tool}": "tools" for tool in ("walks", "inspection", "demonstration")},
+    **{f"cli/{name}": "console" for name in ("arguments", "console", "output_folder", "skipped", "work_progress")},
+    "cli/predict_handler": "kit",
+    "tasks/": "training",
+    "recipes/": "kit",
+    "trained/": "kit",
+}
 TRAIN = """
 import os, sys, tempfile
 os.environ["SEXTANT_OUTPUTS"] = tempfile.mkdtemp()
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.kit.assemble import build_dataset
 import sextant.lifecycle.execute, sextant.cli.train
 config = validate(to_plain(compose(["task=calibration"])))
-recipe_of("calibration")
+chapter_of("calibration")
 build_dataset(config)
 print(sum(name.split(".")[0] == "sextant" for name in sys.modules))
 """
@@ -69,9 +89,8 @@ def folders_of(words: tuple[str, ...]) -> set[Path]:
 
 def package_of(path: str) -> str:
     """The package in which a file of the history lies today."""
-    for before, today in MOVED.items():
-        if path.startswith(before):
-            return today
+    if before := max(filter(path.startswith, MOVED), key=len, default=None):
+        return MOVED[before]
     parts = path.split("/")
     return "/".join(parts[:2]) if parts[0] == "chapters" else parts[0]
 

@@ -3,7 +3,7 @@
 Lines, the network and both on the sets of ``SEXTANT_DATA``, of panoramas on those that the network was not trained on:
 two crops each of cameras of ``lopez_4x3``. Three tables: errors; how often the intervals of the joint camera hold the
 truth, with multiples of its standard errors that were chosen on all sources but the one that is tested; verdicts. Last
-the multiples by all sources, which ``applications/calibration/jointly.py`` has. What is measured here has chosen these
+the multiples by all sources, which ``chapters/calibration/jointly.py`` has. What is measured here has chosen these
 multiples and other constants of the joint method, so that only what leaves a source out is a test of them.
 """
 

@@ -17,19 +17,18 @@ import cv2
 import numpy as np
 import torch
 
-from sextant.chapters.calibration.camera_network import trained_camera_network
 from sextant.chapters.calibration.data.batches import Crops
 from sextant.chapters.calibration.data.datamodule import TEST
 from sextant.chapters.calibration.data.panorama_folder import decode_panorama
 from sextant.chapters.calibration.data.panoramas import Panoramas
 from sextant.chapters.calibration.metrics.errors import calibration_errors
-from sextant.chapters.calibration.network import CalibrationPrediction, CameraNetwork, reported
+from sextant.chapters.calibration.network import CalibrationPrediction, CameraNetwork, reported, trained_camera_network
 from sextant.composing.compose import compose, to_plain
 from sextant.config.building import build
 from sextant.console.arguments import parse_arguments
 from sextant.data.photos import Photo, network_view, read_photo
 from sextant.geometry import CameraParameters
-from sextant.kit.content import read_trained
+from sextant.kit.trained import read_trained
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 

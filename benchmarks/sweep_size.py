@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 from sextant.atomic_files import write_json
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import run_key
 from sextant.lifecycle.sweep import run_sweep
 from sextant.lifecycle.sweep_plan import make_plan
@@ -25,7 +25,7 @@ def run() -> list[tuple[str, str, str, str, str]]:
         _, planned, config = make_plan(_sweep(outputs, 500, 10))
         planning = time.perf_counter() - began
         assert len(planned) == 10_000
-        key = run_key(config, recipe_of(config.task.name).source(config))
+        key = run_key(config, chapter_of(config.task.name).source(config))
         fewer = _sweep(outputs, 50, 10)
         for entry in make_plan(fewer)[1]:
             directory = RunDirectory(outputs / entry.cell.run)

@@ -49,10 +49,10 @@ def _plain(raw: dict) -> float:
     """What ``fit`` does and nothing else: read the data, train, validate once an epoch."""
     from sextant.config import validate
     from sextant.config.building import build
-    from sextant.kit import recipe_of
+    from sextant.kit.registry import chapter_of
 
     config = validate(raw)
-    family = recipe_of(config.task.name)
+    family = chapter_of(config.task.name)
     source = family.source(config)
     began = time.monotonic()
     torch.manual_seed(config.seed)

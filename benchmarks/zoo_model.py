@@ -1,6 +1,6 @@
 """Put a trained run into the zoo: ``python -m benchmarks.zoo_model run=<run> name=<name> card=<json>``.
 
-Of calibration ``intervals=<run>`` is needed too, a run of the same recipe that left out panoramas which the shipped
+Of calibration ``intervals=<run>`` is needed too, a run of the same chapter that left out panoramas which the shipped
 network was trained on. What intervals and the looks of photos rest on is measured with it on these panoramas, 40 crops
 of each, which count as independent. The map of a run of localization goes beside its weights, without its pictures.
 """
@@ -14,15 +14,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from sextant.chapters.calibration.camera_network import trained_camera_network
-from sextant.chapters.calibration.network import CameraNetwork, reported
+from sextant.chapters.calibration.network import CameraNetwork, reported, trained_camera_network
 from sextant.chapters.localization.found_map import find_map
 from sextant.chapters.localization.localizer_folder import PICTURES
 from sextant.chapters.places.run_facts import FITTED
 from sextant.config import validate
 from sextant.console.arguments import parse_arguments
-from sextant.kit import recipe_of
-from sextant.kit.content import own_config, read_trained
+from sextant.kit.registry import chapter_of
+from sextant.kit.trained import own_config, read_trained
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
@@ -58,8 +57,8 @@ def measured(path: Path) -> dict[str, torch.Tensor]:
     plain = own_config(content[KEY]).plain
     real = {name: source for name, source in plain["dataset"]["sources"].items() if "folder" in source}
     config = validate({**plain, "dataset": {**plain["dataset"], "sources": real, "repeats": {}}})
-    recipe: Any = recipe_of("calibration")
-    data = recipe.data(config, recipe.source(config))
+    chapter: Any = chapter_of("calibration")
+    data = chapter.data(config, chapter.source(config))
     data.setup("validate")
     crops = data.split("val")
     numbers = np.arange(CROPS * len(crops.panoramas))

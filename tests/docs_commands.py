@@ -8,8 +8,8 @@ from functools import cache
 from pathlib import Path
 
 from sextant import cli
-from sextant.chapters.calibration.cli.options import CalibrationOptions
-from sextant.chapters.cosfire.cli.options import DetectionOptions
+from sextant.chapters.calibration.options import CalibrationOptions
+from sextant.chapters.cosfire.options import DetectionOptions
 from sextant.cli import (
     benchmark,
     claims,
@@ -32,7 +32,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.console.arguments import parse_arguments
 from sextant.errors import UserError
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.checks import checked
 from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.evaluation import checkpoint_config
@@ -140,7 +140,7 @@ def _evaluate(command: Command, words: list[str]) -> None:
     raw = read_card(model_file(run))["model"]["config"] if run in shipped else _model(MODELS.get(command.page, ()))
     task = raw["task"]["name"]
     config = checkpoint_config({"config": raw, "task": task, "spec": {}}, overrides)
-    recipe_of(task).check_parts(config)
+    chapter_of(task).check_parts(config)
 
 
 @cache

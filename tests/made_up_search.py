@@ -8,7 +8,7 @@ import numpy as np
 
 from sextant.atomic_files import write_json
 from sextant.composing.compose import compose, to_plain
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.checks import checked
 from sextant.lifecycle.execute import run_key
 from sextant.lifecycle.search.run import sweep_or_search
@@ -66,7 +66,7 @@ class MadeUpRuns:
 @cache
 def code_and_data():
     config = checked(to_plain(compose(["tracking=none"])))
-    key = run_key(config, recipe_of("classification").source(config))
+    key = run_key(config, chapter_of("classification").source(config))
     return key.code, key.data
 
 

@@ -6,7 +6,7 @@ from cli.photo_calibration.fakes import SPREAD
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
 from sextant.torch_file import save_sealed
 
@@ -22,11 +22,11 @@ def tiny_spec():
 
 
 def tiny_module():
-    """The module that a run trains, as its recipe makes it, and its config."""
+    """The module that a run trains, as its chapter makes it, and its config."""
     sizes = ["task.width=24", "task.height=18", "backbone=strided_cnn", "backbone.widths=[8,8]"]
     raw = to_plain(compose(["task=calibration", *sizes]))
     torch.manual_seed(0)
-    module = recipe_of("calibration").module(validate(raw), tiny_spec(), training=False).eval()
+    module = chapter_of("calibration").module(validate(raw), tiny_spec(), training=False).eval()
     looks = torch.randn(100, 16, generator=torch.Generator().manual_seed(0))
     module.keep_validation(torch.linspace(0.02, 2, 100)[:, None].expand(-1, 4), looks, torch.arange(100) // 4)
     return module, raw

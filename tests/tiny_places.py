@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
 
 
@@ -52,7 +52,7 @@ def tiny_checkpoint(path):
     assert validate(raw)
     spec = {"height": 32, "width": 48, "channels": 3}
     torch.manual_seed(0)
-    module = recipe_of("place_recognition").module(validate(raw), spec, training=False)
+    module = chapter_of("place_recognition").module(validate(raw), spec, training=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     label = {"schema_version": SCHEMA_VERSION, "config": raw, "spec": spec, "task": "place_recognition"}
     torch.save({KEY: label, "state_dict": module.state_dict()}, path)

@@ -13,7 +13,7 @@ from PIL import Image
 
 from sextant import cli
 from sextant.applications.arguments import check_apart, check_share
-from sextant.chapters.cosfire.cli.options import DetectionOptions
+from sextant.chapters.cosfire.options import DetectionOptions
 from sextant.errors import UserError
 
 

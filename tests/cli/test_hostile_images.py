@@ -17,21 +17,22 @@ from hypothesis import strategies as st
 from tiny_places import Pixels, scene
 
 from sextant.applications import PhotoCalibrator
-from sextant.chapters.calibration.cli.options import CalibrationOptions
-from sextant.chapters.calibration.cli.predict import predict_calibrations
+from sextant.chapters.calibration.options import CalibrationOptions
+from sextant.chapters.calibration.predict import predict_calibrations
 from sextant.chapters.classification import predict as classifying
 from sextant.chapters.cosfire.images import read_image
 from sextant.chapters.localization.localizer import LocalizedPose
-from sextant.chapters.places.cli.inputs import read_inputs
-from sextant.chapters.places.cli.predict import predict_places
+from sextant.chapters.places.options import read_inputs
 from sextant.chapters.places.place_map import PlaceMap
-from sextant.cli import predict, predict_handler
+from sextant.chapters.places.predict import predict_places
+from sextant.cli import predict
 from sextant.data.image_files import decode_image
 from sextant.data.image_folder import decode_square
 from sextant.data.photo_files import find_photos
 from sextant.data.photos import read_photo
 from sextant.data.picture_files import UnreadableImageError
 from sextant.errors import UserError
+from sextant.kit import handler
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import FoundRun
 
@@ -42,23 +43,24 @@ Said = dict[str, str | None]
 def nothing_is_drawn():
     """Drawing takes longer than all the rest, and every task's drawing has tests of its own."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("figures.style", "cli.cosfire_detection.predict"):
+        for module in ("figures.style", "chapters.cosfire.predict"):
             patch.setattr(f"sextant.{module}.save_figure", lambda *_: None)
         patch.setattr("sextant.chapters.calibration.figures.overlay.calibration_overlay", lambda _: None)
         patch.setattr("sextant.chapters.calibration.figures.overlay.photo_sheet", lambda _: None)
         for name in ("cosfire_filter", "cosfire_responses"):
-            patch.setattr(f"sextant.chapters.cosfire.cli.predict.{name}", lambda *_, **__: None)
-        patch.setattr("sextant.chapters.places.cli.predict.write_gallery", lambda *_: [])
+            patch.setattr(f"sextant.chapters.cosfire.predict.{name}", lambda *_, **__: None)
+        patch.setattr("sextant.chapters.places.predict.write_gallery", lambda *_: [])
         patch.setattr("sextant.chapters.localization.localized_drive.draw_trajectory", lambda *_: None)
         patch.setattr(
-            "sextant.chapters.localization.cli.predict.Localizer", SimpleNamespace(load=lambda *_, **__: Nowhere())
+            "sextant.chapters.localization.predict.Localizer", SimpleNamespace(load=lambda *_, **__: Nowhere())
         )
         patch.setattr(classifying, "draw", lambda *_: None)
-        patch.setattr(predict_handler, "resolve_run", lambda reference, outputs: FoundRun(Path("last.ckpt"), None))
+        patch.setattr(handler, "resolve_run", lambda reference, outputs: FoundRun(Path("last.ckpt"), None))
         spec = {"channels": 3, "height": 16, "width": 16, "classes": ["dark", "bright"]}
         content = {KEY: {"task": "classification", "spec": spec}}
-        patch.setattr("sextant.kit.content.read_trained", lambda path: content)
-        patch.setattr(classifying, "answering", lambda _: ("probability", brightness))
+        patch.setattr("sextant.kit.trained.read_trained", lambda path: content)
+        opened = SimpleNamespace(probabilities=brightness)
+        patch.setattr("sextant.chapters.classification.classifier.ImageClassifier.of", lambda *_, **__: opened)
         yield
 
 
@@ -102,8 +104,8 @@ def places(photos: Path, output: Path) -> Said:
 
 
 def cosfire(photos: Path, output: Path) -> Said:
-    from sextant.chapters.cosfire.cli.inputs import read_inputs
-    from sextant.chapters.cosfire.cli.predict import predict_detections
+    from sextant.chapters.cosfire.options import read_inputs
+    from sextant.chapters.cosfire.predict import predict_detections
 
     example = drawn(photos.parent / "example.png", (90, 80), glyphs=((45, 40),))
     given = {"prototype": str(example), "input": str(photos), "output": str(output)}
@@ -111,8 +113,8 @@ def cosfire(photos: Path, output: Path) -> Said:
 
 
 def localization(photos: Path, output: Path) -> Said:
-    from sextant.chapters.localization.cli.options import LocalizingOptions
-    from sextant.chapters.localization.cli.predict import predict_poses
+    from sextant.chapters.localization.options import LocalizingOptions
+    from sextant.chapters.localization.predict import predict_poses
 
     output.mkdir()
     rows = predict_poses(photos, str(photos), output, LocalizingOptions.of({"replay": "none"}))

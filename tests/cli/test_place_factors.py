@@ -12,7 +12,7 @@ from sextant.cli import evaluate
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import execute
 from sextant.models import ResNetCifar
 from sextant.runs.directory import RunDirectory
@@ -141,7 +141,7 @@ def test_the_town_is_rendered_and_curves_are_drawn(trained):
 def test_nothing_is_trained_on_it(tmp_path):
     chosen = ["task=place_recognition", *TOWN, f"paths.outputs={tmp_path}", "tracking=none"]
     raw = to_plain(compose(chosen))
-    family, parsed = recipe_of("place_recognition"), validate(raw)
+    family, parsed = chapter_of("place_recognition"), validate(raw)
     with pytest.raises(UserError, match=r"is for tests.*\n.*sextant evaluate run=<run> dataset=town_factors"):
         family.check(family.source(parsed))
 

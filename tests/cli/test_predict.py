@@ -1,16 +1,18 @@
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 import torch
 from PIL import Image
 from support import fill_disk
 
-from sextant.chapters.calibration.cli.options import CalibrationOptions
-from sextant.cli import predict, predict_handler, run
+from sextant.chapters.calibration.options import CalibrationOptions
+from sextant.cli import predict, run
 from sextant.errors import UserError
-from sextant.kit import RECIPES
+from sextant.kit import handler
+from sextant.kit.registry import CHAPTERS
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import FoundRun
 
@@ -72,11 +74,12 @@ def classifier(tmp_path, monkeypatch):
     """A run of classification whose model says that everything is a cat."""
     spec = {"channels": 3, "height": 16, "width": 16, "classes": ["cat", "dog"]}
     content = {KEY: {"task": "classification", "spec": spec}}
-    monkeypatch.setattr(predict_handler, "resolve_run", lambda *_: FoundRun(tmp_path / "last.ckpt", None))
+    monkeypatch.setattr(handler, "resolve_run", lambda *_: FoundRun(tmp_path / "last.ckpt", None))
     monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: content)
     module = "sextant.chapters.classification.predict"
     said = torch.tensor([[0.5, 0.25]])
-    monkeypatch.setattr(f"{module}.answering", lambda _: ("probability", lambda images: said.expand(len(images), 2)))
+    opened = SimpleNamespace(probabilities=lambda images: said.expand(len(images), 2))
+    monkeypatch.setattr("sextant.chapters.classification.classifier.ImageClassifier.of", lambda *_, **__: opened)
     monkeypatch.setattr(f"{module}.draw", lambda *_: None)
 
 
@@ -143,7 +146,7 @@ def test_a_key_of_calibration_is_refused_by_a_classifier(tmp_path, picture, clas
 
 
 def test_every_task_of_a_run_has_a_handler_and_a_key_of_two_tasks_says_both():
-    assert set(RECIPES) < set(predict.HANDLERS)
+    assert set(CHAPTERS) < set(predict.HANDLERS)
     handlers = list({type(each): each for each in predict.HANDLERS.values()}.values())
     own = [key for handler in handlers for key in handler.keys]
     assert {key for key in own if own.count(key) > 1} == {"colmap"}

@@ -14,7 +14,8 @@ from sextant.chapters.localization import written_poses
 from sextant.chapters.localization.data.odometry_file import motions_of, read_odometry
 from sextant.chapters.localization.data.pose_formats import read_tum, write_tum
 from sextant.chapters.localization.written_poses import Moment, Replay, Row
-from sextant.cli import predict, work_progress
+from sextant.cli import predict
+from sextant.console import work_progress
 from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
 

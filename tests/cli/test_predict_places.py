@@ -18,18 +18,18 @@ from tiny_places import Pixels, ride, scene
 
 from sextant.atomic_files import write_sealed_json
 from sextant.chapters.places import describing, matching, written_matches
-from sextant.chapters.places.cli.inputs import read_inputs
-from sextant.chapters.places.cli.options import PlaceOptions
-from sextant.chapters.places.cli.predict import predict_places
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.chapters.places.matching import match
+from sextant.chapters.places.options import PlaceOptions, read_inputs
 from sextant.chapters.places.place_map import PlaceMap
+from sextant.chapters.places.predict import predict_places
 from sextant.chapters.places.run_facts import Temperature
 from sextant.chapters.places.saved_map import TOLERANCES
-from sextant.cli import evaluate, predict, predict_handler
+from sextant.cli import evaluate, predict
 from sextant.composing.compose import compose, to_plain
 from sextant.errors import UserError
 from sextant.evaluation.positives import Positives
+from sextant.kit import handler
 from sextant.lifecycle.execute import execute
 from sextant.retrieval import FlatIndex
 from sextant.retrieval.without_mean import centred
@@ -515,7 +515,7 @@ def test_a_truth_that_is_not_there(rides, tmp_path, places, says):
 
 @pytest.mark.parametrize("key", ["matches", "map", "descriptors"])
 def test_keys_of_places_are_refused_by_other_tasks(rides, tmp_path, monkeypatch, key):
-    monkeypatch.setattr(predict_handler, "resolve_run", lambda *_: FoundRun(tmp_path / "last.ckpt", None))
+    monkeypatch.setattr(handler, "resolve_run", lambda *_: FoundRun(tmp_path / "last.ckpt", None))
     monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: {KEY: {"task": "classification"}})
     given = [f"map={rides[0]}", f"queries={rides[1]}"] if key == "map" else [f"input={rides[0]}", f"{key}=3"]
     with pytest.raises(UserError, match=f"{key}= belongs to place_recognition; this is a model of classification"):

@@ -3,7 +3,8 @@
 import pytest
 
 from sextant.atomic_files import write_json
-from sextant.cli import console, runs
+from sextant.cli import runs
+from sextant.console import console
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan
 

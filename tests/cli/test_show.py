@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from sextant.atomic_files import write_json
-from sextant.chapters.calibration.cli.predict import tell
+from sextant.chapters.calibration.predict import tell
 from sextant.chapters.calibration.written_cameras import WrittenCameras
 from sextant.cli.show import show_next, show_result, show_start
 from sextant.composing.compose import compose, to_plain

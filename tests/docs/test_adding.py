@@ -60,5 +60,5 @@ def test_an_addition_runs_as_it_is_written(heading, desk, tmp_path):
 
 
 def test_the_parts_of_the_package_that_the_page_names_are_there():
-    for path in re.findall(r"`((?:recipes|config|data|cli|localization)/[\w/]+\.py)`", PAGE):
+    for path in re.findall(r"`((?:chapters|kit|config|data|cli|localization)/[\w/]+\.py)`", PAGE):
         assert (ROOT / "src" / "sextant" / path).is_file(), path

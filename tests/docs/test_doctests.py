@@ -14,24 +14,25 @@ SOURCE = ROOT / "src"
 COMPLETE = (
     "baselines",
     "baselines.calibration",
+    "chapters.calibration.figures",
+    "chapters.calibration.metrics",
+    "chapters.calibration.metrics.doctor",
+    "chapters.classification.figures",
+    "chapters.cosfire.figures",
+    "chapters.localization.figures",
+    "chapters.places.condition_recall",
+    "chapters.places.figures",
+    "chapters.places.match_confidence",
+    "chapters.places.precision_recall",
+    "chapters.places.single_image_ceiling",
     "corruptions",
     "corruptions.digital",
     "corruptions.filtering",
     "corruptions.shapes",
     "corruptions.weather",
     "evaluation",
-    "evaluation.calibration",
-    "evaluation.calibration.doctor",
-    "evaluation.classification",
     "evaluation.exported",
-    "evaluation.localization",
-    "evaluation.places",
     "figures",
-    "figures.calibration",
-    "figures.classification",
-    "figures.cosfire",
-    "figures.localization",
-    "figures.places",
     "geometry",
     "layers",
     "layers.cosfire",
@@ -102,7 +103,7 @@ def public_functions(package):
     if hasattr(offered, "__all__"):
         return [each for each in (getattr(offered, name) for name in offered.__all__) if isfunction(each)]
     files = sorted((SOURCE / "sextant" / package.replace(".", "/")).glob("[!_]*.py"))
-    modules = [import_module(f"sextant.{package}.{file.stem}") for file in files]
+    modules = [import_module(f"sextant.{package}.{file.stem}") for file in files] or [offered]
     found = ((each, module) for module in modules for name, each in getmembers(module, isfunction) if name[0] != "_")
     return [each for each, module in found if each.__module__ == module.__name__]
 

@@ -12,7 +12,7 @@ from sextant.chapters.classification.figures import (
     corruption_difference,
     corruption_heatmap,
 )
-from sextant.evaluation.corruption_error import CORRUPTION_FAMILIES
+from sextant.evaluation.corruption_errors import CORRUPTION_FAMILIES
 from sextant.figures.style import save_figure
 
 ERRORS = {"fog": (0.1, 0.4), "gaussian_noise": (0.2, 0.9), "stripe": (0.3,)}

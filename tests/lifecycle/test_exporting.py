@@ -16,12 +16,13 @@ from tiny_digits import digits_run
 import sextant
 from sextant import cli
 from sextant.errors import UserError
-from sextant.kit import export_formats
-from sextant.kit.content import read_trained
-from sextant.kit.exports import Exportable, _Named, exportable
+from sextant.kit.exports import Exportable, Named
+from sextant.kit.trained import read_trained
+from sextant.lifecycle import export_formats
 from sextant.lifecycle.execute import execute
 from sextant.lifecycle.export_formats import TOLERANCE
 from sextant.lifecycle.exporting import export_run
+from sextant.lifecycle.offered import exportable
 from sextant.runs.checkpoint import KEY
 
 
@@ -131,7 +132,7 @@ def test_what_filters_look_at_is_exported_and_filters_without_a_network_are_not(
 
 
 def test_the_file_that_is_compared_has_the_ending_that_torch_asks_for(tmp_path, caplog):
-    found = Exportable(_Named(torch.nn.Linear(3, 2)), {"images": torch.rand(2, 3)}, {"images": "", "out": ""})
+    found = Exportable(Named(torch.nn.Linear(3, 2)), {"images": torch.rand(2, 3)}, {"images": "", "out": ""})
     assert export_formats.write_network(found, "torch_export", tmp_path / "network.pt2") <= TOLERANCE
     assert [path.name for path in tmp_path.iterdir()] == ["network.pt2"]
     assert not [record for record in caplog.records if "pt2" in record.getMessage()]

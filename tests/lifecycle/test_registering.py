@@ -19,8 +19,8 @@ from tiny_digits import digits_run
 import sextant
 from sextant import cli
 from sextant.errors import UserError
-from sextant.kit.photo_predictors import photo_predictor
 from sextant.lifecycle.execute import execute
+from sextant.lifecycle.offered import photo_predictor
 from sextant.lifecycle.registering import register_run
 from sextant.tracking.registry import answered
 from sextant.tracking.server import guarded

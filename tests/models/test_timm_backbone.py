@@ -8,7 +8,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.config.building import build
 from sextant.errors import UserError
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.models import timm_backbone
 
 timm = pytest.importorskip("timm")
@@ -47,7 +47,7 @@ def test_a_run_is_identified_by_what_the_file_holds(tmp_path):
     def identity(name, content):
         (tmp_path / name).write_bytes(content)
         config = validate(to_plain(compose(["backbone=timm", f"backbone.weights={tmp_path / name}"])))
-        return recipe_of("classification").identity(config)
+        return chapter_of("classification").identity(config)
 
     assert identity("a", b"1") == identity("b", b"1") != identity("c", b"2")
 

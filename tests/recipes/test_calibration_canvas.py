@@ -17,7 +17,7 @@ from sextant.data.photos import network_view, photo_of_array
 from sextant.errors import UserError
 from sextant.geometry.canvas import on_canvas
 from sextant.geometry.perspective_field import perspective_field
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.losses.field import field_loss
 
 SMALL = [
@@ -30,11 +30,11 @@ FIELD = [*SMALL, "task.perspective_field={weight: 0.1}"]
 
 @pytest.fixture(scope="module", params=[SMALL, FIELD], ids=["heads", "field"])
 def parts(request):
-    recipe, config = recipe_of("calibration"), validate(to_plain(compose(request.param)))
-    data = recipe.data(config, ToyPanoramas())
-    spec = recipe.spec(config, ToyPanoramas(), data)
+    chapter, config = chapter_of("calibration"), validate(to_plain(compose(request.param)))
+    data = chapter.data(config, ToyPanoramas())
+    spec = chapter.spec(config, ToyPanoramas(), data)
     torch.manual_seed(0)
-    return recipe.module(config, spec, training=False).eval(), spec, data
+    return chapter.module(config, spec, training=False).eval(), spec, data
 
 
 def test_ranges_are_those_of_the_longer_side(parts):
@@ -86,10 +86,10 @@ def test_upright_photos_are_seen_whole_and_their_field_of_view_is_theirs(parts):
 @pytest.fixture
 def with_field():
     config = validate(to_plain(compose(FIELD)))
-    recipe = recipe_of("calibration")
-    data = recipe.data(config, ToyPanoramas())
+    chapter = chapter_of("calibration")
+    data = chapter.data(config, ToyPanoramas())
     torch.manual_seed(0)
-    module = recipe.module(config, recipe.spec(config, ToyPanoramas(), data), training=True).train()
+    module = chapter.module(config, chapter.spec(config, ToyPanoramas(), data), training=True).train()
     return module, data.split("val")[list(range(24))]
 
 
@@ -141,8 +141,8 @@ def test_runs_from_before_fields_are_the_same_experiment_as_those_without_one():
 
 def test_a_field_needs_numbers_that_tell_any_camera():
     plain = validate(to_plain(compose([*FIELD, "parameterization=horizon"]))).plain
-    recipe, config = recipe_of("calibration"), validate(to_plain(compose(FIELD)))
-    spec = recipe.spec(config, ToyPanoramas(), recipe.data(config, ToyPanoramas()))
+    chapter, config = chapter_of("calibration"), validate(to_plain(compose(FIELD)))
+    spec = chapter.spec(config, ToyPanoramas(), chapter.data(config, ToyPanoramas()))
     with pytest.raises(UserError, match=r"task.perspective_field: parameterization=horizon") as told:
         network_parts(plain, spec, partial(build, plain))
     assert "parameterization=angles or direct" in str(told.value)
@@ -153,8 +153,8 @@ def test_a_field_needs_a_backbone_that_shows_its_map():
     plain = config.plain | {
         "backbone": to_plain(compose(["task=calibration", "backbone=mobilenet_v3_small"]))["backbone"]
     }
-    recipe = recipe_of("calibration")
-    spec = recipe.spec(config, ToyPanoramas(), recipe.data(config, ToyPanoramas()))
+    chapter = chapter_of("calibration")
+    spec = chapter.spec(config, ToyPanoramas(), chapter.data(config, ToyPanoramas()))
     with pytest.raises(UserError, match=r"task.perspective_field: MobileNetV3") as told:
         network_parts(plain, spec, partial(build, plain))
     assert "backbone=efficientnet_lite0" in str(told.value)

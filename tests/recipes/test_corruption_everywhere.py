@@ -12,8 +12,8 @@ import pytest
 from sextant.composing.compose import compose, to_plain
 from sextant.config import digest, validate
 from sextant.errors import UserError
-from sextant.kit import RECIPES, recipe_of
 from sextant.kit.assemble import is_corrupted
+from sextant.kit.registry import CHAPTERS, chapter_of
 
 DRAWN = ("none", "gaussian", "contrast_poisson", "pushpull", "cifar10_c", "mnist_c", "imagenet_c")
 LANDMARKS = ("descriptor=landmarks", "descriptor.photo=gone.png", "descriptor.points=[[3,4]]")
@@ -22,12 +22,12 @@ SCENES = ("experiment=cosfire_places", "features.run=gone")
 
 def checked(*overrides):
     config = validate(to_plain(compose(overrides)))
-    recipe_of(config.task.name).check_parts(config)
+    chapter_of(config.task.name).check_parts(config)
     return config
 
 
 @pytest.mark.parametrize("corruption", DRAWN)
-@pytest.mark.parametrize("task", RECIPES)
+@pytest.mark.parametrize("task", CHAPTERS)
 def test_every_task_takes_every_corruption_that_is_drawn(task, corruption):
     config = checked(f"task={task}", f"corruption={corruption}")
     assert is_corrupted(config) is (corruption != "none")
@@ -73,7 +73,7 @@ def test_what_makes_no_sense_is_refused_in_one_line(overrides, says):
 def test_corruptions_of_what_sees_no_images_are_refused(blind):
     config = checked("task=localization", "corruption=cifar10_c", *blind)
     with pytest.raises(UserError, match="corruption changes images"):
-        recipe_of("localization").source(config)
+        chapter_of("localization").source(config)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.chapters.localization.chapter import LocalizationRecipe
+from sextant.chapters.localization.chapter import LocalizationChapter
 from sextant.chapters.localization.chapter import test_settings as settings_of
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
@@ -36,7 +36,7 @@ def test_cameras_are_asked_where_the_map_is_and_lasers_anywhere(overrides, suppo
 def test_a_distance_from_images_is_refused_for_a_laser():
     config = validate(to_plain(compose(["task=localization", "observation=laser_field", "filter.support=3.5"])))
     with pytest.raises(UserError, match=r"filter.support=3.5 is a distance from the images of a map"):
-        LocalizationRecipe().source(config)
+        LocalizationChapter().source(config)
 
 
 def test_poses_between_images_are_of_a_camera_and_keep_no_map():
@@ -45,12 +45,12 @@ def test_poses_between_images_are_of_a_camera_and_keep_no_map():
     config = validate(to_plain(compose(["task=localization", "filter=interpolated"])))
     data = SimpleNamespace(drives=SimpleNamespace(map=SimpleNamespace(poses=LINE), unit="m"))
     assert settings_of(config, data).best == 2
-    assert LocalizationRecipe().prediction_example(config) == ()
+    assert LocalizationChapter().prediction_example(config) == ()
     earlier = {**plain, "filter": {key: value for key, value in plain["filter"].items() if key != "best"}}
     assert digest(plain) == digest(earlier) != digest(config.plain)
     laser = ["task=localization", "observation=laser_field", "filter.best=3"]
     with pytest.raises(UserError, match=r"filter.best=3: scans are compared with walls"):
-        LocalizationRecipe().check_parts(validate(to_plain(compose(laser))))
+        LocalizationChapter().check_parts(validate(to_plain(compose(laser))))
 
 
 def test_outliers_and_how_far_images_are_apart_follow_the_config():

@@ -16,8 +16,7 @@ from sextant.cli.show import show_result, show_start
 from sextant.corruptions import BenchmarkSuite
 from sextant.data.cifar10 import CIFAR10
 from sextant.errors import UserError
-from sextant.kit.content import read_trained
-from sextant.kit.trained_model import model_from_checkpoint
+from sextant.kit.trained import model_from_checkpoint, read_trained
 from sextant.lifecycle.evaluation import checkpoint_config
 from sextant.lifecycle.execute import Outcome
 from sextant.lifecycle.published_figures import same_images

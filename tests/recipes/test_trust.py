@@ -8,7 +8,7 @@ import torch
 from PIL import Image
 
 from sextant.atomic_files import write_json
-from sextant.chapters.cosfire.chapter import CosfireRecipe
+from sextant.chapters.cosfire.chapter import CosfireChapter
 from sextant.chapters.places.descriptors import TrainedDescriptor, describer
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
@@ -82,4 +82,4 @@ def test_nor_do_its_features(tmp_path):
     config = validate(to_plain(compose(chosen)))
     shape = SimpleNamespace(channels=3, height=16, width=16, classes=("a",))
     with pytest.raises(UserError, match=r"wants to build os\.mkdir"):
-        CosfireRecipe(Reporter()).spec(config, SimpleNamespace(spec=lambda: shape), None)
+        CosfireChapter(Reporter()).spec(config, SimpleNamespace(spec=lambda: shape), None)

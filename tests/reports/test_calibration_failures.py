@@ -5,9 +5,10 @@ import re
 import numpy as np
 import pytest
 
+from sextant.chapters.calibration.measure import FAILURES, calibrated
 from sextant.chapters.calibration.metrics.summary import failures
 from sextant.errors import UserError
-from sextant.evaluation.measure import FAILURES, calibrated, require_answers
+from sextant.kit.measure import require_answers
 
 #: two methods and eight crops, of which three show few lines and none is dark
 ARRAYS = {

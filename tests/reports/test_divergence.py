@@ -8,7 +8,7 @@ from headless import CHROMIUM, chromium
 from made_up_sweep import MadeUpRun, made_up_sweep
 
 from sextant.cli.report import _show
-from sextant.evaluation.measure import ACCURACY
+from sextant.kit.measure import ACCURACY
 from sextant.reports.divergence import divergence, what_to_do
 from sextant.reports.page.html_page import html_page
 from sextant.reports.page.report_page import write_report_page

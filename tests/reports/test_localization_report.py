@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.atomic_files import write_json
-from sextant.evaluation.measure import SUCCESS, localized
+from sextant.chapters.localization.measure import SUCCESS, localized
 from sextant.evaluation.success import share_of
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.cell_tables import cells_table

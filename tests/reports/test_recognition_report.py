@@ -7,7 +7,7 @@ import pytest
 
 from sextant.atomic_files import write_json
 from sextant.errors import UserError
-from sextant.evaluation.measure import require_answers
+from sextant.kit.measure import require_answers
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.contrasts import contrasts
 from sextant.reports.sweep_report import write_report

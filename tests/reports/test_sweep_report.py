@@ -8,8 +8,8 @@ import pytest
 from scipy import stats
 
 from sextant.atomic_files import write_json
+from sextant.chapters.calibration.measure import CALIBRATION_ERRORS
 from sextant.errors import UserError
-from sextant.evaluation.measure import CALIBRATION_ERRORS
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.contrasts import contrasts
 from sextant.reports.summary import summarise

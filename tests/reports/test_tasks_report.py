@@ -7,8 +7,10 @@ import pytest
 from made_up_sweep import predictions
 
 from sextant.atomic_files import write_json
+from sextant.chapters.cosfire.measure import recognised
+from sextant.chapters.localization.measure import localized
 from sextant.evaluation.headline import Headline, relative_loss
-from sextant.evaluation.measure import classified, localized, recognised
+from sextant.kit.measure import classified
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.confidence_report import confidence_section
 from sextant.reports.page.report_page import write_report_page

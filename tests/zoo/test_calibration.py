@@ -9,10 +9,10 @@ import pytest
 import torch
 from PIL import Image
 
-from sextant.chapters.calibration.camera_network import trained_camera_network
+from sextant.chapters.calibration.network import trained_camera_network
 from sextant.data.photos import Photo, network_view, photo_of_array, read_photo
 from sextant.geometry import vfov_from_focal
-from sextant.kit.content import read_trained
+from sextant.kit.trained import read_trained
 from sextant.reports.model_card import model_card
 from sextant.runs.resolve import resolve_run
 from sextant.zoo import model_file, names, read_card

@@ -6,9 +6,9 @@ import torch
 from safetensors.torch import load_file
 from tiny_calibration import tiny_module, tiny_spec
 
-from sextant.chapters.calibration.camera_network import trained_camera_network
+from sextant.chapters.calibration.network import trained_camera_network
 from sextant.errors import UserError
-from sextant.kit.content import read_trained
+from sextant.kit.trained import read_trained
 from sextant.runs.checkpoint import SCHEMA_VERSION
 from sextant.runs.resolve import resolve_run
 from sextant.zoo import model_file, names, read_card, read_model, write_model

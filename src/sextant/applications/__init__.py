@@ -7,12 +7,12 @@ from importlib import import_module
 from typing import Any
 
 _HERE = {
-    "Classified": "sextant.chapters.classification",
+    "Classified": "sextant.chapters.classification.classifier",
     "Detection": "sextant.chapters.cosfire.detector",
     "ExampleDetector": "sextant.chapters.cosfire.detector",
     "FailedPhoto": "sextant.applications.failures",
     "FailedPhotosError": "sextant.applications.failures",
-    "ImageClassifier": "sextant.chapters.classification",
+    "ImageClassifier": "sextant.chapters.classification.classifier",
     "LocalizedPose": "sextant.chapters.localization.localizer",
     "Localizer": "sextant.chapters.localization.localizer",
     "LookedUp": "sextant.chapters.places.looked_up",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from sextant.chapters.localization.cli.options import OUTPUT, LocalizingOptions
+from sextant.chapters.localization.options import OUTPUT, LocalizingOptions
 from sextant.console.arguments import UserPath
 from sextant.console.console import console
 from sextant.errors import UserError
@@ -43,8 +43,8 @@ def main(arguments: Sequence[str]) -> None:
             raise UserError(f"{word}: here a run is given as the map", f"map={word[4:]}")
     options = LocalizeOptions.parse(arguments, USAGE)
     from sextant.applications.arguments import check_apart
-    from sextant.chapters.localization.cli.predict import predict_poses
     from sextant.chapters.localization.found_map import find_map
+    from sextant.chapters.localization.predict import predict_poses
     from sextant.console.output_folder import make_output
     from sextant.runs.outputs_folder import default_outputs
 

@@ -7,7 +7,8 @@ from sextant.composing.config_files import sweep_command
 from sextant.composing.overrides import parse
 from sextant.config import Config
 from sextant.errors import UserError, command
-from sextant.kit import Recipe, recipe_of
+from sextant.kit.chapter import Chapter
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.runs.directory import RunDirectory
 from sextant.runs.outputs_folder import other_than_default
@@ -31,24 +32,24 @@ def next_commands(config: Config, directory: RunDirectory, name: str, overrides:
     Returns:
         The commands by what they do.
     """
-    recipe = recipe_of(config.task.name)
+    chapter = chapter_of(config.task.name)
     trust = ["trust=true"] if config.custom_parts() else []
     where = [each.text for each in parse(overrides) if each.place in WHERE and not each.deletes]
     tracking = config.tracking
     server = ["tracking=server", f"tracking.uri={tracking.uri}"] if tracking.kind == "server" else []
     outputs = other_than_default(directory.path.parents[2])
-    sweep, given = _sweep(recipe, overrides), recipe.prediction_example(config)
+    sweep, given = _sweep(chapter, overrides), chapter.prediction_example(config)
     return {
-        "evaluate": command("evaluate", f"run={name}", *recipe.evaluation_words(config), *where, *trust),
+        "evaluate": command("evaluate", f"run={name}", *chapter.evaluation_words(config), *where, *trust),
         **({"predict": command("predict", f"run={name}", *given, "output=<folder>", *trust)} if given else {}),
         **({} if sweep is None else {"sweep": sweep}),
         "dashboard": command("dashboard", *server, outputs=outputs),
     }
 
 
-def _sweep(recipe: Recipe, typed: Sequence[str]) -> str | None:
+def _sweep(chapter: Chapter, typed: Sequence[str]) -> str | None:
     """The run with three seeds and another choice beside its own; if these do not go together, with seeds alone."""
-    group, options = recipe.sweep_example
+    group, options = chapter.sweep_example
     parsed = [each for each in parse(typed) if each.key != "seed"]
     own = next((each.option for each in parsed if each.key == group and each.option not in ("", *options)), None)
     compared = options if own is None else (options[0], own)

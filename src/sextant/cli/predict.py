@@ -4,7 +4,6 @@ Heavy modules are imported where they are used, so that mistakes in a command ar
 """
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 
 from pydantic import Field
@@ -14,31 +13,16 @@ from sextant.console.arguments import Options, parse_arguments
 from sextant.console.output_folder import make_output
 from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
-from sextant.kit.handler import Handler, open_run, require
+from sextant.kit.handler import Handler, handlers, open_run, require
 from sextant.tracking.environment import quiet_libraries
-
-#: task of a run, or of a command without one -> import path of its handler. The last handlers are asked first whether
-#: the arguments name them.
-TASKS = {
-    "classification": "sextant.chapters.classification.handler.Classification",
-    "cosfire": "sextant.chapters.classification.handler.Classification",
-    "calibration": "sextant.chapters.calibration.cli.handler.Calibration",
-    "localization": "sextant.chapters.localization.cli.handler.Localization",
-    "place_recognition": "sextant.chapters.places.cli.handler.PlaceMatching",
-    "task=cosfire": "sextant.chapters.cosfire.cli.handler.Detection",
-}
 
 #: defaults where neither model nor task is named: photos are calibrated
 UNNAMED = {"run": "zoo:calibration", "output": "calibrated"}
 
 
-def _handler(path: str) -> Handler:
-    module, _, name = path.rpartition(".")
-    handler: Handler = getattr(import_module(module), name)()
-    return handler
-
-
-HANDLERS = {task: _handler(path) for task, path in TASKS.items()}
+#: by task: what is done with the models of each, and without one. The last ones are asked first whether the arguments
+#: name them.
+HANDLERS = {handler.task: handler for handler in handlers()}
 
 
 class SharedOptions(Options):
@@ -60,7 +44,7 @@ class SharedOptions(Options):
 
 
 KEYS = SharedOptions.meanings()
-for _each in dict.fromkeys(HANDLERS.values()):  # some keys belong to two tasks
+for _each in HANDLERS.values():  # some keys belong to two tasks
     for _key, _text in _each.keys.items():
         KEYS[_key] = "; ".join([*filter(None, [KEYS.get(_key)]), f"{_each.topic}: {_text}"])
 USAGE = "\n".join(dict.fromkeys(each.usage for each in HANDLERS.values()))

@@ -15,7 +15,7 @@ from sextant.composing.config_files import with_folders
 from sextant.config import Config
 from sextant.config.building import part_name
 from sextant.console.console import console, print_key_values, rows_table
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import Outcome
 from sextant.lifecycle.published_figures import comparison, says
 from sextant.runs.directory import RunDirectory
@@ -41,7 +41,7 @@ def show_start(
     rows = {
         "task": config.task.name,
         "dataset": part_name(config.plain["dataset"]),
-        **recipe_of(config.task.name).summary(config),
+        **chapter_of(config.task.name).summary(config),
         **({"weights": says(published)} if published is not None else _training(config)),
         "run": _shorter(directory.path),
     }
@@ -51,7 +51,7 @@ def show_start(
 def _training(config: Config) -> dict[str, str]:
     return {
         "optimizer": f"{part_name(config.plain['optimizer'])}, {part_name(config.plain['schedule'])}",
-        "training": f"{counted(config.trainer.max_epochs, 'epoch')}{recipe_of(config.task.name).batches(config)}, "
+        "training": f"{counted(config.trainer.max_epochs, 'epoch')}{chapter_of(config.task.name).batches(config)}, "
         f"{config.trainer.accelerator}, {config.trainer.threads} thread(s), seed {config.seed}",
     }
 
@@ -99,16 +99,16 @@ def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
 def _show_divergence(directory: RunDirectory, typed: Sequence[str] | None) -> None:
     import numpy as np
 
-    from sextant.evaluation.measure import ACCURACY
+    from sextant.kit.measure import ACCURACY
     from sextant.reports.divergence import what_to_do
     from sextant.reports.results import Training
 
     if typed is not None:
-        recipe = recipe_of(directory.path.parent.name)  # runs/<task>/<run>
+        chapter = chapter_of(directory.path.parent.name)  # runs/<task>/<run>
         measure = ACCURACY  # of a run that a nan stopped, there is nothing to be measured
         if directory.arrays.exists():
             with np.load(directory.arrays, allow_pickle=False) as arrays:
-                measure = recipe.measured(arrays).measure
+                measure = chapter.measured(arrays).measure
         told = what_to_do(measure, [Training.of(directory)], ["train", *with_folders(typed)])
         console.print(told, markup=False, soft_wrap=True)
 

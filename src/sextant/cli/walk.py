@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from sextant.chapters.calibration.cli.options import FocalOptions
-from sextant.chapters.localization.cli.options import LocalizingOptions
+from sextant.chapters.calibration.options import FocalOptions
+from sextant.chapters.localization.options import LocalizingOptions
 from sextant.console.arguments import UserPath
 
 USAGE = (
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> None:
     """Calibrate, straighten, describe and localize the images, and print where the report is."""
     options = WalkOptions.parse(arguments, USAGE)
     from sextant.chapters.calibration.calibrator import PhotoCalibrator
-    from sextant.chapters.localization.cli.predict import tell_poses
+    from sextant.chapters.localization.predict import tell_poses
     from sextant.console.work_progress import work_progress
     from sextant.tools.walks.walking import localize_walk
 

@@ -14,7 +14,7 @@ from typing import Any
 TARGET = "_target_"
 #: present path of a module, package or part by each that it had; of several, its first one comes first
 MOVED = {
-    "sextant.applications.classification": "sextant.chapters.classification",
+    "sextant.applications.classification": "sextant.chapters.classification.classifier",
     "sextant.applications.detection": "sextant.chapters.cosfire",
     "sextant.applications.inspection": "sextant.tools.inspection",
     "sextant.cli.descriptors": "sextant.chapters.places.descriptors",

@@ -24,11 +24,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Integer
+from jaxtyping import Float, Int64, Integer
 from numpy import ndarray
 from torch import Tensor
-
-from sextant.chapters.calibration.metrics.summary import cluster_resamples
 
 #: levels at which coverage is plotted, and those given in tables
 LEVELS = tuple(round(0.05 * step, 2) for step in range(1, 20))
@@ -51,6 +49,16 @@ class CoverageCurve:
     low: Float[ndarray, "l k"]
     high: Float[ndarray, "l k"]
     multipliers: Float[ndarray, "l k"]
+
+
+def cluster_resamples(clusters: Int64[ndarray, "n"], resamples: int, seed: int) -> Int64[ndarray, "resamples k"]:
+    """How often each cluster is drawn in bootstrap resamples of whole clusters, numbered from 0.
+
+    >>> cluster_resamples(np.array([0, 0, 1]), resamples=4, seed=0).sum(axis=1)  # two clusters, each time two draws
+    array([2, 2, 2, 2])
+    """
+    k = int(clusters.max()) + 1
+    return np.random.default_rng(seed).multinomial(k, np.full(k, 1 / k), size=resamples)
 
 
 def conformal_rank(count: int, level: float, per_panorama: int = 1) -> int:

@@ -1,25 +1,24 @@
 """The public names of the package."""
 
-from sextant.evaluation.corruption_baseline import (
+from sextant.evaluation.corruption_difference import CorruptionDifferences, corruption_differences
+from sextant.evaluation.corruption_errors import (
     ALEXNET_CIFAR10_C,
     ALEXNET_IMAGENET_C,
-    CorruptionBaseline,
-    read_baseline,
-    write_baseline,
-)
-from sextant.evaluation.corruption_difference import CorruptionDifferences, corruption_differences
-from sextant.evaluation.corruption_error import (
     ALL_19,
     BENCHMARK_15,
     CORRUPTION_FAMILIES,
+    CorruptionBaseline,
     CorruptionErrors,
+    CorruptionScore,
+    corruption_score,
     error_rate,
+    read_baseline,
+    write_baseline,
 )
-from sextant.evaluation.corruption_score import CorruptionScore, corruption_score
-from sextant.evaluation.flip_probability import flip_probability, mean_flip_probability
+from sextant.evaluation.flips import flip_probability, mean_flip_probability
 from sextant.evaluation.multiplicity import holm
 from sextant.evaluation.paired import PairedDifference, mean_interval, paired_difference
-from sextant.evaluation.particles_needed import CountRatio, needed_ratio, particles_needed
+from sextant.evaluation.particle_counts import CountRatio, needed_ratio, particles_needed
 from sextant.evaluation.pose_posterior import (
     PosteriorCalibration,
     nees,

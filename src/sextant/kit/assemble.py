@@ -1,4 +1,4 @@
-"""Parts that all recipes build from a config: the dataset, the test conditions, optimiser and schedule."""
+"""Parts that all chapters build from a config: the dataset, the test conditions, optimiser and schedule."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,6 +9,7 @@ from sextant.config.building import build, part_name
 from sextant.config.schema.classification import CorruptionSuite as CorruptionSuiteNode
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
+from sextant.kit.registry import chapter_of
 
 if TYPE_CHECKING:
     from sextant.corruptions import CorruptionSuite
@@ -24,7 +25,7 @@ def build_dataset(config: Config) -> Any:
     Raises:
         UserError: fits are to happen in another world, and the task knows no such fits.
     """
-    if config.plain["dataset"].get("fit_world") is not None and config.task.name != "localization":
+    if config.plain["dataset"].get("fit_world") is not None and not chapter_of(config.task.name).fits_elsewhere:
         raise UserError(
             f"dataset.fit_world={config.plain['dataset']['fit_world']}: task={config.task.name} trains on towns of "
             "their own, or on another part of the city",

@@ -1,4 +1,4 @@
-"""The interface between recipes and the life cycle of a run."""
+"""The interface between chapters and the life cycle of a run."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
@@ -19,9 +19,15 @@ from sextant.runs.resolve import resolve_run
 if TYPE_CHECKING:
     import pytorch_lightning as pl
     from matplotlib.figure import Figure
+    from torch import nn
 
-    from sextant.evaluation.measure import RunValues
-    from sextant.evaluation.shared_set import SharedSet
+    from sextant.kit.exports import Exportable
+    from sextant.kit.measure import RunValues
+    from sextant.kit.photo_predictors import PhotoPredictor
+    from sextant.kit.shared_set import SharedSet
+
+#: content of a checkpoint from :func:`~sextant.kit.trained.read_trained`
+Content = Mapping[str, Any]
 
 
 class Source(Protocol):
@@ -57,11 +63,13 @@ class TestRecord:
     files: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
 
 
-class Recipe(ABC):
+class Chapter(ABC):
     """Builds and tests the parts of one task. Methods marked *light* import nothing heavy.
 
     Attributes:
+        about: what the task is for, in a sentence with the chapter of the thesis.
         evaluation_example: arguments of ``evaluate.py`` that a user may want next.
+        fits_elsewhere: whether ``dataset.fit_world`` may name another world, in which everything is fitted.
         monitor: validation metric that selects checkpoints, and whether its "max" or "min" is best.
         sweep_example: a group or key and two values, compared in a sweep that a user may want next.
         cannot_test: kinds of the group ``corruption`` under which the task is not tested; most can only be tested under
@@ -72,10 +80,12 @@ class Recipe(ABC):
         reporter: listens to long work.
     """
 
+    about: ClassVar[str]
     evaluation_example: ClassVar[tuple[str, ...]]
     monitor: ClassVar[tuple[str, Literal["max", "min"]]]
     sweep_example: ClassVar[tuple[str, tuple[str, str]]]
     cannot_test: ClassVar[tuple[type[TestConditions], ...]] = (StoredSuite, PerturbationSuite)
+    fits_elsewhere: ClassVar[bool] = False
     alone: ClassVar[str] = ""
     on_cpu: ClassVar[str] = ""
     test_settings: ClassVar[tuple[str, ...]] = ()
@@ -138,7 +148,7 @@ class Recipe(ABC):
         """The dataset. Light.
 
         Raises:
-            UserError: this recipe cannot use the dataset.
+            UserError: this chapter cannot use the dataset.
         """
 
     @abstractmethod
@@ -191,3 +201,23 @@ class Recipe(ABC):
         Raises:
             KeyError: the arrays are not those of a run of this task.
         """
+
+    def new_network(self, config: Config, spec: Mapping[str, Any]) -> "nn.Module":
+        """The network alone, with new weights, where other tasks may look at one of its layers.
+
+        Raises:
+            UserError: a part cannot be built.
+        """
+        raise NotImplementedError
+
+    def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
+        """The network of a loaded checkpoint, for other programs, where the model is one; see ``kit.exports``.
+
+        Raises:
+            UserError: it cannot be exported.
+        """
+        raise NotImplementedError
+
+    def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
+        """Answers of a loaded checkpoint to single photos, where it has any; see ``kit.photo_predictors``."""
+        raise NotImplementedError

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
 from sextant.errors import UserError
+from sextant.kit.registry import CHAPTERS
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import FoundRun, resolve_run
 
@@ -125,6 +127,11 @@ def open_run(given: Mapping[str, str]) -> Trained:
         UserError: the run does not exist, or its checkpoint is damaged.
     """
     found = find_run(given)
-    from sextant.kit.content import read_trained
+    from sextant.kit.trained import read_trained
 
     return Trained(given["run"], found, read_trained(found.checkpoint), given.get("trust") == "true")
+
+
+def handlers() -> list[Handler]:
+    """What ``predict.py`` does for each task, in the order of :data:`~sextant.kit.registry.CHAPTERS`."""
+    return [handler() for package in CHAPTERS.values() for handler in import_module(f"{package}.commands").HANDLERS]

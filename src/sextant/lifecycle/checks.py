@@ -11,7 +11,8 @@ from sextant.composing.config_files import sweep_command
 from sextant.config import Config, validate
 from sextant.config.building import naming_groups, require_callable
 from sextant.errors import UserError
-from sextant.kit import Source, recipe_of
+from sextant.kit.chapter import Source
+from sextant.kit.registry import chapter_of
 from sextant.reporter import SILENT, Reporter
 
 
@@ -23,7 +24,7 @@ def checked(raw: Mapping[str, Any]) -> Config:
             callable does not exist.
     """
     config = validate(raw)
-    recipe_of(config.task.name).check_parts(config)
+    chapter_of(config.task.name).check_parts(config)
     for key, path in config.custom_parts().items():
         require_callable(key, path)
     return config
@@ -57,9 +58,9 @@ def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
     require_outputs(Path(config.paths.outputs))
     if config.tracking.kind == "sqlite":
         store_uri(Path(config.paths.outputs))
-    recipe = recipe_of(config.task.name, reporter)
+    chapter = chapter_of(config.task.name, reporter)
     with naming_groups(config.plain):
-        recipe.check(recipe.source(config))
+        chapter.check(chapter.source(config))
     if config.tracking.kind == "server" and config.tracking.uri is not None:
         require_server(config.tracking.uri)
 
@@ -98,7 +99,7 @@ def require_outputs(outputs: Path) -> None:
 def require_possible(config: Config, source: Source) -> None:
     """Raise a ``UserError`` unless this machine has the device and the data fill a training batch."""
     require_device(config)
-    count = recipe_of(config.task.name).training_size(config, source)
+    count = chapter_of(config.task.name).training_size(config, source)
     if count is not None and config.trainer.batch_size > count:
         raise UserError(
             f"trainer.batch_size={config.trainer.batch_size}: dataset={source.name} has {count:,} images to train on",

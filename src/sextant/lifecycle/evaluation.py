@@ -12,8 +12,8 @@ from sextant.config import Config, digest, nearest, validate
 from sextant.config.building import naming_groups
 from sextant.config.path_keys import from_where_it_ran
 from sextant.errors import UserError
-from sextant.kit import recipe_of
-from sextant.kit.content import own_config, read_trained
+from sextant.kit.registry import chapter_of
+from sextant.kit.trained import own_config, read_trained
 from sextant.lifecycle.checks import require_apart, require_device, require_outputs
 from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
@@ -50,11 +50,11 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
     config = checkpoint_config(content[KEY], overrides)
     require_apart(config)
     require_outputs(outputs)
-    recipe = recipe_of(config.task.name, reporter)
+    chapter = chapter_of(config.task.name, reporter)
     with naming_groups(config.plain):
-        source = recipe.source(config)
-        recipe.require_fit(config, content[KEY]["spec"], source)
-        identity = digest({**recipe.identity(config), "checkpoint": found.identity})
+        source = chapter.source(config)
+        chapter.require_fit(config, content[KEY]["spec"], source)
+        identity = digest({**chapter.identity(config), "checkpoint": found.identity})
         code = source_sha256(config.custom_targets())
         key = RunKey("evaluation", identity, config.seed, code, source.fingerprint())
     from sextant.lifecycle.training import test_checkpoint
@@ -87,7 +87,7 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
         UserError: an override cannot be parsed, or would change what the weights were trained with.
     """
     parsed, known_groups = parse(overrides), groups()
-    settings = [f"task.{key}" for key in recipe_of(str(trained.get("task", {}).get("name"))).test_settings]
+    settings = [f"task.{key}" for key in chapter_of(str(trained.get("task", {}).get("name"))).test_settings]
     below = tuple(f"{key}." for key in settings)
     for override in parsed:
         group = override.place

@@ -16,7 +16,8 @@ from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config, digest
 from sextant.config.building import naming_groups
 from sextant.errors import LossNotFiniteError, UserError
-from sextant.kit import Source, recipe_of
+from sextant.kit.chapter import Source
+from sextant.kit.registry import chapter_of
 from sextant.lease import Lease
 from sextant.lifecycle.checks import checked, require_possible
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
@@ -66,7 +67,7 @@ def run_key(config: Config, source: Source) -> RunKey:
 
 def run_digest(config: Config) -> str:
     """The digest of a typed config, in which 2 and 2.0 are the same number."""
-    return digest(recipe_of(config.task.name).identity(config))
+    return digest(chapter_of(config.task.name).identity(config))
 
 
 def execute(raw: Mapping[str, Any], *, wait: bool = False, reporter: RunReporter = SILENT_RUN) -> Outcome:
@@ -83,7 +84,7 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False, reporter: RunReporter
     """
     config = checked(raw)
     with naming_groups(config.plain):
-        source = recipe_of(config.task.name, reporter).source(config)
+        source = chapter_of(config.task.name, reporter).source(config)
         key = run_key(config, source)
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:

@@ -6,9 +6,9 @@ from pathlib import Path
 from sextant.applications.arguments import check_apart
 from sextant.atomic_files import write_atomically
 from sextant.errors import command
-from sextant.kit.content import read_trained
-from sextant.kit.exports import exportable
+from sextant.kit.trained import read_trained
 from sextant.lifecycle.export_formats import FILES, Format, write_network
+from sextant.lifecycle.offered import exportable
 from sextant.reports.model_card import model_card
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs

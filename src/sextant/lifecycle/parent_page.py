@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sextant.atomic_files import read_json, write_json
 from sextant.errors import UserError
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.run_reporter import RunReporter
 from sextant.reports.results import Measured, SweepResults, read_results
@@ -186,4 +186,4 @@ def _done(runs: Sequence[Path]) -> int:
 
 
 def _measured(task: str) -> Measured:
-    return recipe_of(task).measured
+    return chapter_of(task).measured

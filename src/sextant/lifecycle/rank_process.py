@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sextant.config import validate
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.ranks import Rank
 from sextant.lifecycle.training import fit
 from sextant.runs.directory import RunDirectory, RunKey
@@ -20,9 +20,9 @@ def main(given: Mapping[str, Any]) -> None:
     threading.Thread(target=_end_with_the_first, daemon=True).start()
     quiet_libraries()
     config, rank = validate(given["config"]), Rank(given["rank"], given["meeting"])
-    recipe = recipe_of(config.task.name)
+    chapter = chapter_of(config.task.name)
     directory = RunDirectory(Path(given["directory"]))
-    fit(config, recipe, recipe.source(config), directory, RunKey(**given["key"]), resume=given["resume"], rank=rank)
+    fit(config, chapter, chapter.source(config), directory, RunKey(**given["key"]), resume=given["resume"], rank=rank)
 
 
 def _end_with_the_first() -> None:

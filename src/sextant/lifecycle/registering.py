@@ -10,8 +10,9 @@ import numpy as np
 from PIL import Image
 
 from sextant.errors import ArgumentError, UserError, command
-from sextant.kit.content import read_trained
-from sextant.kit.photo_predictors import ERROR, photo_predictor
+from sextant.kit.photo_predictors import ERROR
+from sextant.kit.trained import read_trained
+from sextant.lifecycle.offered import photo_predictor
 from sextant.reports.model_card import model_card
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs

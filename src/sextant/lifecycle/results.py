@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.sweep import SweepOutcome
 from sextant.reporter import SILENT, Reporter
 from sextant.runs.outputs_folder import default_outputs
@@ -38,7 +38,7 @@ def sweep_results(sweep: Reference, outputs: str | Path | None = None, reporter:
     if any(is_stored(block) for block in blocks):
         return join_cells(blocks, folder)
     directory = find_sweep(str(sweep), folder, reporter)
-    return read_results(directory, directory.parents[1], lambda task: recipe_of(task).measured)
+    return read_results(directory, directory.parents[1], lambda task: chapter_of(task).measured)
 
 
 def load_results(sweep: Reference, outputs: str | Path | None = None) -> list[dict[str, Any]]:

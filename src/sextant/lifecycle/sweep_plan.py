@@ -15,7 +15,7 @@ from sextant.config import Config, validate
 from sextant.config.building import naming_groups
 from sextant.config.schema.space import dimension, is_dimension
 from sextant.errors import UserError
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.checks import checked, require_environment
 from sextant.lifecycle.execute import run_key
 from sextant.reporter import SILENT, Reporter
@@ -184,7 +184,7 @@ def over_seeds(
     planned = []
     follows_seed = any("${seed}" in override for override in overrides)
     with naming_groups(config.plain):
-        source = recipe_of(config.task.name, reporter).source(config)
+        source = chapter_of(config.task.name, reporter).source(config)
         key = run_key(config, source)
     for pair, number in design.pairs(setting, arm):
         seed = number + design.arms[arm][1]
@@ -278,7 +278,7 @@ def _check_read(arm: str, definition: Mapping[str, Any], config: Config) -> None
     reads = definition.get("arms", {}).get(arm, {}).get("reads")
     if reads is None:
         return
-    known = recipe_of(config.task.name).answers(config)
+    known = chapter_of(config.task.name).answers(config)
     if reads not in known:
         told = f"its runs have those of {', '.join(known)}" if known else f"task={config.task.name} has one method"
         raise UserError(

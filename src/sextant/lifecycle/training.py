@@ -19,9 +19,9 @@ from sextant.config import Config
 from sextant.config.building import naming_groups
 from sextant.config.schema.environment import Trainer
 from sextant.figures.style import save_figure
-from sextant.kit import Recipe, Source, recipe_of
-from sextant.kit.content import load_weights, read_trained
-from sextant.kit.trained_model import model_from_checkpoint
+from sextant.kit.chapter import Chapter, Source
+from sextant.kit.registry import chapter_of
+from sextant.kit.trained import load_weights, model_from_checkpoint, read_trained
 from sextant.layers.global_batch_norm import global_batch_norm
 from sextant.lifecycle.published_figures import same_images
 from sextant.lifecycle.ranks import Processes, Rank, ranks
@@ -55,7 +55,7 @@ def train_and_test(
     began = time.monotonic()
     reset_peak_memory()
     _tell_precision(config.trainer, reporter)
-    recipe = recipe_of(config.task.name, reporter)
+    chapter = chapter_of(config.task.name, reporter)
     logger = RunLogger(directory, mirror)
     resume = directory.last_checkpoint.is_file()
     clock = _Clock(directory, began, resumed=resume)
@@ -64,11 +64,11 @@ def train_and_test(
     with system_metrics(monitor, config.tracking.system_metrics_every_s), naming_groups(config.plain):
         with ranks(config, directory, key, resume=resume) as rank:
             fitted = fit(
-                config, recipe, source, directory, key,
+                config, chapter, source, directory, key,
                 resume=resume, rank=rank, logger=logger, clock=clock, shown=shown,
             )  # fmt: skip
         trained, fit_s = time.monotonic(), clock.seconds()
-        results = _test(fitted, config, directory, recipe, logger)
+        results = _test(fitted, config, directory, chapter, logger)
     return _write_results(results, directory, key, fit_s=fit_s, test_s=time.monotonic() - trained)
 
 
@@ -83,7 +83,7 @@ class Fitted:
 
 def fit(
     config: Config,
-    recipe: Recipe,
+    chapter: Chapter,
     source: Source,
     directory: RunDirectory,
     key: RunKey,
@@ -98,7 +98,7 @@ def fit(
 
     Args:
         config: config of the run.
-        recipe: recipe of its task.
+        chapter: chapter of its task.
         source: source of its data.
         directory: run directory with its checkpoints.
         key: key of the run.
@@ -108,9 +108,9 @@ def fit(
     """
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
-    data = recipe.data(config, source)
-    spec = recipe.spec(config, source, data)
-    module = recipe.module(config, spec, training=True)
+    data = chapter.data(config, source)
+    spec = chapter.spec(config, source, data)
+    module = chapter.module(config, spec, training=True)
     if config.init_from is not None:
         checkpoint = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").checkpoint
         load_weights(module, read_trained(checkpoint), checkpoint)
@@ -154,8 +154,8 @@ def test_checkpoint(
     _tell_precision(config.trainer, reporter)
     torch.set_num_threads(config.trainer.threads)
     module = model_from_checkpoint(config, content, checkpoint)
-    recipe = recipe_of(config.task.name, reporter)
-    data = recipe.data(config, source)
+    chapter = chapter_of(config.task.name, reporter)
+    data = chapter.data(config, source)
     trainer = _trainer(config, directory, RunLogger(directory, None), [], None)
     with naming_groups(config.plain):
         metrics = dict(trainer.test(module, data, verbose=False)[0])
@@ -163,7 +163,7 @@ def test_checkpoint(
         if (published := content[KEY].get("published")) is not None:
             facts = {"same_images": same_images(config), "precision": config.trainer.precision}
             results["published"] = published | facts
-        results = _with_record(results, module, data, config, directory, recipe)
+        results = _with_record(results, module, data, config, directory, chapter)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
 
 
@@ -236,7 +236,9 @@ def _best_epoch(directory: RunDirectory, monitor: str, mode: str) -> ModelCheckp
     )
 
 
-def _test(fitted: Fitted, config: Config, directory: RunDirectory, recipe: Recipe, logger: RunLogger) -> dict[str, Any]:
+def _test(
+    fitted: Fitted, config: Config, directory: RunDirectory, chapter: Chapter, logger: RunLogger
+) -> dict[str, Any]:
     """Validate and test the selected weights in this process, and write arrays and figures."""
     trainer, module, data = fitted.trainer, fitted.module, fitted.data
     epochs, steps = trainer.current_epoch, trainer.global_step
@@ -253,7 +255,7 @@ def _test(fitted: Fitted, config: Config, directory: RunDirectory, recipe: Recip
         "epochs": epochs,
         "steps": steps,
     }
-    return _with_record(results, module, data, config, directory, recipe)
+    return _with_record(results, module, data, config, directory, chapter)
 
 
 def _with_record(
@@ -262,10 +264,10 @@ def _with_record(
     data: pl.LightningDataModule,
     config: Config,
     directory: RunDirectory,
-    recipe: Recipe,
+    chapter: Chapter,
 ) -> dict[str, Any]:
     """Write per-image results and figures of the last test, and return ``results`` with its further findings."""
-    record = recipe.record(module, data, config)
+    record = chapter.record(module, data, config)
     write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **record.arrays))  # type: ignore[arg-type]
     for name, figure in record.figures:
         save_figure(figure, directory.figures, name)

@@ -3,7 +3,7 @@
 The push-pull paper states that all kernels of this network are 3x3, that the first convolution has stride 2, and that
 1024 numbers enter the fully connected layers. Widths, pooling, hidden layers and dropout are not published; AlexNet's
 own widths with three 2x2 poolings give 256 x 2 x 2 = 1024. No weights are published either: the paper's *errors* are in
-:mod:`sextant.evaluation.corruption_baseline`.
+:mod:`sextant.evaluation.corruption_errors`.
 
 Sources: A. Krizhevsky et al., "ImageNet classification with deep convolutional neural networks", 2012, with the widths
 of A. Krizhevsky, "One weird trick for parallelizing convolutional neural networks", 2014; Strisciuglio et al.,

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from sextant.errors import command
-from sextant.evaluation.measure import Measure
+from sextant.kit.measure import Measure
 from sextant.reports.results import SweepResults, Training
 from sextant.runs.sweep_directory import SweepPlan
 from sextant.tables import counted

@@ -10,8 +10,8 @@ from jaxtyping import Bool, Int64
 from numpy import ndarray
 
 from sextant.chapters.localization.figures.success_curves import SuccessCurve, success_curves
-from sextant.evaluation.measure import SUCCESS
-from sextant.evaluation.particles_needed import CountRatio, needed_ratio, particles_needed
+from sextant.chapters.localization.measure import SUCCESS
+from sextant.evaluation.particle_counts import CountRatio, needed_ratio, particles_needed
 from sextant.evaluation.protocols import ENOUGH_SUCCESS
 from sextant.evaluation.success import Share, share_of
 from sextant.reports.contrasts import Sides, converged_pairs, dropped_pairs, named_contrasts

@@ -15,9 +15,9 @@ from numpy import ndarray
 
 from sextant.errors import UserError
 from sextant.evaluation import CorruptionErrors
-from sextant.evaluation.measure import ACCURACY, Measure, RunValues, conditions_in, require_answers
-from sextant.evaluation.shared_set import SharedSet, shared_set
 from sextant.evaluation.verdict import Replicate
+from sextant.kit.measure import ACCURACY, Measure, RunValues, conditions_in, require_answers
+from sextant.kit.shared_set import SharedSet, shared_set
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
@@ -28,7 +28,7 @@ ROUNDING = 1e-4
 
 
 class Measured(Protocol):
-    """Function that derives values from the arrays of a run; see ``sextant.kit.Recipe.measured``."""
+    """Function that derives values from the arrays of a run; see ``sextant.kit.Chapter.measured``."""
 
     def __call__(
         self, arrays: Mapping[str, ndarray], shared: SharedSet | None = None, reads: str | None = None

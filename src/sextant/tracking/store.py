@@ -17,6 +17,7 @@ from sextant.addresses import file_uri, path_of, read_only, sqlite_uri
 from sextant.atomic_files import write_atomically
 from sextant.cache_folder import cache_folder
 from sextant.errors import UserError, command
+from sextant.kit.registry import CHAPTERS, chapter_of
 from sextant.runs.outputs_folder import other_than_default
 
 if TYPE_CHECKING:
@@ -29,14 +30,6 @@ HOW_TO_READ = (
     "named by arm, setting and seed. To compare runs, select them and choose *Compare*; group the list by the tag "
     "`arm` to see an arm's mean."
 )
-#: descriptions of the experiments that are named after a task
-EXPERIMENTS = {
-    "classification": "Push-pull inhibition against image corruptions (chapter 7).",
-    "calibration": "Tilt, roll, focal length and distortion from one image (chapter 2).",
-    "place_recognition": "Descriptors that survive weather and season (chapter 3).",
-    "localization": "Gaussian processes in a particle filter (chapters 4 and 5).",
-    "cosfire": "Filters configured from one example (chapter 6).",
-}
 
 
 @dataclass(frozen=True)
@@ -85,7 +78,8 @@ def experiment_tags(name: str) -> dict[str, str]:
 
     Without the kind, MLflow infers one from what was logged last, and may open its pages for language models.
     """
-    note = f"{EXPERIMENTS.get(name, 'Runs of Sextant.')}\n\n{HOW_TO_READ}"
+    about = chapter_of(name).about if name in CHAPTERS else "Runs of Sextant."
+    note = f"{about}\n\n{HOW_TO_READ}"
     return {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": note}
 
 

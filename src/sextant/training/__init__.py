@@ -1,1 +1,1 @@
-"""Lightning modules, one per task: thin layers over the functional core."""
+"""What the Lightning modules of several chapters share: optimisers, schedules, losses by step, processes."""

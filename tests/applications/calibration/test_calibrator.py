@@ -15,7 +15,7 @@ from sextant.applications import FailedPhoto, FailedPhotosError, PhotoCalibrator
 from sextant.chapters.calibration.network import reported
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters, Parameterization, undistort_radius
-from sextant.kit.content import read_trained
+from sextant.kit.trained import read_trained
 from sextant.runs.checkpoint import KEY
 
 #: the last is there, but takes longer to import than a photo to calibrate

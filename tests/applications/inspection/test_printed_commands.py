@@ -12,7 +12,7 @@ from PIL import Image
 
 from sextant import cli
 from sextant.geometry import PerspectiveCamera, level_camera_pose
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.checks import checked, preflight, require_possible
 from sextant.tools.inspection import inspect
 from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
@@ -55,7 +55,7 @@ def test_trainings_that_are_printed_have_enough_images(name, tmp_path):
     assert trainings
     for command in trainings:
         config = checked(preflight(shlex.split(command)[2:]))
-        require_possible(config, recipe_of(config.task.name).source(config))
+        require_possible(config, chapter_of(config.task.name).source(config))
 
 
 @pytest.mark.parametrize("images", [5, 6, 8, 11, 16, 25, 32, 33])
@@ -64,7 +64,7 @@ def test_few_images_of_classes_are_a_batch(count, images, tmp_path):
     classes(tmp_path / "files", count, images)
     (suggested,) = [each for each in inspect(tmp_path / "files").suggestions if each.task == "classify images"]
     config = checked(preflight(shlex.split(suggested.commands[0])[2:]))
-    require_possible(config, recipe_of("classification").source(config))
+    require_possible(config, chapter_of("classification").source(config))
 
 
 @pytest.mark.parametrize("count", [3, 5, 15, 17])
@@ -73,7 +73,7 @@ def test_few_panoramas_are_a_batch(count, tmp_path):
         panorama(tmp_path / "files" / f"{number}.png", number)
     (suggested,) = [each for each in inspect(tmp_path / "files").suggestions if "panoramas" in each.task]
     config = checked(preflight(shlex.split(suggested.commands[0])[2:]))
-    require_possible(config, recipe_of("calibration").source(config))
+    require_possible(config, chapter_of("calibration").source(config))
 
 
 @pytest.mark.slow

@@ -5,8 +5,8 @@ import re
 import pytest
 from cli.cosfire_detection.drawn import drawn
 
-from sextant.chapters.cosfire.cli.options import DetectionOptions
 from sextant.chapters.cosfire.detector_options import PHOTO, PRESET_NAMES
+from sextant.chapters.cosfire.options import DetectionOptions
 from sextant.cli import predict
 from sextant.errors import UserError
 from sextant.layers.cosfire import PRESETS

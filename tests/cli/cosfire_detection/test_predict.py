@@ -12,9 +12,9 @@ from cli.cosfire_detection.drawn import drawn
 from PIL import Image
 from support import as_published, fill_disk
 
-from sextant.chapters.cosfire.cli.inputs import read_inputs
-from sextant.chapters.cosfire.cli.predict import predict_detections
 from sextant.chapters.cosfire.network_image import TrainedFeatures, trained_features
+from sextant.chapters.cosfire.options import read_inputs
+from sextant.chapters.cosfire.predict import predict_detections
 from sextant.cli import predict
 from sextant.errors import UserError
 from sextant.models import FeatureMap, PlaceNet, ResNetCifar
@@ -249,7 +249,7 @@ def test_a_trained_run_gives_the_features_of_a_layer(tmp_path, trained):
 
 
 def test_of_a_run_of_places_the_backbone_is_looked_at(tmp_path, trained, monkeypatch):
-    from sextant.chapters.cosfire import network
+    from sextant.chapters.cosfire import network_image as network
 
     torch.manual_seed(1)
     backbone = FeatureMap(ResNetCifar(3, (32, 32), 10), 3, (32, 32), layer="layer2")
@@ -268,7 +268,7 @@ def test_of_a_run_of_places_the_backbone_is_looked_at(tmp_path, trained, monkeyp
 
 
 def test_a_run_of_another_task_is_refused(tmp_path, trained, monkeypatch):
-    from sextant.chapters.cosfire import network
+    from sextant.chapters.cosfire import network_image as network
 
     monkeypatch.setattr(network, "read_trained", lambda path: {network.KEY: {"task": "calibration"}})
     with pytest.raises(UserError, match="is a model of calibration; features are taken from classification or"):

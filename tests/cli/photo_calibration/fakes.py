@@ -4,9 +4,9 @@ import torch
 from PIL import Image
 
 from sextant.applications import PhotoCalibrator
-from sextant.chapters.calibration.cli.options import CalibrationOptions
-from sextant.chapters.calibration.cli.predict import predict_calibrations
 from sextant.chapters.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork
+from sextant.chapters.calibration.options import CalibrationOptions
+from sextant.chapters.calibration.predict import predict_calibrations
 from sextant.geometry import CameraParameters, Parameterization, PerspectiveCamera
 
 SCALE = (0.02, 0.01, 0.03, 0.05)

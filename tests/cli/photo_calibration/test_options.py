@@ -1,6 +1,6 @@
 import pytest
 
-from sextant.chapters.calibration.cli.options import CalibrationOptions
+from sextant.chapters.calibration.options import CalibrationOptions
 from sextant.errors import UserError
 
 

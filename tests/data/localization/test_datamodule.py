@@ -35,7 +35,7 @@ class Circles:
 
 class Vectors:
     def of(self, drive, count):
-        return np.full((count, 3), len(drive.name), np.float32)
+        return np.full((count, 3), len(drive), np.float32)
 
 
 def module(tmp_path, describer=None, **more):

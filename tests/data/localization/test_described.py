@@ -7,8 +7,9 @@ import pytest
 from data.localization.drives import circle, numbers
 
 from sextant.chapters.localization.data import described
-from sextant.chapters.localization.data.described import DescribedDrives, Describer
+from sextant.chapters.localization.data.described import DescribedDrives
 from sextant.chapters.localization.data.drive import Drive
+from sextant.chapters.places.descriptors import Describer
 from sextant.errors import UserError
 
 

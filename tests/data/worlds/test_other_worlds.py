@@ -9,8 +9,8 @@ from sextant.chapters.localization.data.fitted_elsewhere import FittedElsewhere
 from sextant.composing.compose import compose, to_plain
 from sextant.config import digest, validate
 from sextant.errors import UserError
-from sextant.kit import recipe_of
 from sextant.kit.assemble import build_dataset
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import execute
 
 DATASETS = ("office_walk", "town_seasons", "town_city", "town_panoramas", "town_factors", "cold")
@@ -126,8 +126,8 @@ def test_everything_is_fitted_in_the_other_world(tmp_path, tmp_path_factory):
     cache = office_cache(tmp_path_factory)
     raw = office_config(cache, tmp_path, "dataset.world=1", "dataset.fit_world=0")
     config = validate(raw)
-    recipe = recipe_of("localization")
-    source = recipe.source(config)
+    chapter = chapter_of("localization")
+    source = chapter.source(config)
     assert isinstance(source, FittedElsewhere)
     found, tested, fitted = source.read(), source.tested.read(), source.fitted.read()
     assert np.array_equal(found.map.poses, tested.map.poses)
@@ -136,7 +136,7 @@ def test_everything_is_fitted_in_the_other_world(tmp_path, tmp_path_factory):
     assert np.array_equal(found.validation_map.poses, fitted.map.poses)
     assert [drive.name for drive in found.validation] == [f"world0/{drive.name}" for drive in fitted.validation]
     assert source.fingerprint() not in (source.tested.fingerprint(), source.fitted.fingerprint())
-    data = recipe.data(config, source)
+    data = chapter.data(config, source)
     assert data.choices(0)[0].max() == min(len(fitted.map), 10**6) - 1  # rows of the map that is fitted to
     alone, other = data.descriptors(found.map), data.descriptors(found.fitted)
     assert alone.shape[1] == other.shape[1]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sextant.errors import UserError
-from sextant.evaluation.corruption_error import CorruptionErrors
+from sextant.evaluation.corruption_errors import CorruptionErrors
 
 NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
 DETAILS = re.compile(rf"\s*(\w+):((?:\s+{NUMBER})+)\s*")

@@ -2,15 +2,16 @@ import numpy as np
 import pytest
 
 from sextant.errors import UserError
-from sextant.evaluation.corruption_baseline import (
+from sextant.evaluation.corruption_errors import (
     ALEXNET_CIFAR10_C,
     ALEXNET_IMAGENET_C,
+    ALL_19,
+    BENCHMARK_15,
     EXAMPLE,
     CorruptionBaseline,
     read_baseline,
     write_baseline,
 )
-from sextant.evaluation.corruption_error import ALL_19, BENCHMARK_15
 
 
 def test_the_published_baselines_have_their_printed_means():

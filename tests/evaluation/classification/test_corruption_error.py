@@ -4,17 +4,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.corruptions import cifar10_c, imagenet_c
-from sextant.evaluation.corruption_baseline import CorruptionBaseline
-from sextant.evaluation.corruption_error import (
+from sextant.evaluation.corruption_errors import (
     ALL_19,
     BENCHMARK_15,
     CORRUPTION_FAMILIES,
+    CorruptionBaseline,
     CorruptionErrors,
-    error_rate,
-)
-from sextant.evaluation.corruption_score import (
     corruption_ratio,
     corruption_score,
+    error_rate,
     relative_corruption_ratio,
 )
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sextant.evaluation.flip_probability import (
+from sextant.evaluation.flips import (
     BENCHMARK_PERTURBATIONS,
     flip_probability,
     is_noise,

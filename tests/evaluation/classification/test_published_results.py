@@ -13,11 +13,15 @@ from evaluation.classification.published_results import (
 )
 
 from sextant.errors import UserError
-from sextant.evaluation.corruption_baseline import ALEXNET_CIFAR10_C
 from sextant.evaluation.corruption_difference import corruption_differences
-from sextant.evaluation.corruption_error import ALL_19, BENCHMARK_15, CorruptionErrors
-from sextant.evaluation.corruption_score import corruption_score
-from sextant.evaluation.flip_probability import mean_flip_probability
+from sextant.evaluation.corruption_errors import (
+    ALEXNET_CIFAR10_C,
+    ALL_19,
+    BENCHMARK_15,
+    CorruptionErrors,
+    corruption_score,
+)
+from sextant.evaluation.flips import mean_flip_probability
 
 #: mean error by model and corruption in per cent, as in the authors' ``results/*/*/C_average.txt``, MIT licence
 MEANS = Path(__file__).parent / "published" / "push_pull_cifar10_c.csv"

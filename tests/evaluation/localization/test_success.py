@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import stats
 
-from sextant.evaluation.particles_needed import CountRatio, needed_ratio, particles_needed
+from sextant.evaluation.particle_counts import CountRatio, needed_ratio, particles_needed
 from sextant.evaluation.protocols import (
     NORDLAND_LOCALIZATION,
     OFFICE_LOCALIZATION,

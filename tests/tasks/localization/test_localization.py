@@ -14,8 +14,7 @@ from sextant.chapters.places.descriptors import BaselineDescriber
 from sextant.cli import evaluate
 from sextant.config import validate
 from sextant.errors import UserError
-from sextant.kit.content import read_trained
-from sextant.kit.trained_model import model_from_checkpoint
+from sextant.kit.trained import model_from_checkpoint, read_trained
 from sextant.lifecycle.execute import execute
 from sextant.localization.map_support import MapSupport
 from sextant.localization.observation.evidence import Evidence

@@ -9,15 +9,14 @@ import yaml
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from sextant.chapters.places.chapter import PlaceRecognitionRecipe
+from sextant.chapters.places.chapter import PlacesChapter
 from sextant.chapters.places.data import PlaceTolerance
 from sextant.chapters.places.whitening import Whitening, solve_projection
 from sextant.cli import evaluate
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
-from sextant.kit.content import read_trained
-from sextant.kit.trained_model import model_from_checkpoint
+from sextant.kit.trained import model_from_checkpoint, read_trained
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
 
@@ -114,7 +113,7 @@ def test_the_last_layer_is_solved_for_after_the_last_epoch(folder, tmp_path):
     module = model_from_checkpoint(validate(raw), read_trained(run.last_checkpoint), run.last_checkpoint)
     kept = module.network.projection.weight.clone()
     torch.nn.init.zeros_(module.network.projection.weight)
-    train = PlaceRecognitionRecipe().source(validate(raw)).read("train")
+    train = PlacesChapter().source(validate(raw)).read("train")
     solve_projection(module.network, train, PlaceTolerance("frames", 0, 1), Whitening(64, 1.0))
     torch.testing.assert_close(module.network.projection.weight, kept, rtol=1e-3, atol=1e-4)
 

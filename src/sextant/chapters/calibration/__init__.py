@@ -1,1 +1,1 @@
-"""From photos of any kind to their cameras, with everything that can be said of them."""
+"""Single-image camera calibration (chapter 2): from photos of any kind to their cameras."""

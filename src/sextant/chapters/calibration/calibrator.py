@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any, Literal, Self, get_args, overload
 
 from sextant.applications.failures import Errors, FailedPhoto, attempted, raise_failed, several
-from sextant.chapters.calibration.camera_network import trained_camera_network
 from sextant.chapters.calibration.finding import Finding
 from sextant.chapters.calibration.inference import AnyPhoto, find_cameras
 from sextant.chapters.calibration.jointly import Method, by_method
-from sextant.chapters.calibration.network import CameraNetwork
+from sextant.chapters.calibration.network import CameraNetwork, trained_camera_network
 from sextant.chapters.calibration.one_camera import OneCamera, fuse_as_one_camera
 from sextant.chapters.calibration.photo_camera import PhotoCamera
 from sextant.chapters.calibration.priors import (
@@ -21,7 +20,7 @@ from sextant.chapters.calibration.priors import (
 )
 from sextant.chapters.calibration.reporting import photo_camera
 from sextant.errors import ArgumentError
-from sextant.kit.content import read_trained
+from sextant.kit.trained import read_trained
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 

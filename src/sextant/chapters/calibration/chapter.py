@@ -1,7 +1,8 @@
-"""Recipe of single-image calibration."""
+"""The chapter of single-image calibration: what its runs consist of."""
 
 from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sextant.config import Config
@@ -9,7 +10,7 @@ from sextant.config.building import build, part_name
 from sextant.config.schema import CalibrationTask
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
-from sextant.kit.chapter import Recipe, Source, TestRecord
+from sextant.kit.chapter import Chapter, Content, Source, TestRecord
 
 if TYPE_CHECKING:
     from numpy import ndarray
@@ -17,8 +18,10 @@ if TYPE_CHECKING:
     from sextant.chapters.calibration.data.datamodule import CalibrationData
     from sextant.chapters.calibration.data.panoramas import PanoramaSource
     from sextant.chapters.calibration.task import Calibration
-    from sextant.evaluation.measure import RunValues
-    from sextant.evaluation.shared_set import SharedSet
+    from sextant.kit.exports import Exportable
+    from sextant.kit.measure import RunValues
+    from sextant.kit.photo_predictors import PhotoPredictor
+    from sextant.kit.shared_set import SharedSet
 
 #: geometric methods, by their names in results
 BY_LINES = ("vanishing points", "plumb lines", "both")
@@ -26,9 +29,10 @@ BY_LINES = ("vanishing points", "plumb lines", "both")
 DRAWS, DRAW_SEED = 100_000, 999_983
 
 
-class CalibrationRecipe(Recipe):
+class CalibrationChapter(Chapter):
     """See :class:`~sextant.chapters.calibration.task.Calibration`."""
 
+    about = "Tilt, roll, focal length and distortion from one image (chapter 2)."
     evaluation_example = ("dataset=panorama_folder", "dataset.folder=<panoramas>")
     monitor = ("val/bearing_deg", "min")
     sweep_example = ("loss", ("bearing_disentangled", "bearing"))
@@ -165,6 +169,21 @@ class CalibrationRecipe(Recipe):
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
     ) -> "RunValues":
         """Median errors of the network, or failures of the method ``reads``."""
-        from sextant.evaluation.measure import calibrated
+        from sextant.chapters.calibration.measure import calibrated
 
         return calibrated(arrays, reads)
+
+    def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
+        """Images and their aspect ratios to cameras, with 95 % intervals."""
+        from sextant.chapters.calibration.serving import exportable
+
+        return exportable(content, checkpoint, trust=trust)
+
+    def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
+        """The camera of each photo."""
+        from sextant.chapters.calibration.serving import photo_predictor
+
+        return photo_predictor(content, checkpoint, trust=trust)
+
+
+CHAPTER = CalibrationChapter

@@ -1,7 +1,9 @@
-"""The calibration network, with all that turns its output into cameras with intervals; needs no Lightning."""
+"""The camera network: images to cameras with their expected errors, built from a config or from a checkpoint."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -9,14 +11,18 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from sextant.chapters.calibration.metrics.picture_looks import NUMBERS, LooksSpread, own_distances, picture_looks
+from sextant.config.building import build
+from sextant.config.trained import without_weights
 from sextant.errors import ArgumentError, UserError
 from sextant.evaluation.conformal import conformal_quantile
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, vfov_from_focal
 from sextant.geometry.canvas import of_picture, on_canvas
 from sextant.geometry.field_fit import fit_field
+from sextant.kit.trained import load_weights, own_config
 from sextant.models import CalibrationNet, CalibrationOutput
 from sextant.models.canvas import pictures_of_canvas
 from sextant.models.field_head import cell_centres
+from sextant.runs.checkpoint import KEY
 
 #: share of validation images that count as looking usual
 USUAL = 0.95
@@ -247,3 +253,28 @@ def network_parts(
             f"task.perspective_{error.problem}", "backbone=efficientnet_lite0, or task.perspective_field=null"
         ) from None
     return network, facts, parameterization
+
+
+def trained_camera_network(content: Mapping[str, Any], checkpoint: Path, *, trust: bool = False) -> CameraNetwork:
+    """Load the network of a calibration run, in evaluation mode.
+
+    Args:
+        content: content of its checkpoint, from :func:`~sextant.kit.trained.read_trained`.
+        checkpoint: the checkpoint's file, for error messages.
+        trust: build user-defined parts that the config names.
+
+    Raises:
+        UserError: the run is of another task, its config is wrong or names user-defined code, or the weights do not
+            fit or are not finite.
+    """
+    trained = content[KEY]
+    if trained["task"] != "calibration":
+        raise UserError(
+            f"{checkpoint} is a model of {trained['task']}, not of calibration", "Name a run of task=calibration."
+        )
+    plain = without_weights(own_config(trained, trust=trust)).plain
+    network = CameraNetwork(*network_parts(plain, trained["spec"], partial(build, plain)))
+    # leave out what belongs to training alone: the state of a loss
+    own = {name: value for name, value in content["state_dict"].items() if not name.startswith("loss.")}
+    load_weights(network, {"state_dict": own}, checkpoint)
+    return network.eval()

@@ -14,11 +14,12 @@ from numpy import ndarray
 from sextant.chapters.calibration.data.datamodule import CalibrationData
 from sextant.chapters.calibration.metrics.errors import calibration_errors
 from sextant.chapters.calibration.metrics.sparsification import sparsification
-from sextant.chapters.calibration.metrics.summary import KIND, failures, median_error, methods_table, summary
+from sextant.chapters.calibration.metrics.summary import KIND, failures, methods_table, summary
 from sextant.chapters.calibration.network import CalibrationPrediction, reported
 from sextant.chapters.calibration.task import Calibration
 from sextant.evaluation.conformal import TABLE_LEVELS, coverage
 from sextant.geometry import CameraParameters
+from sextant.kit.measure import median_error
 from sextant.reporter import Advance
 
 if TYPE_CHECKING:

@@ -1,5 +1,1 @@
-"""Classification of images by a trained network."""
-
-from sextant.chapters.classification.classifier import Classified, ImageClassifier
-
-__all__ = ["Classified", "ImageClassifier"]
+"""Image classification, and push-pull inhibition against corruptions (chapter 7)."""

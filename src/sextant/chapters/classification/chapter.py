@@ -1,6 +1,7 @@
-"""Recipe of image classification under corruptions."""
+"""The chapter of image classification under corruptions: what its runs consist of."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sextant.config import Config
@@ -11,21 +12,25 @@ from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
-from sextant.kit.chapter import Recipe, Source, TestRecord
-from sextant.kit.image_spec import image_spec
+from sextant.kit.chapter import Chapter, Content, Source, TestRecord
+from sextant.kit.trained import image_spec
 
 if TYPE_CHECKING:
     from numpy import ndarray
+    from torch import nn
 
     from sextant.chapters.classification.task import Classification
     from sextant.data.datamodule import ImageData
-    from sextant.evaluation.measure import RunValues
-    from sextant.evaluation.shared_set import SharedSet
+    from sextant.kit.exports import Exportable
+    from sextant.kit.measure import RunValues
+    from sextant.kit.photo_predictors import PhotoPredictor
+    from sextant.kit.shared_set import SharedSet
 
 
-class ClassificationRecipe(Recipe):
+class ClassificationChapter(Chapter):
     """See :class:`~sextant.chapters.classification.task.Classification`."""
 
+    about = "Push-pull inhibition against image corruptions (chapter 7)."
     evaluation_example = ("corruption=gaussian",)
     monitor = ("val/accuracy", "max")
     sweep_example = ("inhibition", ("none", "push_pull"))
@@ -89,11 +94,12 @@ class ClassificationRecipe(Recipe):
     def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "Classification":
         """The classification module."""
         from sextant.chapters.classification.task import Classification
-        from sextant.kit.networks import classifier
 
-        network = classifier(config, spec)
         return Classification(
-            network, image_spec(spec), build_suite(config), **build_training(config, training=training)
+            self.new_network(config, spec),
+            image_spec(spec),
+            build_suite(config),
+            **build_training(config, training=training),
         )
 
     def require_fit(self, config: Config, spec: Mapping[str, Any], source: ImageSource) -> None:
@@ -130,6 +136,40 @@ class ClassificationRecipe(Recipe):
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
     ) -> "RunValues":
         """Accuracy, or errors under a published set."""
-        from sextant.evaluation.measure import classified
+        from sextant.kit.measure import classified
 
         return classified(arrays, shared)
+
+    def new_network(self, config: Config, spec: Mapping[str, Any]) -> "nn.Module":
+        """The network with its inhibition; it maps images in [0, 1] to logits.
+
+        Raises:
+            UserError: a part cannot be built, or the inhibition does not fit the backbone.
+        """
+        images = image_spec(spec)
+        network = build(
+            config.plain,
+            "backbone",
+            in_channels=images.channels,
+            image_size=(images.height, images.width),
+            num_classes=len(images.classes),
+        )
+        try:
+            return build(config.plain, "inhibition")(network)  # type: ignore[no-any-return]
+        except ValueError as error:
+            raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
+
+    def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
+        """Images to logits."""
+        from sextant.chapters.classification.serving import exportable
+
+        return exportable(content, checkpoint, trust=trust)
+
+    def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
+        """The class of each photo."""
+        from sextant.chapters.classification.serving import photo_predictor
+
+        return photo_predictor(content, checkpoint, trust=trust)
+
+
+CHAPTER = ClassificationChapter

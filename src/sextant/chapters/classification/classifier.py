@@ -17,9 +17,7 @@ from sextant.applications.pixels import checked_pixels
 from sextant.data.image_folder import decode_square
 from sextant.data.source import ImageSpec
 from sextant.errors import UserError
-from sextant.kit.content import own_config, read_trained
-from sextant.kit.image_spec import image_spec
-from sextant.kit.networks import trained_network
+from sextant.kit.trained import image_spec, own_config, read_trained, trained_network
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run

@@ -13,7 +13,6 @@ from torch import Tensor
 
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_csv, write_json
-from sextant.console.console import console
 from sextant.console.output_folder import tell_written
 from sextant.console.skipped_files import skipped_of, tell_skipped
 from sextant.console.work_progress import counted
@@ -22,7 +21,7 @@ from sextant.data.pixel_values import WhiteLevels
 from sextant.data.source import ImageSpec
 from sextant.errors import UserError
 from sextant.kit.handler import Trained
-from sextant.kit.image_spec import image_spec
+from sextant.kit.trained import image_spec
 
 BATCH = 256
 #: number of images on the contact sheet
@@ -31,11 +30,14 @@ SHEET = 40
 Answering = Callable[[UInt8[Tensor, "b c h w"]], Float[Tensor, "b k"]]
 
 
-def predict_classes(trained: Trained, paths: Sequence[Path], output: Path, given: str) -> list[dict[str, Any]]:
+def predict_classes(
+    trained: Trained, opened: Callable[[], tuple[str, Answering]], paths: Sequence[Path], output: Path, given: str
+) -> list[dict[str, Any]]:
     """Classify images, write the results into ``output`` and show them; unreadable images are named.
 
     Args:
         trained: the model.
+        opened: builds the model: the name of the number that it gives for each class, and what computes that number.
         paths: paths of the images.
         output: folder for the results.
         given: what the user gave as ``input``.
@@ -51,7 +53,7 @@ def predict_classes(trained: Trained, paths: Sequence[Path], output: Path, given
             "fit",
             "Images of a dataset: sextant evaluate run=<...> dataset=<...>",
         )
-    number, answer = answering(trained)
+    number, answer = opened()
     rows: list[dict[str, Any]] = [{"file": str(path)} for path in paths]
     sheet: list[tuple[ndarray, str]] = []
     levels = WhiteLevels(paths, f"input={given}")
@@ -75,25 +77,6 @@ def predict_classes(trained: Trained, paths: Sequence[Path], output: Path, given
     written = [output / f"predictions.{kind}" for kind in ("csv", "json", "png")]
     tell_written(f"{len(rows) - len(skipped)} images classified", len(skipped), written, "could not be read")
     return rows
-
-
-def answering(trained: Trained) -> tuple[str, Answering]:
-    """The name of the number given for each class, and the function that computes it.
-
-    Raises:
-        UserError: the model is damaged, or needs the user's own code.
-    """
-    checkpoint = trained.found.checkpoint
-    if trained.task == "cosfire":
-        from sextant.kit.content import own_config
-        from sextant.kit.trained_model import model_from_checkpoint
-
-        module = model_from_checkpoint(own_config(trained.about, trust=trained.trust), trained.content, checkpoint)
-        console.print(f"method {module.estimator.methods[0]}")
-        return "score", module.estimator.first_scores
-    from sextant.applications import ImageClassifier
-
-    return "probability", ImageClassifier.of(trained.content, checkpoint, trust=trained.trust).probabilities
 
 
 def _decoded(

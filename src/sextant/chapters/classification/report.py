@@ -17,7 +17,7 @@ from sextant.evaluation import (
     CorruptionErrors,
     corruption_score,
 )
-from sextant.evaluation.flip_probability import (
+from sextant.evaluation.flips import (
     BENCHMARK_PERTURBATIONS,
     flip_probability,
     is_noise,

@@ -1,1 +1,1 @@
-"""Recognition by COSFIRE filters (chapter 6): module, methods and report."""
+"""Recognition and detection by COSFIRE filters configured from one example (chapter 6)."""

@@ -1,4 +1,4 @@
-"""Recipe of recognition by COSFIRE filters."""
+"""The chapter of recognition by COSFIRE filters: what its runs consist of."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -16,8 +16,8 @@ from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
-from sextant.kit.chapter import Recipe, Source, TestRecord
-from sextant.kit.image_spec import image_spec
+from sextant.kit.chapter import Chapter, Content, Source, TestRecord
+from sextant.kit.trained import image_spec
 from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
@@ -25,13 +25,16 @@ if TYPE_CHECKING:
 
     from sextant.chapters.cosfire.task import CosfireRecognition
     from sextant.data.examples import ExampleData
-    from sextant.evaluation.measure import RunValues
-    from sextant.evaluation.shared_set import SharedSet
+    from sextant.kit.exports import Exportable
+    from sextant.kit.measure import RunValues
+    from sextant.kit.photo_predictors import PhotoPredictor
+    from sextant.kit.shared_set import SharedSet
 
 
-class CosfireRecipe(Recipe):
+class CosfireChapter(Chapter):
     """See :class:`~sextant.chapters.cosfire.task.CosfireRecognition`."""
 
+    about = "Filters configured from one example (chapter 6)."
     evaluation_example = ("task.test_every=2",)
     monitor = ("val/accuracy", "max")
     sweep_example = ("task.filters_per_class", ("20", "5"))
@@ -126,7 +129,7 @@ class CosfireRecipe(Recipe):
         spec = source.spec()
         told = {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
         if config.features is not None and config.features.run is not None:
-            from sextant.kit.content import own_config, read_trained
+            from sextant.kit.trained import own_config, read_trained
             from sextant.runs.checkpoint import KEY
 
             outputs = Path(config.paths.outputs)
@@ -228,9 +231,24 @@ class CosfireRecipe(Recipe):
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
     ) -> "RunValues":
         """Accuracy by method, or by condition for the method that is read."""
-        from sextant.evaluation.measure import recognised
+        from sextant.chapters.cosfire.measure import recognised
 
         return recognised(arrays, reads)
+
+    def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
+        """Images to the feature map that the filters look at."""
+        from sextant.chapters.cosfire.serving import exportable
+
+        return exportable(content, checkpoint, trust=trust)
+
+    def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
+        """The class of each photo."""
+        from sextant.chapters.cosfire.serving import photo_predictor
+
+        return photo_predictor(content, checkpoint, trust=trust)
+
+
+CHAPTER = CosfireChapter
 
 
 def _task(config: Config) -> CosfireTask:

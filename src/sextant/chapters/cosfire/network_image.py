@@ -8,8 +8,8 @@ from typing import Any
 from torch import nn
 
 from sextant.errors import UserError
-from sextant.kit.content import own_config, read_trained
-from sextant.kit.networks import TASKS, trained_network
+from sextant.kit.registry import offering
+from sextant.kit.trained import own_config, read_trained, trained_network
 from sextant.models import FeatureMap
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import resolve_run
@@ -48,9 +48,10 @@ def trained_features(reference: str, outputs: Path, layer: str | None, *, trust:
     found = resolve_run(reference, outputs)
     content = read_trained(found.checkpoint)
     trained = content[KEY]
-    if trained["task"] not in TASKS:
+    tasks = offering("new_network")
+    if trained["task"] not in tasks:
         raise UserError(
-            f"run={reference} is a model of {trained['task']}; features are taken from {' or '.join(TASKS)}",
+            f"run={reference} is a model of {trained['task']}; features are taken from {' or '.join(tasks)}",
             "Name such a run, or leave run= out: preset= needs none.",
         )
     config = own_config(trained, trust=trust)

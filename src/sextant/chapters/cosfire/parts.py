@@ -60,14 +60,14 @@ def features_of_run(
     config: Config, kept: Mapping[str, Any], shape: tuple[int, int, int], *, training: bool
 ) -> "FeatureMap":
     """The feature map of another run's network; its weights are read when training begins and kept in this run."""
-    from sextant.kit.content import read_trained
-    from sextant.kit.networks import TASKS, new_network, trained_network
+    from sextant.kit.registry import offering
+    from sextant.kit.trained import new_network, read_trained, trained_network
     from sextant.models import FeatureMap
 
     assert config.features is not None
     assert config.features.run is not None
     run, novel = config.features.run, config.plain["task"]["novel_classes"]
-    if kept["task"] not in TASKS:
+    if kept["task"] not in offering("new_network"):
         raise UserError(
             f"features.run={run} is a run of task={kept['task']}, which has no feature map",
             "Name a run of task=classification or task=place_recognition.",

@@ -1,1 +1,1 @@
-"""Live localization in a map of images; a map can be opened from its folder alone."""
+"""Localization in a map of images by Gaussian processes in a particle filter (chapters 4 and 5)."""

@@ -1,4 +1,4 @@
-"""Recipe of localization."""
+"""The chapter of localization: what its runs consist of."""
 
 import json
 import math
@@ -24,7 +24,7 @@ from sextant.kit.assemble import (
     fit_dataset,
     is_corrupted,
 )
-from sextant.kit.chapter import Recipe, Source, TestRecord
+from sextant.kit.chapter import Chapter, Source, TestRecord
 
 if TYPE_CHECKING:
     from numpy import ndarray
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from sextant.chapters.localization.data.datamodule import LocalizationDataModule
     from sextant.chapters.localization.data.source import LocalizationSource
     from sextant.chapters.localization.testing import TestSettings
-    from sextant.evaluation.measure import RunValues
-    from sextant.evaluation.shared_set import SharedSet
+    from sextant.kit.measure import RunValues
+    from sextant.kit.shared_set import SharedSet
     from sextant.localization.motion import MotionModel
 
 #: default standard deviation of the heading of poses drawn around a map image, in rad
@@ -44,10 +44,12 @@ ALONG_DRIVES = "along_drives"
 FITTED = ("fitted", ALONG_DRIVES)
 
 
-class LocalizationRecipe(Recipe):
+class LocalizationChapter(Chapter):
     """See :class:`~sextant.chapters.localization.task.Localization`."""
 
+    about = "Gaussian processes in a particle filter (chapters 4 and 5)."
     evaluation_example = ("fault=dropped_frames",)  # of any drive, also a short one
+    fits_elsewhere = True
     monitor = ("val/place_nll", "min")
     alone = "learns a few hyper-parameters of a Gaussian process, which one process does"
     on_cpu = "learns a few hyper-parameters and weighs a few thousand particles, which one core does in milliseconds"
@@ -272,9 +274,12 @@ class LocalizationRecipe(Recipe):
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
     ) -> "RunValues":
         """Success."""
-        from sextant.evaluation.measure import localized
+        from sextant.chapters.localization.measure import localized
 
         return localized(arrays)
+
+
+CHAPTER = LocalizationChapter
 
 
 def _image_size(data: "LocalizationDataModule") -> tuple[int, int]:

@@ -1,1 +1,1 @@
-"""Place recognition (chapter 3): network, module, comparison and report."""
+"""Place recognition by appearance-invariant descriptors (chapter 3), and the place maps made of them."""

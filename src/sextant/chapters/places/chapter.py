@@ -1,4 +1,4 @@
-"""Recipe of place recognition."""
+"""The chapter of place recognition: what its runs consist of."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -14,19 +14,22 @@ from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, is_corrupted
-from sextant.kit.chapter import Recipe, Source, TestRecord
+from sextant.kit.chapter import Chapter, Content, Source, TestRecord
 from sextant.reporter import Reporter
 
 if TYPE_CHECKING:
     from numpy import ndarray
+    from torch import nn
 
     from sextant.baselines.network_layer import NetworkLayer
     from sextant.chapters.places.data import PlaceImages, PlaceSource
     from sextant.chapters.places.data.datamodule import PlaceData
     from sextant.chapters.places.data.split import Split
     from sextant.chapters.places.task import PlaceRecognition
-    from sextant.evaluation.measure import RunValues
-    from sextant.evaluation.shared_set import SharedSet
+    from sextant.kit.exports import Exportable
+    from sextant.kit.measure import RunValues
+    from sextant.kit.photo_predictors import PhotoPredictor
+    from sextant.kit.shared_set import SharedSet
 
 
 #: the dataset that is only for tests
@@ -37,9 +40,10 @@ SIZE = {"height": 64, "width": 96, "channels": 3}
 BASELINE_SIZE = (32, 64)
 
 
-class PlaceRecognitionRecipe(Recipe):
+class PlacesChapter(Chapter):
     """See :class:`~sextant.chapters.places.task.PlaceRecognition`."""
 
+    about = "Descriptors that survive weather and season (chapter 3)."
     evaluation_example = ("dataset=place_folders", "dataset.folder=<folder of reference/ and query/>")
     monitor = ("val/recall_at_1", "max")
     sweep_example = ("loss", ("info_nce", "triplet_ratio"))
@@ -246,9 +250,30 @@ class PlaceRecognitionRecipe(Recipe):
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
     ) -> "RunValues":
         """Recall."""
-        from sextant.evaluation.measure import places_found
+        from sextant.chapters.places.measure import places_found
 
         return places_found(arrays)
+
+    def new_network(self, config: Config, spec: Mapping[str, Any]) -> "nn.Module":
+        """The network of :func:`~sextant.chapters.places.network.place_network`."""
+        from sextant.chapters.places.network import place_network
+
+        return place_network(config.plain, spec, partial(build, config.plain))
+
+    def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
+        """Images to descriptors."""
+        from sextant.chapters.places.serving import exportable
+
+        return exportable(content, checkpoint, trust=trust)
+
+    def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
+        """The descriptor of each photo."""
+        from sextant.chapters.places.serving import photo_predictor
+
+        return photo_predictor(content, checkpoint, trust=trust)
+
+
+CHAPTER = PlacesChapter
 
 
 def _split_beside(data: "PlaceData", split: "Split") -> "PlaceImages | None":
@@ -328,7 +353,7 @@ def _untrained(config: Config, module: "PlaceRecognition", places: Any) -> Any:
     spec = module.spec
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        fresh = PlaceRecognitionRecipe().module(
+        fresh = PlacesChapter().module(
             config,
             {"channels": spec.channels, "height": spec.height, "width": spec.width},
             training=False,

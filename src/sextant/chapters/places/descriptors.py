@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32, UInt8
@@ -28,10 +28,25 @@ from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
     from sextant.baselines.place_descriptors import PlaceDescriptor
-    from sextant.chapters.localization.data.described import Describer
-    from sextant.chapters.localization.data.drive import Drive
     from sextant.chapters.places.data.image_rows import ImageRows
     from sextant.chapters.places.network import TrainedPlaceNetwork
+
+
+@runtime_checkable
+class Describer(Protocol):
+    """Gives images their descriptors.
+
+    Attributes:
+        identity: changes whenever the descriptors would.
+    """
+
+    identity: str
+
+    def fit(self, images: "ImageRows") -> None:
+        """Learn from the images of a map; most describers learn nothing."""
+
+    def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
+        """Descriptors of a few images."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +74,8 @@ class TrainedDescriptor:
             UserError: the run does not exist, it is not a run of place recognition, or it is a file from elsewhere that
                 names parts from outside Sextant.
         """
-        from sextant.chapters.places.place_network import trained_place_network
-        from sextant.kit.content import read_trained
+        from sextant.chapters.places.network import trained_place_network
+        from sextant.kit.trained import read_trained
         from sextant.runs.checkpoint import KEY
 
         found = resolve_run(self.run, outputs, "descriptor.run")
@@ -110,14 +125,14 @@ class DescriptorFiles:
             hashed.update(name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
         return hashed.hexdigest()
 
-    def of(self, drive: "Drive", count: int) -> Float32[ndarray, "n d"]:
-        """The vectors of a drive of ``count`` images.
+    def of(self, drive: str, count: int) -> Float32[ndarray, "n d"]:
+        """The vectors of a drive, by its name, of ``count`` images.
 
         Raises:
             UserError: the file is missing, is not an array of floats, has the wrong number of rows, or has a
                 row that is not finite.
         """
-        path = Path(self.folder).expanduser() / f"{drive.name}.npy"
+        path = Path(self.folder).expanduser() / f"{drive}.npy"
         rows = _rows(path)
         if rows.ndim != 2 or len(rows) != count or rows.dtype.kind != "f":
             raise UserError(
@@ -272,7 +287,7 @@ def _photo_identity(photo: str, points: Sequence[Sequence[float]]) -> str:
     return digest
 
 
-def describer(config: Config) -> "Describer | DescriptorFiles":
+def describer(config: Config) -> Describer | DescriptorFiles:
     """Build the descriptor that a config names.
 
     Raises:

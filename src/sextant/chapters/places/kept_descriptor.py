@@ -147,7 +147,7 @@ def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, 
     Raises:
         UserError: the checkpoint cannot be read or is of another task, or needs user-defined code.
     """
-    from sextant.kit.content import read_trained
+    from sextant.kit.trained import read_trained
     from sextant.runs.checkpoint import KEY
 
     content = read_trained(checkpoint) if content is None else content
@@ -193,7 +193,7 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
 
 
 def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], file: Path, trust: bool) -> KeptDescriptor:
-    from sextant.chapters.places.place_network import trained_place_network
+    from sextant.chapters.places.network import trained_place_network
     from sextant.runs.checkpoint import KEY
 
     content = {KEY: facts, "state_dict": weights}

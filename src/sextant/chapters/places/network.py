@@ -1,6 +1,7 @@
-"""The place recognition network: built from a config, and as a describer of photos."""
+"""The place recognition network: built from a config or a checkpoint, and as a describer of photos."""
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ from torch import nn
 
 from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.errors import UserError
+from sextant.kit.trained import own_config, trained_network
 from sextant.models import FeatureMap, PlaceNet
+from sextant.runs.checkpoint import KEY
 
 
 def place_network(raw: Mapping[str, Any], spec: Mapping[str, Any], build: Callable[..., Any]) -> PlaceNet:
@@ -60,3 +63,28 @@ class TrainedPlaceNetwork:
         images = np.require(images, requirements="W")  # torch warns of read-only arrays, as decoded files are
         batch = torch.from_numpy(images).permute(0, 3, 1, 2).to(device).float() / 255
         return np.ascontiguousarray(self.network(batch).float().cpu().numpy())
+
+
+def trained_place_network(
+    content: Mapping[str, Any], file: Path, model: str, *, trust: bool = False
+) -> TrainedPlaceNetwork:
+    """Load the network of a place-recognition run.
+
+    Args:
+        content: content of its checkpoint.
+        file: the file that the weights come from, for error messages.
+        model: identifies the network among others.
+        trust: build user-defined parts that the config names.
+
+    Raises:
+        UserError: the run is of another task, its config is wrong or names user-defined code, or the weights do not
+            fit or are not finite.
+    """
+    trained = content[KEY]
+    if trained["task"] != "place_recognition":
+        raise UserError(
+            f"a network of task={trained['task']} gives no place descriptor", "Name a run of task=place_recognition."
+        )
+    config, spec = own_config(trained, trust=trust), trained["spec"]
+    size = ImageSize(spec["height"], spec["width"], spec["channels"])
+    return TrainedPlaceNetwork(trained_network(config, content, file), size, model)

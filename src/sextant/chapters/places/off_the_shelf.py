@@ -89,18 +89,19 @@ def off_the_shelf(shelf: OffTheShelf, image_size: tuple[int, int], outputs: Path
 
 def _run(shelf: OffTheShelf, outputs: Path) -> _Trained:
     """The network of a run, a checkpoint or a published file, which standardises its images itself."""
-    from sextant.kit.content import own_config, read_trained
-    from sextant.kit.networks import TASKS, trained_network
+    from sextant.kit.registry import offering
+    from sextant.kit.trained import own_config, read_trained, trained_network
     from sextant.runs.checkpoint import KEY as CONTENT
     from sextant.runs.resolve import resolve_run
 
     path = resolve_run(shelf.weights, outputs, f"{KEY}.weights").checkpoint
     content = read_trained(path)
     config = own_config(content[CONTENT])
-    if (task := content[CONTENT]["task"]) not in TASKS:
+    tasks = offering("new_network")
+    if (task := content[CONTENT]["task"]) not in tasks:
         raise UserError(
             f"{KEY}.weights={shelf.weights} is a model of task={task}, which has no feature map",
-            f"Name a run of task={' or task='.join(TASKS)}.",
+            f"Name a run of task={' or task='.join(tasks)}.",
         )
     channels = int(content[CONTENT]["spec"].get("channels", 3))
     backbone = config.plain["backbone"]

@@ -17,7 +17,7 @@ from sextant.chapters.places.looked_up import LookedUp, looked_up
 from sextant.chapters.places.run_facts import FITTED, Temperature, fitted_confidence, run_temperature
 from sextant.chapters.places.saved_map import TOLERANCES, read_facts
 from sextant.errors import UserError
-from sextant.kit.content import own_config, read_trained
+from sextant.kit.trained import own_config, read_trained
 from sextant.retrieval import FlatIndex
 from sextant.retrieval.without_mean import Centring
 from sextant.runs.checkpoint import KEY

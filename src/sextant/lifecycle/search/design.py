@@ -14,7 +14,7 @@ from sextant.config import Config, validate
 from sextant.config.schema.searches import Search
 from sextant.config.schema.space import Dimension, is_dimension
 from sextant.errors import UserError
-from sextant.kit import recipe_of
+from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import run_digest
 from sextant.lifecycle.sweep_plan import Design, Planned, cell_config, over_seeds, seeds_given
 from sextant.reporter import SILENT, Reporter
@@ -119,7 +119,7 @@ def read_search(arguments: Sequence[str]) -> tuple[SearchDesign, Config] | None:
     assert sweep is not None
     assert sweep.search is not None
     seeds = seeds_given(given.get("seed"), sweep.seeds)
-    search = _filled(sweep.search, recipe_of(base["task"]["name"]).monitor, seeds)
+    search = _filled(sweep.search, chapter_of(base["task"]["name"]).monitor, seeds)
     if set(seeds) & set(search.fresh_seeds or ()):
         raise UserError(f"seed={','.join(map(str, seeds))}: sweep.search.fresh_seeds has one of these too")
     kept = tuple(o.text for o in fixed if o.key != "seed" and not o.key.startswith("sweep."))

@@ -10,12 +10,13 @@ from sextant.chapters.localization.data.plane import AHEAD, PLANES, Ahead, to_pl
 from sextant.chapters.localization.data.pose_folder import FILES, PoseFormat
 from sextant.chapters.places.data.gps_poses import local_poses
 from sextant.chapters.places.data.pose_files import read_pose_table
+from sextant.config.override_words import override, overrides_of, plain_name
 from sextant.errors import ArgumentError
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
 from sextant.tools.inspection.gps import positions, same_ground
 from sextant.tools.inspection.poses import FoundPoses
 from sextant.tools.inspection.seen import Seen
-from sextant.tools.inspection.suggestion import Suggestion, command, override, overrides_of, plain_name
+from sextant.tools.inspection.suggestion import Suggestion, command
 from sextant.tools.inspection.traverses import MAPS
 
 #: largest number of videos and recordings that get a command
@@ -26,7 +27,7 @@ STEP = 1e-3
 UPRIGHT: dict[Ahead, int] = {"z": 1, "x": 2}
 #: commands for photos in a map of the user's own, and for images too small for the network that describes photos
 OF_PHOTOS, OF_SMALL = ("experiment=localization_folder",), ("task=localization", "dataset=pose_folder")
-#: pixels of the shorter side from which an image is a photo, as in applications/localization/localizer_folder.py
+#: pixels of the shorter side from which an image is a photo, as in chapters/localization/localizer_folder.py
 ENOUGH = 48
 #: cosine from which a body is level enough, on average
 LEVEL = 0.7

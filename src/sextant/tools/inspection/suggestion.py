@@ -1,10 +1,7 @@
 """A suggested task and its commands."""
 
-import re
 import shlex
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -26,22 +23,3 @@ def command(verb: str, *words: str, **values: object) -> str:
     """``sextant <verb> ... key=value ...``, each word quoted for a shell; ``map=<map>``, to be filled in, is not."""
     quoted = [shlex.quote(word) for word in (*words, *(f"{key}={value}" for key, value in values.items()))]
     return " ".join(["sextant", verb, *quoted]).replace("'map=<map>'", "map=<map>")
-
-
-def override(path: Path | str) -> str:
-    """A path as a value in Hydra's grammar: quoted unless it consists of plain characters."""
-    text = str(path)
-    if re.fullmatch(r"[\w./+-]+", text, re.ASCII):
-        return text
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def overrides_of(folders: Mapping[str, Path]) -> str:
-    """Named folders as a mapping in Hydra's grammar: ``{run: run}``."""
-    return "{" + ", ".join(f"{name}: {override(folder)}" for name, folder in folders.items()) + "}"
-
-
-def plain_name(text: str) -> str:
-    """A name that can be a key of a config."""
-    name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
-    return name if name and not name[0].isdigit() else f"run_{name}"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sextant.config.override_words import override
 from sextant.data.name_matching import match_names
 from sextant.data.photos.header import PhotoHeader
 from sextant.data.reconstructions import NAMED_FORMATS
@@ -15,7 +16,7 @@ from sextant.tools.inspection.drives import localization
 from sextant.tools.inspection.photos import camera_groups, described
 from sextant.tools.inspection.poses import FoundPoses
 from sextant.tools.inspection.seen import Seen
-from sextant.tools.inspection.suggestion import Suggestion, command, override
+from sextant.tools.inspection.suggestion import Suggestion, command
 from sextant.tools.inspection.times import FolderOfPhotos
 from sextant.tools.inspection.traverses import ImageFolders, image_folders
 from sextant.user_files import table_header

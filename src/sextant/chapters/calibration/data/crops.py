@@ -142,9 +142,9 @@ def crop_panoramas(
     """Crops of one panorama, or of one panorama per camera; see :func:`crop_batch`.
 
     Every sample of a crop is the panorama where the sample's exact ray points
-    (:mod:`sextant.chapters.calibration.data.rays`), interpolated linearly. Without antialiasing, a pixel is its central ray. With it, a pixel is the mean of up to 3 x 3
-    rays over its area. They are sampled in the level of the panorama's pyramid whose pixels are about as large as the
-    distance between these rays.
+    (:mod:`sextant.chapters.calibration.data.rays`), interpolated linearly. Without antialiasing, a pixel is its central
+    ray. With it, a pixel is the mean of up to 3 x 3 rays over its area. They are sampled in the level of the panorama's
+    pyramid whose pixels are about as large as the distance between these rays.
 
     Args:
         panoramas: one for all cameras, or one per camera.

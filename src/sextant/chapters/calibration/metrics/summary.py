@@ -23,7 +23,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64, Integer
 from numpy import ndarray
 
+from sextant.evaluation.conformal import cluster_resamples
 from sextant.evaluation.protocols import CALIBRATION_FAILURE_DEG
+from sextant.kit.measure import median_error
 
 FULL_BELOW = 1.0  # degrees: GeoCalib's ``min_error``
 AUC_DEG = (1, 5, 10)
@@ -132,16 +134,6 @@ def summary(
     }
 
 
-def cluster_resamples(clusters: Int64[ndarray, "n"], resamples: int, seed: int) -> Int64[ndarray, "resamples k"]:
-    """How often each cluster is drawn in bootstrap resamples of whole clusters, numbered from 0.
-
-    >>> cluster_resamples(np.array([0, 0, 1]), resamples=4, seed=0).sum(axis=1)  # two clusters, each time two draws
-    array([2, 2, 2, 2])
-    """
-    k = int(clusters.max()) + 1
-    return np.random.default_rng(seed).multinomial(k, np.full(k, 1 / k), size=resamples)
-
-
 def _summary_of(
     values: Float[ndarray, "n"],
     clusters: Int64[ndarray, "n"],
@@ -172,7 +164,7 @@ def _summary_of(
         images=len(values),
         panoramas=k,
         answered=float(answered.mean()),
-        median=_estimate(_median(errors), _resampled_medians(errors, clusters, counts), confidence, k),
+        median=_estimate(median_error(errors), _resampled_medians(errors, clusters, counts), confidence, k),
         mean=_estimate(mean, means, confidence, k),
         auc=areas,
     )
@@ -196,21 +188,6 @@ def failures(
     """
     failed = ~(np.asarray(bearing_deg) <= CALIBRATION_FAILURE_DEG)
     return {"all": failed} | {kind: failed[of] for kind, of in kinds.items() if of.any()}
-
-
-def median_error(errors: Float[ndarray, "n"]) -> float:
-    """The median; nan counts as an infinite error.
-
-    >>> median_error(np.array([1.0, 2.0, np.nan]))
-    2.0
-    """
-    return _median(_infinite(errors))
-
-
-def _median(errors: Float[ndarray, "n"]) -> float:
-    ordered = np.sort(errors)
-    low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
-    return float(low if low == high else (low + high) / 2)  # infinite errors have no difference, but a mean
 
 
 def _resampled_medians(

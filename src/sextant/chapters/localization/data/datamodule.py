@@ -12,17 +12,18 @@ from numpy import ndarray
 from torch import Tensor
 from torch.utils.data import DataLoader
 
-from sextant.chapters.localization.data.described import DescribedDrives, Describer, Showing
+from sextant.chapters.localization.data.described import DescribedDrives, Showing
 from sextant.chapters.localization.data.drive import Drive
 from sextant.chapters.localization.data.localization_data import LocalizationData
 from sextant.chapters.localization.data.source import LocalizationSource
+from sextant.chapters.places.descriptors import Describer
 
 
 class Vectors(Protocol):
     """Gives drives the descriptors that were computed for them elsewhere."""
 
-    def of(self, drive: Drive, count: int) -> Float32[ndarray, "n d"]:
-        """The vectors of a drive of ``count`` images."""
+    def of(self, drive: str, count: int) -> Float32[ndarray, "n d"]:
+        """The vectors of a drive, by its name, of ``count`` images."""
 
 
 class LocalizationDataModule(pl.LightningDataModule):
@@ -70,7 +71,7 @@ class LocalizationDataModule(pl.LightningDataModule):
     def descriptors(self, drive: Drive) -> Float32[ndarray, "n d"]:
         """Descriptors of the images of a drive, or of some of its frames, memory-mapped from the cache."""
         if not isinstance(self.describer, Describer):
-            return self.describer.of(drive, len(drive))
+            return self.describer.of(drive.name, len(drive))
         if self._described is None:
             self._described = DescribedDrives(self.describer, self.source.fingerprint(), self.cache, self.show)
             self._described.fit(self.drives.fitted)

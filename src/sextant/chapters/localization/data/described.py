@@ -11,15 +11,16 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, Protocol, runtime_checkable
+from typing import BinaryIO
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32
 from numpy import ndarray
 from numpy.lib import format as npy
 
 from sextant.chapters.localization.data.drive import Drive
 from sextant.chapters.places.data.image_rows import ImageRows
+from sextant.chapters.places.descriptors import Describer
 from sextant.errors import UserError
 from sextant.kept_array import keep_array, open_kept
 from sextant.reporter import Advance
@@ -28,23 +29,6 @@ from sextant.reporter import Advance
 BATCH = 1024
 #: makes a progress display with the given title
 Showing = Callable[[str], AbstractContextManager[Advance]]
-
-
-@runtime_checkable
-class Describer(Protocol):
-    """Gives images their descriptors.
-
-    Attributes:
-        identity: changes whenever the descriptors would.
-    """
-
-    identity: str
-
-    def fit(self, images: ImageRows) -> None:
-        """Learn from the images of a map; most describers learn nothing."""
-
-    def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
-        """Descriptors of a few images."""
 
 
 class DescribedDrives:

@@ -5,10 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.markup import escape
-
 from sextant.chapters.calibration.calibrator import PhotoCalibrator
-from sextant.chapters.calibration.cli.options import CalibrationOptions
+from sextant.chapters.calibration.options import CalibrationOptions
 from sextant.chapters.calibration.written_cameras import WrittenCameras, write_cameras
 from sextant.console.console import console, rows_table
 from sextant.console.output_folder import make_output, tell_written
@@ -48,7 +46,7 @@ def tell(written: WrittenCameras, skipped: Mapping[str, str]) -> None:
     console.print(rows_table("Cameras", table))
     for row in written.rows:
         if reasons := "; ".join([*row.get("confidence", {}).get("reasons", ()), *_hint(row)]):
-            console.print(f"[dim]{escape(Path(row['file']).name)}: {escape(reasons)}[/]", soft_wrap=True)
+            console.print(f"{Path(row['file']).name}: {reasons}", style="dim", markup=False, soft_wrap=True)
     tell_skipped(skipped)
     if summary := written.summary:
         console.print(

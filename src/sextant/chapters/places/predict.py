@@ -5,14 +5,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.markup import escape
-
 from sextant.applications.write_errors import telling_write_errors
-from sextant.chapters.places.cli.inputs import PlaceInputs, refuse_overlap
-from sextant.chapters.places.cli.options import PlaceOptions
 from sextant.chapters.places.describing import LARGEST_STRETCH, DescribedPhotos
 from sextant.chapters.places.known_places import KnownPlaces, check_truth, known_places
 from sextant.chapters.places.matching import check_rides
+from sextant.chapters.places.options import PlaceInputs, PlaceOptions, refuse_overlap
 from sextant.chapters.places.photo_folder import PhotoFolder
 from sextant.chapters.places.place_map import PlaceMap
 from sextant.chapters.places.run_facts import Temperature
@@ -23,13 +20,13 @@ from sextant.chapters.places.written_matches import (
     write_matches,
     write_row_pairs,
 )
+from sextant.config.override_words import overrides_of
 from sextant.console.console import console, rows_table
 from sextant.console.output_folder import tell_written
 from sextant.console.skipped_files import tell_skipped
 from sextant.console.work_progress import work_progress
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import NAMED, UserError
-from sextant.tools.inspection.suggestion import overrides_of
 
 
 def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -194,7 +191,7 @@ def tell(
     for key, photos in described.items():
         tell_skipped(photos.failed, f"Skipped of {key}")
     for remark in remarks:
-        console.print(f"[dim]{escape(remark)}[/]", soft_wrap=True)
+        console.print(remark, style="dim", markup=False, soft_wrap=True)
     if "right" in counted:
         console.print(_truth(counted))
     done = f"{len(good):,} queries looked up among {len(described['map'].index):,} map images"

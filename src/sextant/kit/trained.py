@@ -1,16 +1,19 @@
-"""The content of a trained model's file: its config and its weights."""
+"""Trained models: the content of their files, and the modules and networks that are built from it."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sextant.config import Config
-from sextant.config.trained import trained_config
+from sextant.config.trained import trained_config, without_weights
+from sextant.data.source import ImageSpec
 from sextant.errors import UserError
+from sextant.kit.registry import chapter_of
 from sextant.zoo.files import WEIGHTS, read_model
 
 if TYPE_CHECKING:
     from torch import nn
+
 
 PUBLISHED = ".pth.tar"  # what the push-pull paper's authors call their files
 RUNNING = ("running_mean", "running_var")  # statistics of normalisation, which are weights as well
@@ -75,3 +78,58 @@ def load_weights(module: "nn.Module", content: Mapping[str, Any], checkpoint: Pa
             f"the weights in {checkpoint} do not fit this network: {' '.join(lines)}",
             "Choose the backbone and inhibition that the checkpoint was trained with.",
         ) from None
+
+
+def model_from_checkpoint(config: Config, content: Mapping[str, Any], checkpoint: Path) -> Any:
+    """The trained module of a checkpoint, built from ``config``.
+
+    Args:
+        config: the checkpoint's typed config, possibly with other test conditions.
+        content: content of the checkpoint from :func:`read_trained`.
+        checkpoint: its file, for messages.
+
+    Raises:
+        UserError: the weights do not fit, or are not finite.
+    """
+    from sextant.runs.checkpoint import KEY
+
+    module = chapter_of(config.task.name).module(without_weights(config), content[KEY]["spec"], training=False)
+    load_weights(module, content, checkpoint)
+    return module.eval()
+
+
+def new_network(config: Config, spec: Mapping[str, Any]) -> "nn.Module":
+    """Build the network of a task that offers one, with new weights.
+
+    Raises:
+        UserError: a part cannot be built.
+    """
+    return chapter_of(config.task.name).new_network(without_weights(config), spec)
+
+
+def trained_network(config: Config, content: Mapping[str, Any], checkpoint: Path) -> Any:
+    """Build the network of a checkpoint of a task that offers one, with its weights, in evaluation mode.
+
+    Args:
+        config: the checkpoint's own config, from :func:`~sextant.kit.trained.own_config`.
+        content: content of the checkpoint, from :func:`~sextant.kit.trained.read_trained`.
+        checkpoint: the checkpoint's file, for error messages.
+
+    Raises:
+        UserError: a part cannot be built, or the weights do not fit or are not finite.
+    """
+    from torch import nn
+
+    from sextant.runs.checkpoint import KEY
+
+    trained = content[KEY]
+    whole = nn.ModuleDict({"network": new_network(config, trained["spec"])})
+    # leave out what belongs to training alone, such as the state of a loss
+    own = {name: value for name, value in content["state_dict"].items() if name.startswith("network.")}
+    load_weights(whole, {"state_dict": own}, checkpoint)
+    return whole["network"].eval()
+
+
+def image_spec(spec: Mapping[str, Any]) -> ImageSpec:
+    """Shape and classes of the images that a model was trained on, from the spec in its checkpoint."""
+    return ImageSpec(spec["channels"], spec["height"], spec["width"], tuple(spec["classes"]))

@@ -1,12 +1,12 @@
-"""The ``predict.py`` handler for detection from one example."""
+"""Filters in ``predict.py``: detection from one example, and the classes of images. Imports nothing heavy."""
 
 from collections.abc import Mapping
+from pathlib import Path
 
-from sextant.chapters.cosfire.cli.inputs import read_inputs
-from sextant.chapters.cosfire.cli.options import PROTOTYPE, DetectionOptions
+from sextant.chapters.cosfire.options import PROTOTYPE, DetectionOptions, read_inputs
 from sextant.console.output_folder import make_output
 from sextant.errors import UserError
-from sextant.kit.handler import Handler, find_run, outputs_of
+from sextant.kit.handler import Handler, Trained, find_run, outputs_of
 
 
 class Detection(Handler):
@@ -43,6 +43,29 @@ class Detection(Handler):
 
             layer, trust = inputs.options.layer, given.get("trust") == "true"
             network = trained_features(given["run"], outputs_of(given), layer, trust=trust)
-        from sextant.chapters.cosfire.cli.predict import predict_detections
+        from sextant.chapters.cosfire.predict import predict_detections
 
         predict_detections(inputs, network)
+
+
+class Recognition(Handler):
+    """Predicts the class of each image by the filters of a run."""
+
+    task = "cosfire"
+
+    def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
+        """Classify images, by the first method of the run."""
+        from sextant.chapters.classification.predict import Answering, predict_classes
+        from sextant.console.console import console
+        from sextant.kit.trained import model_from_checkpoint, own_config
+
+        def opened() -> tuple[str, Answering]:
+            config = own_config(trained.about, trust=trained.trust)
+            module = model_from_checkpoint(config, trained.content, trained.found.checkpoint)
+            console.print(f"method {module.estimator.methods[0]}")
+            return "score", module.estimator.first_scores
+
+        predict_classes(trained, opened, paths, output, given["input"])
+
+
+HANDLERS = (Recognition, Detection)

@@ -1,10 +1,9 @@
-"""The ``predict.py`` handler for matching places."""
+"""Matching of places in ``predict.py``. Imports nothing heavy."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
-from sextant.chapters.places.cli.inputs import read_inputs
-from sextant.chapters.places.cli.options import INPUTS, PlaceOptions
+from sextant.chapters.places.options import INPUTS, PlaceOptions, read_inputs
 from sextant.console.output_folder import make_output
 from sextant.errors import UserError
 from sextant.kit.handler import Handler, Trained, open_run
@@ -32,8 +31,8 @@ class PlaceMatching(Handler):
         trained = open_run(given)
         if trained.task != self.task:
             raise UserError(f"map= belongs to {self.task}; this is a model of {trained.task}", Handler.usage)
-        from sextant.chapters.places.cli.predict import predict_places
         from sextant.chapters.places.place_map import PlaceMap
+        from sextant.chapters.places.predict import predict_places
         from sextant.chapters.places.run_facts import run_facts
 
         places = PlaceMap.of(trained.content, trained.found, trust=trained.trust)
@@ -45,3 +44,6 @@ class PlaceMatching(Handler):
             f"run={trained.reference}: input= does not take models of place_recognition, which look photos up in a map",
             self.usage,
         )
+
+
+HANDLERS = (PlaceMatching,)

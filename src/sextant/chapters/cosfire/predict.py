@@ -6,15 +6,14 @@ from typing import Any
 
 from jaxtyping import Float
 from numpy import ndarray
-from rich.markup import escape
 
 from sextant.applications.write_errors import telling_write_errors
-from sextant.chapters.cosfire.cli.inputs import DetectionInputs
 from sextant.chapters.cosfire.detector import Detection, ExampleDetector
 from sextant.chapters.cosfire.detector_options import PHOTO
 from sextant.chapters.cosfire.figures import cosfire_filter, cosfire_responses
 from sextant.chapters.cosfire.images import UprightImage, read_image
 from sextant.chapters.cosfire.network_image import TrainedFeatures
+from sextant.chapters.cosfire.options import DetectionInputs
 from sextant.chapters.cosfire.written_detections import filter_facts, write_detections
 from sextant.console.console import console, rows_table
 from sextant.console.output_folder import tell_written
@@ -139,7 +138,7 @@ def tell(
         console.print(f"[dim]and {len(ordered) - NAMED:,} more in detections.json[/]")
     tell_skipped(skipped)
     for remark in remarks:
-        console.print(f"[dim]{escape(remark)}[/]")
+        console.print(remark, style="dim", markup=False)
     total = sum(len(row["detections"]) for row in good)
     tell_written(f"{total:,} detections in {len(good):,} images", len(skipped), written)
 

@@ -1,11 +1,11 @@
-"""The ``predict.py`` handler for localization of images in a map."""
+"""Localization of images in ``predict.py``. Imports nothing heavy."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
 from sextant.applications.arguments import check_apart
-from sextant.chapters.localization.cli.options import OUTPUT, LocalizingOptions
 from sextant.chapters.localization.found_map import find_map
+from sextant.chapters.localization.options import OUTPUT, LocalizingOptions
 from sextant.console.output_folder import make_output
 from sextant.errors import UserError
 from sextant.kit.handler import Handler, Trained, outputs_of
@@ -35,7 +35,7 @@ class Localization(Handler):
         assert folder is not None
         check_apart(output, input=given["input"], run=folder)
         make_output(output)
-        from sextant.chapters.localization.cli.predict import predict_poses
+        from sextant.chapters.localization.predict import predict_poses
 
         predict_poses(folder, given["input"], output, options, trust=given.get("trust") == "true")
 
@@ -46,3 +46,6 @@ class Localization(Handler):
             "map",
             "Name the run's folder, or a folder that Localizer.save wrote.",
         )
+
+
+HANDLERS = (Localization,)

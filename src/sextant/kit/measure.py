@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from sextant.chapters.calibration.metrics.summary import KIND, failures, median_error
 from sextant.errors import UserError
 from sextant.evaluation import BENCHMARK_15, CorruptionErrors, mean_interval, share_interval
-from sextant.evaluation.shared_set import SharedSet
+from sextant.kit.shared_set import SharedSet
 
 Images = Float[ndarray, "images"]
 
@@ -74,7 +73,7 @@ class Measure:
 
     def of_published(self, accuracy: float) -> float:
         """A published figure in this measure's unit; sweeps give those of classifiers as accuracies in per cent."""
-        return 100 - accuracy if self == CORRUPTION_ERROR else accuracy
+        return 100 - accuracy if self.quantity == "error" else accuracy
 
     def of(self, images: Images) -> float:
         """The number of a run; a nan counts as an infinite error."""
@@ -100,59 +99,6 @@ CORRUPTION_ERROR = Measure(
     "lower",
     ACCURACY.diverged,
 )
-CALIBRATION = Measure(
-    "Median errors on the test split",
-    "median error",
-    "difference in median error",
-    "median",
-    "lower",
-    "its median bearing error on the validation split is above 0.8 of that of a constant camera",
-    unit="",
-    digits=3,
-)
-FAILURES = Measure(
-    "Failures on the test split, per cent: bearings off by more than 10°, or no answer",
-    "failures",
-    "difference in failures (points)",
-    "mean",
-    "lower",
-    CALIBRATION.diverged,
-)
-RECALL = Measure(
-    "Recall@1 on the test split, per cent",
-    "recall@1",
-    "difference in recall@1 (points)",
-    "mean",
-    "higher",
-    "its recall@1 on the validation split is below three times chance",
-    trained_by=("trainer.max_epochs",),
-)
-SUCCESS = Measure(
-    "Success, per cent of the runs along the test drives",
-    "success",
-    "difference in success (points)",
-    "mean",
-    "higher",
-    "its posterior over the map's images is no likelier to be right on the validation drives than a uniform one",
-    trained_by=(),
-    remedy="Most often the descriptor cannot tell the places apart, or map and drives are not of the same places.",
-    digits=1,
-    items="runs along drives",
-    metrics=(
-        *("success", "frames_to_converge_median", "recovered", "frames_to_recover_median", "tracking"),
-        *("position_error_median", "heading_error_deg_median", "pose_nll", "nees_median", "coverage_95", "ess"),
-        *("descriptor_nll", "us_per_particle", "ms_per_image", "ms_per_step_of_all_runs"),
-        *("fit_map_s", "model_mb", "peak_memory_mb"),
-    ),
-)
-RECOGNITION = Measure(
-    "Accuracy on the test split, per cent",
-    "accuracy",
-    "difference in accuracy (points)",
-    "mean",
-    "higher",
-    "the validation accuracy of its network after training is nearer to chance than to 1",
-)
 #: prefixes of the arrays of a classifier that hold its confidence and the negative log-likelihood of the true class
 BELIEVED = ("confidence/", "nll/")
 #: name of the mean over corruptions, and prefix of the arrays of corrupted images: answers by method and condition key,
@@ -164,20 +110,6 @@ ANSWERS = "answer/"
 BEARINGS = "bearing_deg/"
 #: prefix of those that mark the test images of a condition
 UNDER = "condition/"
-#: prefix of the arrays of a localizer that mark the successful runs along the test drives
-LOCALIZED = "success/"
-#: prefix and suffix of the arrays of place recognition that mark the queries found by the network
-FOUND_FIRST, FOUND_LAST = "R@1_", "/network"
-#: errors of the network that a calibration run stores, with their columns in a report
-CALIBRATION_ERRORS = {
-    "bearing_deg": "bearing (deg)",
-    "tilt_deg": "tilt (deg)",
-    "roll_deg": "roll (deg)",
-    "vfov_deg": "vfov (deg)",
-    "k1": "k1",
-    "k1_hat": "k1_hat",
-    "undistortion_px": "undistortion (px)",
-}
 
 
 @dataclass(frozen=True)
@@ -195,6 +127,17 @@ class RunValues:
     by_condition: dict[str, Images]
     errors: CorruptionErrors | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
+
+
+def median_error(errors: Float[ndarray, "n"]) -> float:
+    """The median; nan counts as an infinite error.
+
+    >>> median_error(np.array([1.0, 2.0, np.nan]))
+    2.0
+    """
+    ordered = np.sort(np.where(np.isnan(errors), np.inf, errors))
+    low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
+    return float(low if low == high else (low + high) / 2)  # infinite errors have no difference, but a mean
 
 
 def require_answers(arrays: Mapping[str, ndarray], reads: str) -> None:
@@ -225,7 +168,7 @@ def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -
     """
     if shared is None:
         right = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in conditions_in(arrays)}
-        return RunValues(ACCURACY, right, metrics=_accuracies(right) | _trust(arrays))
+        return RunValues(ACCURACY, right, metrics=accuracy_metrics(right) | _trust(arrays))
     wrong = {
         key: np.asarray(arrays[key] != arrays["labels"]) for key in (*shared.keys, *sum(shared.beside.values(), ()))
     }
@@ -236,54 +179,7 @@ def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -
         values[name] = 100.0 * np.mean([wrong[key] for key in keys], axis=0)
     errors = CorruptionErrors.of_conditions({key: float(wrong[key].mean()) for key in shared.keys})
     right = {key: 100.0 * ~images for key, images in wrong.items()}
-    return RunValues(CORRUPTION_ERROR, values, errors, _accuracies(right) | _trust(arrays))
-
-
-def calibrated(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunValues:
-    """Errors of the network, with each quantity as a condition; or failures of the method ``reads``, on all test images
-    and on those of each kind of scene."""
-    if reads is not None:
-        kinds = {key.removeprefix(KIND): arrays[key] for key in arrays if key.startswith(KIND)}
-        return RunValues(FAILURES, {kind: 100.0 * of for kind, of in failures(arrays[BEARINGS + reads], kinds).items()})
-    found = {key: arrays[f"{key}/network"] for key in CALIBRATION_ERRORS}
-    medians = {f"test/{key}/network": median_error(errors) for key, errors in found.items()}
-    return RunValues(CALIBRATION, {CALIBRATION_ERRORS[key]: found[key] for key in found}, metrics=medians)
-
-
-def places_found(arrays: Mapping[str, ndarray]) -> RunValues:
-    """Recall of the network under each condition of the queries, without sequences."""
-    from sextant.chapters.places.report import logged_name
-
-    found = {key: key.removesuffix(FOUND_LAST) for key in arrays if key.endswith(FOUND_LAST)}
-    recalls = {logged_name(name): float(arrays[key].mean()) for key, name in found.items()}
-    single = {key: name for key, name in found.items() if not name.startswith(f"{FOUND_FIRST}sequence")}
-    return RunValues(RECALL, {name: 100.0 * arrays[key] for key, name in single.items()}, metrics=recalls)
-
-
-def localized(arrays: Mapping[str, ndarray]) -> RunValues:
-    """Success of localization: each "image" is one run along a test drive, and the conditions are the trials."""
-    found = {key.removeprefix(LOCALIZED): 100.0 * arrays[key] for key in arrays if key.startswith(LOCALIZED)}
-    success = {"test/success": float(np.mean([runs.mean() for runs in found.values()])) / 100} if found else {}
-    shares = {key: 100.0 * arrays[key] for key in arrays if key.startswith(f"{CORRUPTED}/")}
-    corrupted = {name: _corrupted(shares, name) for name in found}
-    under = {f"{name}, {CORRUPTED}": runs for name, runs in corrupted.items() if runs is not None}
-    return RunValues(SUCCESS, found | under, metrics=success)
-
-
-def recognised(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunValues:
-    """Accuracy of each method, or of the method ``reads`` under each condition of the test."""
-    answers = {key.removeprefix(ANSWERS): arrays[key] for key in arrays if key.startswith(ANSWERS)}
-    right = {method: 100.0 * (found == arrays["labels"]) for method, found in answers.items()}
-    rights = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in arrays if key.startswith(f"{CORRUPTED}/")}
-    corrupted = {method: _corrupted(rights, method) for method in right}
-    values = right | {f"{method}, {CORRUPTED}": images for method, images in corrupted.items() if images is not None}
-    if reads is not None:
-        under = {key.removeprefix(UNDER): arrays[key] for key in arrays if key.startswith(UNDER)}
-        values = {name: right[reads][rows] for name, rows in under.items()} or {"test": right[reads]}
-        if (images := corrupted.get(reads)) is not None:
-            each = under or {"test": np.ones(len(images), bool)}
-            values |= {f"{name}, {CORRUPTED}": images[rows] for name, rows in each.items()}
-    return RunValues(RECOGNITION, values, metrics=_accuracies(right))
+    return RunValues(CORRUPTION_ERROR, values, errors, accuracy_metrics(right) | _trust(arrays))
 
 
 def conditions_in(arrays: Iterable[str]) -> list[str]:
@@ -300,12 +196,12 @@ def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:
     return conditions
 
 
-def _accuracies(right: Mapping[str, Images]) -> dict[str, float]:
+def accuracy_metrics(right: Mapping[str, Images]) -> dict[str, float]:
     """Accuracies as metrics, from values of 0 or 100 per image."""
     return {f"test/accuracy/{name}": float(images.mean()) / 100 for name, images in right.items()}
 
 
-def _corrupted(values: Mapping[str, Images], of: str) -> Images | None:
+def over_corruptions(values: Mapping[str, Images], of: str) -> Images | None:
     """Per image, the mean of ``corrupted/<of>/<corruption>/<severity>`` over severities, then corruptions; or None."""
     prefix = f"{CORRUPTED}/{of}/"
     by_corruption: dict[str, list[Images]] = {}

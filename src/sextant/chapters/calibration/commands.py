@@ -1,9 +1,9 @@
-"""The ``predict.py`` handler for calibration of photos."""
+"""Calibration of photos in ``predict.py``. Imports nothing heavy."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
-from sextant.chapters.calibration.cli.options import CalibrationOptions
+from sextant.chapters.calibration.options import CalibrationOptions
 from sextant.kit.handler import Handler, Trained
 
 
@@ -21,8 +21,11 @@ class Calibration(Handler):
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
         """Calibrate photos."""
         from sextant.applications import PhotoCalibrator
-        from sextant.chapters.calibration.cli.predict import predict_calibrations
+        from sextant.chapters.calibration.predict import predict_calibrations
 
         options, content = CalibrationOptions.of(given), trained.content
         calibrator = PhotoCalibrator.of(content, trained.found.checkpoint, trust=trained.trust, method=options.method)
         predict_calibrations(calibrator, paths, output, options)
+
+
+HANDLERS = (Calibration,)

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-from sextant.chapters.localization.cli.options import LocalizingOptions
 from sextant.chapters.localization.data.own_drive import open_drive
 from sextant.chapters.localization.localized_drive import localize_drive
 from sextant.chapters.localization.localizer import Localizer
+from sextant.chapters.localization.options import LocalizingOptions
 from sextant.chapters.localization.written_poses import Moment, Row, refuse_to_replace_poses
 from sextant.console.console import console
 from sextant.console.skipped_files import tell_skipped

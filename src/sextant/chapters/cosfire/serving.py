@@ -1,0 +1,52 @@
+"""Trained filters for other programs: the feature map they look at, and answers to single photos."""
+
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from sextant.errors import UserError
+from sextant.kit.chapter import Content
+from sextant.kit.exports import Exportable, Named, example_images, image_meaning
+from sextant.kit.photo_predictors import PhotoPredictor, Row, failed_row
+from sextant.kit.trained import own_config
+from sextant.runs.checkpoint import KEY
+
+
+def exportable(content: Content, checkpoint: Path, *, trust: bool) -> Exportable:
+    """The feature map that the filters use; the filters themselves are not a network."""
+    from sextant.kit.trained import model_from_checkpoint
+
+    spec = content[KEY]["spec"]
+    estimator = model_from_checkpoint(own_config(content[KEY], trust=trust), content, checkpoint).estimator
+    if estimator.features is None:
+        raise UserError(
+            f"the filters of {checkpoint} look at images and not at a network",
+            "Filters are saved as they are (docs/cosfire.md); only networks are exported.",
+        )
+    shape = f"(b, {estimator.features.channels}, {', '.join(map(str, estimator.features.size))})"
+    meanings = {
+        "images": image_meaning(spec, spec["channels"]),
+        "features": f"{shape}: the feature map that the filters look at, after rectification",
+    }
+    return Exportable(Named(nn.Sequential(estimator.features, nn.ReLU())), {"images": example_images(spec)}, meanings)
+
+
+def photo_predictor(content: Content, checkpoint: Path, *, trust: bool) -> PhotoPredictor:
+    """The class of each photo."""
+    from sextant.data.image_folder import decode_square
+    from sextant.kit.trained import model_from_checkpoint
+
+    estimator = model_from_checkpoint(own_config(content[KEY], trust=trust), content, checkpoint).estimator
+    spec = content[KEY]["spec"]
+
+    def one(photo: Path) -> Row:
+        try:
+            pixels = torch.from_numpy(decode_square(photo, spec["height"], spec["channels"]).copy())
+        except UserError as error:
+            return failed_row(error)
+        (scores,) = estimator.first_scores(pixels.reshape(spec["height"], spec["width"], -1).permute(2, 0, 1)[None])
+        best = int(scores.argmax())
+        return {"label": spec["classes"][best], "score": float(scores[best])}
+
+    return PhotoPredictor({"label": "string", "score": "double"}, lambda photos: [one(photo) for photo in photos])

@@ -1,0 +1,1 @@
+"""What commands share: arguments, what they show, where they write."""

@@ -1,0 +1,53 @@
+"""The chapters: what a person trains, sweeps and predicts with, found by the name of its task. Imports nothing heavy.
+
+Nothing else names a task outside its own chapter. A chapter is a package that holds ``chapter.py`` with a
+:class:`~sextant.kit.chapter.Chapter` named ``CHAPTER``, and ``commands.py`` with its part of ``predict.py`` as
+``HANDLERS``.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from sextant.errors import UserError
+from sextant.reporter import SILENT, Reporter
+
+if TYPE_CHECKING:
+    from sextant.kit.chapter import Chapter
+
+#: task.name -> package of its chapter
+CHAPTERS = {
+    "classification": "sextant.chapters.classification",
+    "calibration": "sextant.chapters.calibration",
+    "localization": "sextant.chapters.localization",
+    "place_recognition": "sextant.chapters.places",
+    "cosfire": "sextant.chapters.cosfire",
+}
+
+
+def chapter_of(task: str, reporter: Reporter = SILENT) -> "Chapter":
+    """The chapter of ``task.name``; ``reporter`` listens to its long work.
+
+    Raises:
+        UserError: the task does not exist.
+
+    Example:
+        >>> chapter_of("place_recognition").monitor
+        ('val/recall_at_1', 'max')
+    """
+    if task not in CHAPTERS:
+        raise UserError(f"task={task}: no such task", f"Choose one of {', '.join(sorted(CHAPTERS))}.")
+    found: Chapter = import_module(f"{CHAPTERS[task]}.chapter").CHAPTER(reporter)
+    return found
+
+
+def offering(method: str) -> list[str]:
+    """The tasks whose chapters have a method of their own by this name, in alphabetical order.
+
+    Example:
+        >>> offering("new_network")
+        ['classification', 'place_recognition']
+    """
+    from sextant.kit.chapter import Chapter
+
+    usual = getattr(Chapter, method)
+    return [task for task in sorted(CHAPTERS) if getattr(type(chapter_of(task)), method) is not usual]

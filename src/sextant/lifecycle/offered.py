@@ -1,0 +1,56 @@
+"""What the model of a checkpoint offers other programs: a network to export, answers to single photos."""
+
+from pathlib import Path
+
+from sextant.errors import UserError
+from sextant.kit.chapter import Content
+from sextant.kit.exports import Exportable
+from sextant.kit.photo_predictors import PhotoPredictor
+from sextant.kit.registry import chapter_of, offering
+from sextant.kit.trained import read_trained
+from sextant.runs.checkpoint import KEY
+
+
+def exportable(content: Content, checkpoint: Path, *, trust: bool = False) -> Exportable:
+    """The network of a loaded checkpoint, with push-pull layers folded into plain convolutions.
+
+    Args:
+        content: content of the checkpoint from :func:`~sextant.kit.trained.read_trained`.
+        checkpoint: its file, for messages.
+        trust: allow parts from outside Sextant that it names.
+
+    Raises:
+        UserError: the model has no network of its own, or its network cannot be exported.
+    """
+    from sextant.layers import fold
+
+    task = str(content[KEY]["task"])
+    if task not in offering("exportable"):
+        raise UserError(
+            f"a model of task={task} has no network of its own to export",
+            "Its map is saved by task.save_map; the network of its descriptor is a run of task=place_recognition.",
+        )
+    found = chapter_of(task).exportable(content, checkpoint, trust=trust)
+    network = fold(found.network).requires_grad_(False).cpu()
+    return Exportable(network, found.inputs, found.meanings)
+
+
+def photo_predictor(checkpoint: Path, *, trust: bool = False) -> PhotoPredictor:
+    """The photo predictor of a checkpoint.
+
+    Args:
+        checkpoint: checkpoint of a run.
+        trust: allow parts from outside Sextant that it names.
+
+    Raises:
+        UserError: the file is damaged, or its model does not predict from single photos.
+    """
+    content = read_trained(checkpoint)
+    task = str(content[KEY]["task"])
+    offered = offering("photo_predictor")
+    if task not in offered:
+        raise UserError(
+            f"a model of task={task} does not answer photos one by one",
+            f"Register a run of {', '.join(offered)}; sextant.Localizer follows a robot.",
+        )
+    return chapter_of(task).photo_predictor(content, checkpoint, trust=trust)

@@ -1,0 +1,1 @@
+"""Where registered models of earlier releases find what they import; nothing else uses it."""
