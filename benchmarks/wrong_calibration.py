@@ -24,7 +24,7 @@ from sextant import Localizer, PhotoCalibrator
 from sextant.applications.pixels import as_pixels
 from sextant.atomic_files import write_csv
 from sextant.baselines import Hog
-from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.localization.data.drive import motions_along
 from sextant.console.arguments import parse_arguments
 from sextant.evaluation import mean_interval, share_interval
 from sextant.evaluation.protocols import TOWN_LOCALIZATION

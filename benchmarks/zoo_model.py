@@ -17,7 +17,7 @@ import torch
 from sextant.chapters.calibration.network import CameraNetwork, reported, trained_camera_network
 from sextant.chapters.localization.found_map import find_map
 from sextant.chapters.localization.localizer_folder import PICTURES
-from sextant.chapters.places.run_facts import FITTED
+from sextant.chapters.places.saved_map import FITTED
 from sextant.config import validate
 from sextant.console.arguments import parse_arguments
 from sextant.kit.registry import chapter_of

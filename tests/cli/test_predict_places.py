@@ -23,8 +23,7 @@ from sextant.chapters.places.matching import match
 from sextant.chapters.places.options import PlaceOptions, read_inputs
 from sextant.chapters.places.place_map import PlaceMap
 from sextant.chapters.places.predict import predict_places
-from sextant.chapters.places.run_facts import Temperature
-from sextant.chapters.places.saved_map import TOLERANCES
+from sextant.chapters.places.saved_map import TOLERANCES, Temperature
 from sextant.cli import evaluate, predict
 from sextant.composing.compose import compose, to_plain
 from sextant.errors import UserError
@@ -189,7 +188,7 @@ def test_a_checkpoint_without_its_run_gives_similarities_only(trained, tmp_path,
 
 
 def test_other_weights_of_the_run_do_not_take_its_temperature(trained, tmp_path):
-    from sextant.chapters.places.run_facts import run_temperature
+    from sextant.chapters.places.saved_map import run_temperature
 
     _, run = trained
     assert run_temperature(FoundRun(run.last_checkpoint, run)).value is not None

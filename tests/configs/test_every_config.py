@@ -6,7 +6,7 @@ import torch
 from frozen import freeze
 from needed import CHOICES, LOCALIZATION, NEEDED, PLACE_LOSSES, words
 
-from sextant.chapters.cosfire.checks import check_parts
+from sextant.chapters.cosfire.parts import check_parts
 from sextant.chapters.localization.data.faults import Fault
 from sextant.chapters.places.backbone_layer import backbone_layer
 from sextant.composing.compose import compose, to_plain

@@ -11,7 +11,7 @@ from sextant.data.file_kinds import is_hidden
 from sextant.data.image_folder import ImageFolder
 from sextant.data.photo_files import find_photos, images_below
 from sextant.errors import UserError
-from sextant.tools.inspection.files import found_files
+from sextant.tools.inspection.seen import found_files
 
 HIDDEN = [
     "._0001.jpg", ".0001.jpg", ".thumbnails/0001.jpg", ".Trash-1000/files/a.png", ".git/a.jpg", ".AppleDouble/a.jpg",

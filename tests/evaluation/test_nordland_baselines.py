@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from sextant.baselines import CCA, LDA, Pixels, WhitenedPCA
-from sextant.chapters.places.precision_recall import best_match_curve
+from sextant.chapters.places.metrics import best_match_curve
 from sextant.evaluation.positives import Positives
 from sextant.evaluation.retrieval import recall
 from sextant.retrieval.flat_index import FlatIndex

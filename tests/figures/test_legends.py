@@ -11,8 +11,8 @@ import pytest
 
 from sextant.chapters.classification.figures import DifferenceBar, corruption_difference
 from sextant.chapters.localization.written_poses import draw_trajectory
-from sextant.chapters.places.condition_recall import factor_recall
 from sextant.chapters.places.figures import invariance_curves, similarity_matrix
+from sextant.chapters.places.metrics import factor_recall
 from sextant.evaluation.positives import Positives
 from sextant.figures.effects import ForestRow, contrast_forest
 from sextant.figures.searches import TrialPoint, search_history

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from sextant.chapters.places.condition_recall import ConditionRecall, factor_recall
 from sextant.chapters.places.figures import (
     MOST_CELLS,
     RIGHT,
@@ -17,7 +16,7 @@ from sextant.chapters.places.figures import (
     retrieval_gallery,
     similarity_matrix,
 )
-from sextant.chapters.places.precision_recall import precision_recall
+from sextant.chapters.places.metrics import ConditionRecall, factor_recall, precision_recall
 from sextant.evaluation.positives import Positives
 from sextant.figures.style import save_figure
 

@@ -16,7 +16,7 @@ from sextant.lifecycle import execute as life
 from sextant.lifecycle.execute import execute, execute_cell
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
-from sextant.training.optimizing import log_training_loss
+from sextant.training.schedules import log_training_loss
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from tiny_digits import digits_run
 import sextant
 from sextant import cli
 from sextant.errors import UserError
-from sextant.kit.exports import Exportable, Named
+from sextant.kit.offers import Exportable, Named
 from sextant.kit.trained import read_trained
 from sextant.lifecycle import export_formats
 from sextant.lifecycle.execute import execute

@@ -11,7 +11,7 @@ from sextant.layers import PushPullInhibition
 from sextant.models import CalibrationNet, EfficientNetLite0, FeatureMap, PlaceNet, efficientnet_lite0_classifier
 from sextant.models import trunk_weights as weights
 from sextant.models.pooling import GeM
-from sextant.training.optimizing import parameter_groups
+from sextant.training.schedules import parameter_groups
 
 BUTTERFLIES = range(321, 327)  # of ImageNet's classes
 

@@ -11,8 +11,7 @@ from made_up_sweep import IMAGES, PROTOCOL, MadeUpRun, made_up_sweep, prediction
 from scipy import stats
 
 from sextant.evaluation import ALEXNET_CIFAR10_C, ALL_19, BENCHMARK_15
-from sextant.kit.measure import classified
-from sextant.kit.shared_set import SharedSet, shared_set
+from sextant.kit.measure import SharedSet, classified, shared_set
 from sextant.reports.contrasts import contrasts
 from sextant.reports.corruption_contrasts import corruption_contrasts
 from sextant.reports.corruption_errors import OverSeeds, arm_errors, baseline_of

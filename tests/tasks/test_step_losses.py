@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from sextant.errors import LossNotFiniteError
-from sextant.training.step_losses import StepLosses
+from sextant.training.steps import StepLosses
 
 
 def test_the_mean_of_every_few_steps():

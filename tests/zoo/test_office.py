@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from sextant import Localizer, cli
-from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.localization.data.drive import motions_along
 from sextant.config import validate
 from sextant.kit.assemble import build_dataset
 from sextant.zoo import model_file, read_card

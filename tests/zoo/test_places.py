@@ -9,7 +9,7 @@ from PIL import Image
 from benchmarks.place_sets import hits, image_sets
 from sextant import Localizer, PlaceMap, cli
 from sextant.chapters.places.match_confidence import UNSEEN
-from sextant.chapters.places.run_facts import FITTED
+from sextant.chapters.places.saved_map import FITTED
 from sextant.zoo import model_file, read_card
 
 REFERENCE = "zoo:places"

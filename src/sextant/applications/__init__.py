@@ -15,12 +15,12 @@ _HERE = {
     "ImageClassifier": "sextant.chapters.classification.classifier",
     "LocalizedPose": "sextant.chapters.localization.localizer",
     "Localizer": "sextant.chapters.localization.localizer",
-    "LookedUp": "sextant.chapters.places.looked_up",
+    "LookedUp": "sextant.chapters.places.place_map",
     "OneCamera": "sextant.chapters.calibration.one_camera",
     "PhotoCalibrator": "sextant.chapters.calibration.calibrator",
     "PhotoCamera": "sextant.chapters.calibration.photo_camera",
     "PlaceMap": "sextant.chapters.places.place_map",
-    "PlaceMatch": "sextant.chapters.places.looked_up",
+    "PlaceMatch": "sextant.chapters.places.place_map",
 }
 __all__ = list(_HERE)
 

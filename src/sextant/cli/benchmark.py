@@ -10,8 +10,7 @@ from pydantic import Field
 from sextant.applications.arguments import check_apart
 from sextant.console.arguments import SPLIT, Options, UserPath
 from sextant.console.console import console
-from sextant.console.output_folder import make_output, tell_written
-from sextant.console.skipped_files import tell_skipped
+from sextant.console.written import make_output, tell_skipped, tell_written
 from sextant.errors import UserError
 
 USAGE = "sextant benchmark calibration folder=<folder, or its name in SEXTANT_DATA> [run=<run>] [output=<folder>]"

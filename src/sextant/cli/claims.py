@@ -8,7 +8,7 @@ from rich.table import Table
 
 from sextant.console.arguments import Options, UserPath
 from sextant.console.console import console
-from sextant.console.output_folder import make_output
+from sextant.console.written import make_output
 from sextant.errors import UserError, command
 
 USAGE = """\

@@ -11,7 +11,7 @@ from sextant.addresses import file_uri
 from sextant.cli.terminal import TERMINAL
 from sextant.console.arguments import Options, UserPath
 from sextant.console.console import console, print_mistake
-from sextant.console.output_folder import make_output
+from sextant.console.written import make_output
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import default_outputs
 from sextant.tracking.environment import quiet_libraries

@@ -8,8 +8,8 @@ from pydantic import Field
 from sextant.chapters.places.photo_folder import photos_below
 from sextant.console.arguments import Options, UserPath, parse_arguments
 from sextant.console.console import console
-from sextant.console.skipped_files import tell_skipped
 from sextant.console.work_progress import work_progress
+from sextant.console.written import tell_skipped
 from sextant.errors import UserError
 from sextant.kit.handler import open_run
 

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from sextant.console.arguments import Options, UserPath
 from sextant.console.console import console
-from sextant.console.output_folder import make_output
+from sextant.console.written import make_output
 
 USAGE = "sextant export run=<run> [format=onnx|torch_export] [output=<folder>]"
 

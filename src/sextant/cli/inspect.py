@@ -12,8 +12,8 @@ from rich.markup import escape
 from sextant.applications.arguments import check_own_file
 from sextant.console.arguments import Options, UserPath
 from sextant.console.console import console, print_key_values
-from sextant.console.skipped_files import tell_skipped
 from sextant.console.work_progress import work_progress
+from sextant.console.written import tell_skipped
 from sextant.errors import UserError
 
 if TYPE_CHECKING:

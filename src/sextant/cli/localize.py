@@ -45,7 +45,7 @@ def main(arguments: Sequence[str]) -> None:
     from sextant.applications.arguments import check_apart
     from sextant.chapters.localization.found_map import find_map
     from sextant.chapters.localization.predict import predict_poses
-    from sextant.console.output_folder import make_output
+    from sextant.console.written import make_output
     from sextant.runs.outputs_folder import default_outputs
 
     folder = find_map(options.map, default_outputs())

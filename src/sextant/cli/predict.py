@@ -10,7 +10,7 @@ from pydantic import Field
 
 from sextant.applications.arguments import check_apart
 from sextant.console.arguments import Options, parse_arguments
-from sextant.console.output_folder import make_output
+from sextant.console.written import make_output
 from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
 from sextant.kit.handler import Handler, handlers, open_run, require

@@ -21,10 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from torch import nn
 
-    from sextant.kit.exports import Exportable
-    from sextant.kit.measure import RunValues
-    from sextant.kit.photo_predictors import PhotoPredictor
-    from sextant.kit.shared_set import SharedSet
+    from sextant.kit.measure import RunValues, SharedSet
+    from sextant.kit.offers import Exportable, PhotoPredictor
 
 #: content of a checkpoint from :func:`~sextant.kit.trained.read_trained`
 Content = Mapping[str, Any]

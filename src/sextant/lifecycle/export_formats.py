@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from sextant.errors import UserError
-from sextant.kit.exports import Exportable
+from sextant.kit.offers import Exportable
 
 Format = Literal["onnx", "torch_export"]
 

@@ -4,8 +4,7 @@ from pathlib import Path
 
 from sextant.errors import UserError
 from sextant.kit.chapter import Content
-from sextant.kit.exports import Exportable
-from sextant.kit.photo_predictors import PhotoPredictor
+from sextant.kit.offers import Exportable, PhotoPredictor
 from sextant.kit.registry import chapter_of, offering
 from sextant.kit.trained import read_trained
 from sextant.runs.checkpoint import KEY

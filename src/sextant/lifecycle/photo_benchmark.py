@@ -12,6 +12,7 @@ from sextant.applications.failures import FailedPhoto, attempted
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically, write_csv
 from sextant.chapters.calibration.calibrator import PhotoCalibrator
+from sextant.chapters.calibration.confidence import photo_camera
 from sextant.chapters.calibration.data import CameraDistribution
 from sextant.chapters.calibration.data.known_photos import KnownPhoto, known_photos
 from sextant.chapters.calibration.finding import LEVELS, Finding
@@ -27,7 +28,6 @@ from sextant.chapters.calibration.metrics.photo_benchmark import (
     verdict_table,
 )
 from sextant.chapters.calibration.network import CameraNetwork
-from sextant.chapters.calibration.reporting import photo_camera
 from sextant.composing.compose import compose, to_plain
 from sextant.config.build_part import build_part
 from sextant.tables import TextTable

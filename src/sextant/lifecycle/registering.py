@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from sextant.errors import ArgumentError, UserError, command
-from sextant.kit.photo_predictors import ERROR
+from sextant.kit.offers import ERROR
 from sextant.kit.trained import read_trained
 from sextant.lifecycle.offered import photo_predictor
 from sextant.reports.model_card import model_card

@@ -7,7 +7,7 @@ import numpy as np
 
 from sextant.chapters.classification.report import BASELINES, SEVERITIES
 from sextant.evaluation import BENCHMARK_15, CorruptionBaseline, CorruptionErrors, mean_interval, share_interval
-from sextant.kit.shared_set import SharedSet
+from sextant.kit.measure import SharedSet
 from sextant.reports.results import SweepResults
 
 

@@ -11,7 +11,7 @@ from sextant.chapters.classification.figures import (
     corruption_radar,
 )
 from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
-from sextant.kit.shared_set import SharedSet
+from sextant.kit.measure import SharedSet
 from sextant.reports.corruption_contrasts import CorruptionContrast, corruption_contrasts
 from sextant.reports.corruption_errors import ArmErrors, arm_errors, baseline_of, scored_sets
 from sextant.reports.corruption_tables import (

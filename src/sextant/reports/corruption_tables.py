@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from sextant.chapters.classification.figures import by_family
 from sextant.evaluation import CORRUPTION_FAMILIES, CorruptionBaseline, PairedDifference, corruption_score
-from sextant.kit.shared_set import SharedSet
+from sextant.kit.measure import SharedSet
 from sextant.reports.corruption_contrasts import CorruptionContrast, of_corruption
 from sextant.reports.corruption_errors import ArmErrors, OverSeeds
 from sextant.reports.results import SweepResults

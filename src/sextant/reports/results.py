@@ -16,8 +16,7 @@ from numpy import ndarray
 from sextant.errors import UserError
 from sextant.evaluation import CorruptionErrors
 from sextant.evaluation.verdict import Replicate
-from sextant.kit.measure import ACCURACY, Measure, RunValues, conditions_in, require_answers
-from sextant.kit.shared_set import SharedSet, shared_set
+from sextant.kit.measure import ACCURACY, Measure, RunValues, SharedSet, conditions_in, require_answers, shared_set
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 

@@ -21,8 +21,7 @@ import yaml
 from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.errors import UserError
 from sextant.evaluation import CorruptionErrors
-from sextant.kit.measure import Measure
-from sextant.kit.shared_set import SharedSet
+from sextant.kit.measure import Measure, SharedSet
 from sextant.reports.results import CellResult, SweepResults, Training
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan

@@ -17,8 +17,7 @@ from sextant.chapters.calibration.data import (
     TownPanoramaSource,
     as_panorama_source,
 )
-from sextant.chapters.calibration.data.panoramas import PanoramaSource
-from sextant.chapters.calibration.data.pyramids import Kept, top_level
+from sextant.chapters.calibration.data.panoramas import Kept, PanoramaSource, top_level
 from sextant.data.digits import Digits
 from sextant.data.worlds import TownPanoramas, TownSeasons
 from sextant.errors import UserError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sextant.chapters.calibration.data.variates import Mixture, Variate
+from sextant.chapters.calibration.data.camera_distributions import Mixture, Variate
 from sextant.errors import UserError
 
 Q = (np.arange(2000) + 0.5) / 2000

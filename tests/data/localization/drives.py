@@ -3,7 +3,7 @@
 import numpy as np
 
 from sextant.chapters.localization.data import Drive
-from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.localization.data.drive import motions_along
 from sextant.chapters.places.data import ImageRows
 
 

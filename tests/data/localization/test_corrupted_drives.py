@@ -12,8 +12,8 @@ from sextant.chapters.localization.along_drives import for_validation
 from sextant.chapters.localization.data import Drive
 from sextant.chapters.localization.data.corrupted_drives import CorruptedDrives, CorruptedRows
 from sextant.chapters.localization.data.described import DescribedDrives
+from sextant.chapters.localization.data.drive import LocalizationData
 from sextant.chapters.localization.data.faults import WrongSeasonMap
-from sextant.chapters.localization.data.localization_data import LocalizationData
 from sextant.chapters.places.data import ImageRows
 from sextant.corruptions import BenchmarkSuite, CorruptionSuite, GaussianNoise
 from sextant.corruptions.suite import Condition

@@ -6,7 +6,7 @@ import torch
 from data.localization.drives import circle
 
 from sextant.chapters.localization.data.datamodule import LocalizationDataModule
-from sextant.chapters.localization.data.localization_data import LocalizationData
+from sextant.chapters.localization.data.drive import LocalizationData
 
 
 class Circles:

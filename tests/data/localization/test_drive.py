@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.chapters.localization.data import Drive, LocalizationData
-from sextant.chapters.localization.data.localization_data import first_share
-from sextant.chapters.localization.data.motions import between, compose, compose_over, motions_along
-from sextant.chapters.localization.data.simulated_odometry import (
+from sextant.chapters.localization.data.drive import between, compose, compose_over, first_share, motions_along
+from sextant.chapters.localization.data.simulated import (
     CAR_WHEELS,
     FRAME_SIGMA,
     simulated_motion,

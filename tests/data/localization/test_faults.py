@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from sextant.chapters.localization.data import LocalizationData, faults
-from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.localization.data.drive import motions_along
 from sextant.config.schema.localization import Fault as FaultSchema
 from sextant.config.schema.parts import Choice
 from sextant.errors import UserError

@@ -5,7 +5,7 @@ import pytest
 from data.places.place_pictures import picture, write_pictures
 
 from sextant.chapters.localization.data import DriveSettings, LocalizationSource, as_localization_source
-from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.localization.data.drive import motions_along
 from sextant.chapters.places.data import Nordland, PlaceFolders
 from sextant.errors import UserError
 

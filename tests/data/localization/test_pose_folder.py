@@ -10,7 +10,7 @@ from data.places.place_pictures import picture, write_pictures
 from data.reconstructions.written import WRITERS
 
 from sextant.chapters.localization.data import DriveSettings, LocalizationSource, PoseFolder, as_localization_source
-from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.localization.data.drive import motions_along
 from sextant.chapters.localization.data.pose_formats import write_tum
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate

@@ -9,8 +9,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from sextant.chapters.localization.data.plane import STEEPEST_DEG, to_plane
-from sextant.chapters.localization.data.pose_formats import read_tum, read_tum_matrices, write_tum
+from sextant.chapters.localization.data.pose_formats import (
+    STEEPEST_DEG,
+    read_tum,
+    read_tum_matrices,
+    to_plane,
+    write_tum,
+)
 from sextant.chapters.localization.data.pose_times import check_gaps, check_rising, poses_at, times_of_names
 from sextant.errors import UserError
 from sextant.worlds.trajectories import load_kitti_poses

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sextant.chapters.localization.data import DriveSettings, LocalizationSource, as_localization_source
-from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.localization.data.drive import motions_along
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.digits import Digits

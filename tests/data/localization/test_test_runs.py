@@ -8,9 +8,9 @@ from data.localization.drives import circle
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sextant.chapters.localization.data.drive import between
 from sextant.chapters.localization.data.faults import Blackout, Fault, Kidnap, NoFault
-from sextant.chapters.localization.data.motions import between
-from sextant.chapters.localization.data.tested_drives import lay_out_runs
+from sextant.chapters.localization.testing import lay_out_runs
 
 DRIVE = circle(60)
 

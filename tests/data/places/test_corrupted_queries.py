@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.chapters.places.condition_pairs import condition_pairs
 from sextant.chapters.places.data import ImageRows, PlaceImages, PlaceTolerance
 from sextant.chapters.places.data.augmentation import PlaceAugmentation
 from sextant.chapters.places.data.corrupted import CorruptedQueries
+from sextant.chapters.places.invariance import condition_pairs
 from sextant.chapters.places.task import mean_recall
 from sextant.corruptions import BenchmarkSuite
 from sextant.errors import UserError

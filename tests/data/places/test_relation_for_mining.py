@@ -8,8 +8,7 @@ import torch
 from data.places.place_pictures import aligned_places
 
 from sextant.chapters.places.data import PlaceTolerance
-from sextant.chapters.places.data.batches import PlaceBatchImages
-from sextant.chapters.places.data.relation import batch_places, places_of
+from sextant.chapters.places.data.batches import PlaceBatchImages, batch_places, places_of
 from sextant.retrieval import relations
 
 

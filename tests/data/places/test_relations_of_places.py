@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.chapters.places.data import ImageRows, PlaceImages, PlaceTolerance
-from sextant.chapters.places.data.nearby import within_distance
+from sextant.chapters.places.data.images import within_distance
 from sextant.errors import UserError
 
 # coordinates on a coarse grid, so that distances equal to the tolerance are common

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.chapters.calibration.metrics.doctor import Finding, crops, examine, lens, loss, parameters
+from sextant.chapters.calibration.metrics.doctor import Finding, examine, lens, loss
+from sextant.chapters.calibration.metrics.doctor import finding as crops
 from sextant.chapters.calibration.metrics.doctor.checks import CHECKS
 from sextant.geometry import EquirectangularCamera
 
@@ -123,7 +124,7 @@ def test_a_foot_on_the_centre_line_fails(monkeypatch):
         return torch.stack([torch.zeros_like(rho), rho / torch.cos(roll)], -1)
 
     monkeypatch.setattr(parameters, "horizon_foot", crossing)
-    assert failing(parameters.horizon_feet())
+    assert failing(lens.horizon_feet())
 
 
 def test_pixels_half_a_pixel_off_fail_against_opencv(monkeypatch):

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from statsmodels.stats.proportion import proportion_confint
 
-from sextant.chapters.places.condition_recall import condition_recall, factor_recall
+from sextant.chapters.places.metrics import condition_recall, factor_recall
 from sextant.evaluation.positives import Positives
 
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score, precision_recall_curve
 
-from sextant.chapters.places.precision_recall import best_match_curve, precision_recall
+from sextant.chapters.places.metrics import best_match_curve, precision_recall
 from sextant.evaluation.positives import Positives
 from sextant.evaluation.retrieval import RetrievalProtocol
 

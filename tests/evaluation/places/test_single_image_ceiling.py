@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.chapters.places.single_image_ceiling import picture_runs, single_image_ceiling, standstill
+from sextant.chapters.places.metrics import picture_runs, single_image_ceiling, standstill
 from sextant.evaluation.positives import Positives
 
 FLAGS = st.lists(st.booleans(), min_size=1, max_size=12).map(lambda flags: np.array(flags))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sextant.chapters.localization.regions import FEWEST, WIDEST, region_scale
+from sextant.chapters.localization.along_drives import FEWEST, WIDEST, region_scale
 
 
 @pytest.mark.parametrize("dof", [1, 3])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sextant.chapters.places import report
-from sextant.chapters.places.condition_pairs import condition_pairs, pair_arrays, pair_metrics
 from sextant.chapters.places.data import ImageRows, PlaceImages, PlaceTolerance
 from sextant.chapters.places.invariance import (
+    condition_pairs,
     factor_of,
     has_factors,
     invariance,
@@ -16,6 +16,8 @@ from sextant.chapters.places.invariance import (
     invariance_figure,
     invariance_metrics,
     invariance_table,
+    pair_arrays,
+    pair_metrics,
 )
 from sextant.figures.style import save_figure
 

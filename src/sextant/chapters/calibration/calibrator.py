@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Literal, Self, get_args, overload
 
 from sextant.applications.failures import Errors, FailedPhoto, attempted, raise_failed, several
+from sextant.chapters.calibration.confidence import photo_camera
 from sextant.chapters.calibration.finding import Finding
 from sextant.chapters.calibration.inference import AnyPhoto, find_cameras
 from sextant.chapters.calibration.jointly import Method, by_method
@@ -18,7 +19,6 @@ from sextant.chapters.calibration.priors import (
     with_gravity,
     with_priors,
 )
-from sextant.chapters.calibration.reporting import photo_camera
 from sextant.errors import ArgumentError
 from sextant.kit.trained import read_trained
 from sextant.runs.outputs_folder import default_outputs

@@ -18,10 +18,8 @@ if TYPE_CHECKING:
     from sextant.chapters.calibration.data.datamodule import CalibrationData
     from sextant.chapters.calibration.data.panoramas import PanoramaSource
     from sextant.chapters.calibration.task import Calibration
-    from sextant.kit.exports import Exportable
-    from sextant.kit.measure import RunValues
-    from sextant.kit.photo_predictors import PhotoPredictor
-    from sextant.kit.shared_set import SharedSet
+    from sextant.kit.measure import RunValues, SharedSet
+    from sextant.kit.offers import Exportable, PhotoPredictor
 
 #: geometric methods, by their names in results
 BY_LINES = ("vanishing points", "plumb lines", "both")

@@ -9,9 +9,8 @@ from sextant.chapters.calibration.calibrator import PhotoCalibrator
 from sextant.chapters.calibration.options import CalibrationOptions
 from sextant.chapters.calibration.written_cameras import WrittenCameras, write_cameras
 from sextant.console.console import console, rows_table
-from sextant.console.output_folder import make_output, tell_written
-from sextant.console.skipped_files import skipped_of, tell_skipped
 from sextant.console.work_progress import counted as showing
+from sextant.console.written import make_output, skipped_of, tell_skipped, tell_written
 from sextant.tables import counted
 
 

@@ -9,8 +9,7 @@ from torch import Tensor, nn
 
 from sextant.errors import UserError
 from sextant.kit.chapter import Content
-from sextant.kit.exports import Exportable, example_images, image_meaning
-from sextant.kit.photo_predictors import Kind, PhotoPredictor, Row, failed_row
+from sextant.kit.offers import Exportable, Kind, PhotoPredictor, Row, example_images, failed_row, image_meaning
 from sextant.runs.checkpoint import KEY
 
 if TYPE_CHECKING:

@@ -23,8 +23,8 @@ from sextant.losses import CameraLoss
 from sextant.losses.camera_losses import bearing_grid
 from sextant.losses.field import field_loss
 from sextant.models import CalibrationNet, CalibrationOutput
-from sextant.training.optimizing import OptimizerFactory, Schedule, log_training_loss, optimizers
-from sextant.training.step_losses import StepLosses
+from sextant.training.schedules import OptimizerFactory, Schedule, log_training_loss, optimizers
+from sextant.training.steps import StepLosses
 
 #: what is validated beside bearings
 QUANTITIES = ("tilt_deg", "roll_deg", "vfov_deg", "k1_hat", "k1")

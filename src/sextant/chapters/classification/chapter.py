@@ -21,10 +21,8 @@ if TYPE_CHECKING:
 
     from sextant.chapters.classification.task import Classification
     from sextant.data.datamodule import ImageData
-    from sextant.kit.exports import Exportable
-    from sextant.kit.measure import RunValues
-    from sextant.kit.photo_predictors import PhotoPredictor
-    from sextant.kit.shared_set import SharedSet
+    from sextant.kit.measure import RunValues, SharedSet
+    from sextant.kit.offers import Exportable, PhotoPredictor
 
 
 class ClassificationChapter(Chapter):

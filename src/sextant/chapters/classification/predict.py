@@ -13,9 +13,8 @@ from torch import Tensor
 
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_csv, write_json
-from sextant.console.output_folder import tell_written
-from sextant.console.skipped_files import skipped_of, tell_skipped
 from sextant.console.work_progress import counted
+from sextant.console.written import skipped_of, tell_skipped, tell_written
 from sextant.data.image_folder import decode_square
 from sextant.data.pixel_values import WhiteLevels
 from sextant.data.source import ImageSpec

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sextant.kit.chapter import Content
-from sextant.kit.exports import Exportable, Named, example_images, image_meaning
-from sextant.kit.photo_predictors import PhotoPredictor, Row, failed_row
+from sextant.kit.offers import Exportable, Named, PhotoPredictor, Row, example_images, failed_row, image_meaning
 from sextant.kit.trained import own_config
 from sextant.runs.checkpoint import KEY
 

@@ -17,8 +17,8 @@ from sextant.evaluation import classification_converged
 from sextant.evaluation.confidence import BINS, Confidence
 from sextant.layers import implementations, skipped
 from sextant.models import network_cost
-from sextant.training.optimizing import OptimizerFactory, Schedule, log_training_loss, optimizers
-from sextant.training.step_losses import StepLosses
+from sextant.training.schedules import OptimizerFactory, Schedule, log_training_loss, optimizers
+from sextant.training.steps import StepLosses
 
 
 class Classification(pl.LightningModule):

@@ -5,8 +5,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.chapters.cosfire.checks import answering_with_parts, check_parts
-from sextant.chapters.cosfire.parts import describing, features_of_run, make_filters, scenes_of
+from sextant.chapters.cosfire.parts import (
+    answering_with_parts,
+    check_parts,
+    describing,
+    features_of_run,
+    make_filters,
+    scenes_of,
+)
 from sextant.chapters.places.descriptors import descriptor_identity
 from sextant.config import Config
 from sextant.config.building import build, part_name
@@ -25,10 +31,8 @@ if TYPE_CHECKING:
 
     from sextant.chapters.cosfire.task import CosfireRecognition
     from sextant.data.examples import ExampleData
-    from sextant.kit.exports import Exportable
-    from sextant.kit.measure import RunValues
-    from sextant.kit.photo_predictors import PhotoPredictor
-    from sextant.kit.shared_set import SharedSet
+    from sextant.kit.measure import RunValues, SharedSet
+    from sextant.kit.offers import Exportable, PhotoPredictor
 
 
 class CosfireChapter(Chapter):

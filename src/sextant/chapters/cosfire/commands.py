@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sextant.chapters.cosfire.options import PROTOTYPE, DetectionOptions, read_inputs
-from sextant.console.output_folder import make_output
+from sextant.console.written import make_output
 from sextant.errors import UserError
 from sextant.kit.handler import Handler, Trained, find_run, outputs_of
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sextant.chapters.cosfire.estimator import CosfireEstimator
-    from sextant.chapters.cosfire.result import RecognitionResult
+    from sextant.chapters.cosfire.task import RecognitionResult
     from sextant.data.examples import ExampleData
     from sextant.layers.cosfire import Cosfire
 

@@ -1,22 +1,68 @@
 """Recognition by filters configured from single examples (chapter 6): the training of their network."""
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import pytorch_lightning as pl
 import torch
 import torch.nn.functional as F
+from jaxtyping import Bool, Int64
+from numpy import ndarray
 from torch import Tensor
 
 from sextant.chapters.cosfire.estimator import CosfireEstimator
 from sextant.chapters.cosfire.filter_prototypes import NoFilterError
-from sextant.chapters.cosfire.result import RecognitionResult
+from sextant.chapters.cosfire.methods import Method
 from sextant.corruptions import CorruptionSuite
 from sextant.data.batches import Batch
 from sextant.data.examples import ExampleData
 from sextant.errors import UserError
 from sextant.evaluation import classification_converged
-from sextant.training.optimizing import OptimizerFactory, Schedule, log_training_loss, nothing_to_optimize, optimizers
-from sextant.training.step_losses import StepLosses
+from sextant.training.schedules import OptimizerFactory, Schedule, log_training_loss, nothing_to_optimize, optimizers
+from sextant.training.steps import StepLosses
+
+
+@dataclass
+class RecognitionResult:
+    """Predictions on the test images.
+
+    Attributes:
+        labels: true classes.
+        answers: predicted classes by method.
+        conditions: by name, which images are of that condition; empty if all are of one.
+        corrupted: predicted classes by method of the same images under corruptions, by key of the test condition.
+    """
+
+    labels: Int64[ndarray, "n"]
+    answers: dict[Method, Int64[ndarray, "n"]] = field(default_factory=dict)
+    conditions: dict[str, Bool[ndarray, "n"]] = field(default_factory=dict)
+    corrupted: dict[str, dict[Method, Int64[ndarray, "n"]]] = field(default_factory=dict)
+
+    def accuracy(self) -> dict[Method, float]:
+        """Share of correct predictions by method."""
+        return {method: float((found == self.labels).mean()) for method, found in self.answers.items()}
+
+    def accuracy_under(self, condition: str) -> dict[Method, float]:
+        """The same for the images of one condition."""
+        rows = self.conditions[condition]
+        return {method: float((found == self.labels)[rows].mean()) for method, found in self.answers.items()}
+
+    def accuracies(self) -> dict[str, dict[Method, float]]:
+        """Accuracy by method under all names: ``""`` of all clean images, ``/<condition>``, and ``/<corruption>``."""
+        found = {"": self.accuracy()} | {f"/{name}": self.accuracy_under(name) for name in self.conditions}
+        return found | {f"/{key}": RecognitionResult(self.labels, a).accuracy() for key, a in self.corrupted.items()}
+
+    def headline(self, method: Method) -> dict[str, float]:
+        """Accuracy of a method by key of the test condition, ``clean`` first."""
+        found = self.accuracies()
+        return {"clean": found[""][method]} | {key: found[f"/{key}"][method] for key in self.corrupted}
+
+    def arrays(self) -> dict[str, ndarray]:
+        """Labels, predictions and conditions, as stored by a run; corrupted ones as ``corrupted/<method>/<key>``."""
+        answers = {f"answer/{method}": found for method, found in self.answers.items()}
+        conditions = {f"condition/{name}": found for name, found in self.conditions.items()}
+        corrupted = {f"corrupted/{m}/{key}": a for key, of in self.corrupted.items() for m, a in of.items()}
+        return {"labels": self.labels, **answers, **conditions, **corrupted}
 
 
 class CosfireRecognition(pl.LightningModule):

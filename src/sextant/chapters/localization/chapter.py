@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from sextant.chapters.localization.data.datamodule import LocalizationDataModule
     from sextant.chapters.localization.data.source import LocalizationSource
     from sextant.chapters.localization.testing import TestSettings
-    from sextant.kit.measure import RunValues
-    from sextant.kit.shared_set import SharedSet
+    from sextant.kit.measure import RunValues, SharedSet
     from sextant.localization.motion import MotionModel
 
 #: default standard deviation of the heading of poses drawn around a map image, in rad
@@ -83,8 +82,8 @@ class LocalizationChapter(Chapter):
 
     def source(self, config: Config) -> "LocalizationSource":
         """The dataset as a source of drives."""
-        from sextant.chapters.localization.data.drive_settings import DriveSettings
         from sextant.chapters.localization.data.fitted_elsewhere import FittedElsewhere
+        from sextant.chapters.localization.data.simulated import DriveSettings
         from sextant.chapters.localization.data.source import as_localization_source
 
         self.check_parts(config)
@@ -225,8 +224,8 @@ class LocalizationChapter(Chapter):
     def record(self, module: Any, data: "LocalizationDataModule", config: Config) -> TestRecord:
         """Localize along the test drives, with each fault and each number of particles."""
         from sextant.chapters.localization import report, under_corruption
+        from sextant.chapters.localization.along_drives import widened
         from sextant.chapters.localization.judged import judge
-        from sextant.chapters.localization.regions import widened
         from sextant.chapters.localization.testing import run_trials, short_drives
         from sextant.chapters.localization.validation import protocol_of
 
@@ -296,7 +295,7 @@ def region_scale(module: Any, config: Config) -> float:
 
 def _about_regions(module: Any, config: Config) -> list[str]:
     """Notes for the reader about confidence regions that were not widened, or widened by the maximum."""
-    from sextant.chapters.localization.regions import WIDEST
+    from sextant.chapters.localization.along_drives import WIDEST
 
     assert config.filter is not None
     if config.filter.regions is None or _is_laser(config):

@@ -6,7 +6,7 @@ from pathlib import Path
 from sextant.applications.arguments import check_apart
 from sextant.chapters.localization.found_map import find_map
 from sextant.chapters.localization.options import OUTPUT, LocalizingOptions
-from sextant.console.output_folder import make_output
+from sextant.console.written import make_output
 from sextant.errors import UserError
 from sextant.kit.handler import Handler, Trained, outputs_of
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 
-from sextant.chapters.localization.data.localization_data import LocalizationData
+from sextant.chapters.localization.data.drive import LocalizationData
 from sextant.chapters.localization.testing import Outcome
 from sextant.chapters.localization.validation import protocol_of
 from sextant.evaluation.pose_posterior import PLANE, RAILWAY, nees, pose_errors

@@ -19,7 +19,7 @@ from sextant.localization.calibration import posterior, tempered
 from sextant.localization.laser import BeamModel, LikelihoodField
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observers import Laser, Observer
-from sextant.training.optimizing import nothing_to_optimize
+from sextant.training.schedules import nothing_to_optimize
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import OccupancyGrid, occupancy_from_scans
 

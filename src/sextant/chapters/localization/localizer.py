@@ -155,7 +155,7 @@ class Localizer:
         pictures: small pictures of the map's images, for display; None for none.
         lag: number of steps that :meth:`past` smooths.
         region_scale: factor by which reported standard deviations are multiplied, as
-            :mod:`sextant.chapters.localization.regions` learns it for a filter with these settings.
+            :mod:`sextant.chapters.localization.along_drives` learns it for a filter with these settings.
 
     Raises:
         UserError: the number of particles is zero or above a million, there is no such start, the lag is negative, or

@@ -11,8 +11,8 @@ from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.options import LocalizingOptions
 from sextant.chapters.localization.written_poses import Moment, Row, refuse_to_replace_poses
 from sextant.console.console import console
-from sextant.console.skipped_files import tell_skipped
 from sextant.console.work_progress import work_progress
+from sextant.console.written import tell_skipped
 from sextant.errors import ArgumentError, UserError
 
 #: makes, for a localizer, a context whose value is called with each step

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.chapters.localization.data.localization_data import LocalizationData
+from sextant.chapters.localization.data.drive import LocalizationData
 from sextant.chapters.localization.data.pose_formats import write_tum
 from sextant.chapters.localization.judged import Judged, axes_of
 from sextant.chapters.localization.testing import Trial

@@ -12,10 +12,9 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.chapters.localization.along_drives import best_share, for_validation, nll_along
+from sextant.chapters.localization.along_drives import best_share, for_validation, nll_along, scale_along
 from sextant.chapters.localization.data.datamodule import LocalizationDataModule
 from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.regions import scale_along
 from sextant.chapters.localization.sensor_measures import descriptor_nll, looked_at, sensor_cost, timed
 from sextant.chapters.localization.testing import TestSettings
 from sextant.chapters.localization.validation import (
@@ -41,8 +40,8 @@ from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Camera, Observer
 from sextant.localization.pose_kernel import PoseKernel, Spatial
 from sextant.reporter import SILENT, Progress
-from sextant.training.optimizing import OptimizerFactory, Schedule, optimizers
-from sextant.training.step_losses import StepLosses
+from sextant.training.schedules import OptimizerFactory, Schedule, optimizers
+from sextant.training.steps import StepLosses
 
 #: a fit that took less time than this is timed again, without the imports and compilation of the first one
 QUICK_FIT_S = 30.0
@@ -58,8 +57,8 @@ class Calibration:
         images: number of images of the validation drives that are used.
         settings: settings of the filter that runs along them for :mod:`sextant.chapters.localization.along_drives`, for
             which the tempering is fitted; None keeps the tempering of single images.
-        regions: settings of the filter whose confidence regions :mod:`sextant.chapters.localization.regions` widens;
-            the scale is fitted for this filter. None leaves the regions as the filter believes.
+        regions: settings of the filter whose confidence regions :mod:`sextant.chapters.localization.along_drives`
+            widens; the scale is fitted for this filter. None leaves the regions as the filter believes.
         show: shows the filter's progress along the validation drives.
     """
 

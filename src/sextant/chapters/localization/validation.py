@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from sextant.chapters.localization.data.datamodule import LocalizationDataModule
-from sextant.chapters.localization.data.localization_data import LocalizationData, ProtocolName
+from sextant.chapters.localization.data.drive import LocalizationData, ProtocolName
 from sextant.errors import UserError
 from sextant.evaluation.positives import Positives
 from sextant.evaluation.protocols import (

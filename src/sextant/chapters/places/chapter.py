@@ -24,12 +24,10 @@ if TYPE_CHECKING:
     from sextant.baselines.network_layer import NetworkLayer
     from sextant.chapters.places.data import PlaceImages, PlaceSource
     from sextant.chapters.places.data.datamodule import PlaceData
-    from sextant.chapters.places.data.split import Split
+    from sextant.chapters.places.data.images import Split
     from sextant.chapters.places.task import PlaceRecognition
-    from sextant.kit.exports import Exportable
-    from sextant.kit.measure import RunValues
-    from sextant.kit.photo_predictors import PhotoPredictor
-    from sextant.kit.shared_set import SharedSet
+    from sextant.kit.measure import RunValues, SharedSet
+    from sextant.kit.offers import Exportable, PhotoPredictor
 
 
 #: the dataset that is only for tests
@@ -186,9 +184,8 @@ class PlacesChapter(Chapter):
     def record(self, module: "PlaceRecognition", data: "PlaceData", config: Config) -> TestRecord:
         """Compare the network with training-free and linear descriptors: table, hits per query, figures."""
         from sextant.chapters.places import report
-        from sextant.chapters.places.condition_pairs import condition_pairs, pair_arrays, pair_metrics
         from sextant.chapters.places.data.corrupted import CorruptedQueries
-        from sextant.chapters.places.invariance import has_factors
+        from sextant.chapters.places.invariance import condition_pairs, has_factors, pair_arrays, pair_metrics
         from sextant.chapters.places.methods import describe_all, network_descriptors
         from sextant.chapters.places.methods import fitted as learnt
         from sextant.models import network_cost

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sextant.chapters.places.options import INPUTS, PlaceOptions, read_inputs
-from sextant.console.output_folder import make_output
+from sextant.console.written import make_output
 from sextant.errors import UserError
 from sextant.kit.handler import Handler, Trained, open_run
 
@@ -33,7 +33,7 @@ class PlaceMatching(Handler):
             raise UserError(f"map= belongs to {self.task}; this is a model of {trained.task}", Handler.usage)
         from sextant.chapters.places.place_map import PlaceMap
         from sextant.chapters.places.predict import predict_places
-        from sextant.chapters.places.run_facts import run_facts
+        from sextant.chapters.places.saved_map import run_facts
 
         places = PlaceMap.of(trained.content, trained.found, trust=trained.trust)
         predict_places(places, inputs, run_facts(trained.reference, trained.found, places.model, trained.about))

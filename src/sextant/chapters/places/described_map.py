@@ -21,8 +21,7 @@ from sextant.chapters.places.kept_descriptor import Describes, KeptDescriptor, k
 from sextant.chapters.places.known_places import same_place
 from sextant.chapters.places.matching import Matches, match
 from sextant.chapters.places.photo_folder import PhotoFolder, photo_folder
-from sextant.chapters.places.run_facts import Temperature
-from sextant.chapters.places.saved_map import TOLERANCES, MapFacts, load_map, save_map
+from sextant.chapters.places.saved_map import TOLERANCES, MapFacts, Temperature, load_map, save_map
 from sextant.errors import ArgumentError, UserError
 from sextant.evaluation.positives import Positives
 from sextant.reporter import Advance

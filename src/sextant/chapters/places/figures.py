@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy import ndarray
 
-from sextant.chapters.places.condition_recall import ConditionRecall, FactorRecall
-from sextant.chapters.places.precision_recall import PrecisionRecall
+from sextant.chapters.places.metrics import ConditionRecall, FactorRecall, PrecisionRecall
 from sextant.evaluation.positives import Positives
 from sextant.figures.style import COLOURS, new_figure, plain, printable
 
@@ -228,7 +227,7 @@ def invariance_curves(
 
     Example:
         >>> import numpy as np
-        >>> from sextant.chapters.places.condition_recall import factor_recall
+        >>> from sextant.chapters.places.metrics import factor_recall
         >>> fog = factor_recall(np.array([True, True, True, False]), np.array([0.0, 0.0, 0.5, 0.5]))
         >>> figure = invariance_curves({"fog": {"pixels": fog}}, reference={"fog": 0.0})
         >>> figure.axes[0].lines[0].get_xydata().tolist()
@@ -281,7 +280,7 @@ def precision_recall_curves(curves: Mapping[str, PrecisionRecall], title: str = 
         ValueError: there is no curve.
 
     Example:
-        >>> from sextant.chapters.places.precision_recall import precision_recall
+        >>> from sextant.chapters.places.metrics import precision_recall
         >>> curve = precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, True, False]), positives=2)
         >>> precision_recall_curves({"HOG": curve}).axes[0].get_legend().get_texts()[0].get_text()
         'HOG  1.000'

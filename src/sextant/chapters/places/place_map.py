@@ -1,9 +1,11 @@
 """A map of photos, in which other photos are looked up."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
+import numpy as np
 from numpy import ndarray
 
 from sextant.applications.arguments import check_whole
@@ -11,11 +13,18 @@ from sextant.applications.failures import Errors, FailedPhoto, raise_failed, sev
 from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, failed_photo
-from sextant.chapters.places.describing import describe
+from sextant.chapters.places.describing import DescribedPhotos, describe
 from sextant.chapters.places.kept_descriptor import Describes, kept_network, load_descriptor
-from sextant.chapters.places.looked_up import LookedUp, looked_up
-from sextant.chapters.places.run_facts import FITTED, Temperature, fitted_confidence, run_temperature
-from sextant.chapters.places.saved_map import TOLERANCES, read_facts
+from sextant.chapters.places.match_confidence import MatchConfidence
+from sextant.chapters.places.matching import Matches
+from sextant.chapters.places.saved_map import (
+    FITTED,
+    TOLERANCES,
+    Temperature,
+    fitted_confidence,
+    read_facts,
+    run_temperature,
+)
 from sextant.errors import UserError
 from sextant.kit.trained import own_config, read_trained
 from sextant.retrieval import FlatIndex
@@ -23,6 +32,80 @@ from sextant.retrieval.without_mean import Centring
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import FoundRun, resolve_run
+
+
+@dataclass(frozen=True)
+class PlaceMatch:
+    """A photo of the map, as a match of another photo.
+
+    Attributes:
+        photo: its file, which may have been deleted since it was added.
+        similarity: cosine of the two descriptors, in [-1, 1]; by sequences, the mean along the best line.
+        confidence: probability in [0, 1] that it shows the same place, assuming that the place is in the map; None
+            without a temperature, and by sequences.
+        position: x and y in metres; None if unknown.
+    """
+
+    photo: Path
+    similarity: float
+    confidence: float | None = None
+    position: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class LookedUp:
+    """What was found for one photo.
+
+    Attributes:
+        name: its file, or the position of its array among those given.
+        matches: the best-matching photos of the map, the best first.
+        margin: similarity of the best match minus that of the best photo of another place, at least 0; None if the map
+            has no other place, and by sequences.
+        found: probability in [0, 1] that the best match shows the photo's place, which need not be in the map; for
+            networks, from the margin (:mod:`~sextant.chapters.places.match_confidence`). None without a margin.
+        stretched: the photo's aspect differs from that of the network's images by a factor above 1.4, so it was
+            stretched that much.
+    """
+
+    name: str
+    matches: tuple[PlaceMatch, ...]
+    margin: float | None = None
+    found: float | None = None
+    stretched: bool = False
+
+    @property
+    def best(self) -> PlaceMatch:
+        """The best match."""
+        return self.matches[0]
+
+
+def looked_up(
+    names: Sequence[str],
+    stretched: Sequence[bool],
+    reference: DescribedPhotos,
+    found: Matches,
+    confidence: MatchConfidence | None = None,
+) -> list[LookedUp]:
+    """What was found for each photo: by sequences if they were matched that way, otherwise by itself."""
+    folder, files = reference.photos.folder, reference.index.names or ()
+    results = []
+    for i, name in enumerate(names):
+        sequenced = found.by_sequence(i)
+        matches = tuple(
+            PlaceMatch(folder / files[each.image], each.similarity, each.confidence, _position(reference, each.image))
+            for each in (found.single(i) if sequenced is None else sequenced)
+        )
+        margin = found.margin_of(i) if sequenced is None else None
+        sure = None if confidence is None or margin is None else float(confidence.probability(np.array([margin]))[0])
+        results.append(LookedUp(name, matches, margin, sure, stretched[i]))
+    return results
+
+
+def _position(reference: DescribedPhotos, number: int) -> tuple[float, float] | None:
+    if reference.positions is None:
+        return None
+    x, y = reference.positions[number].tolist()
+    return None if x != x or y != y else (x, y)
 
 
 class PlaceMap(DescribedMap):

@@ -12,7 +12,7 @@ from sextant.chapters.places.matching import check_rides
 from sextant.chapters.places.options import PlaceInputs, PlaceOptions, refuse_overlap
 from sextant.chapters.places.photo_folder import PhotoFolder
 from sextant.chapters.places.place_map import PlaceMap
-from sextant.chapters.places.run_facts import Temperature
+from sextant.chapters.places.saved_map import Temperature
 from sextant.chapters.places.written_matches import (
     counts,
     query_rows,
@@ -22,9 +22,8 @@ from sextant.chapters.places.written_matches import (
 )
 from sextant.config.override_words import overrides_of
 from sextant.console.console import console, rows_table
-from sextant.console.output_folder import tell_written
-from sextant.console.skipped_files import tell_skipped
 from sextant.console.work_progress import work_progress
+from sextant.console.written import tell_skipped, tell_written
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import NAMED, UserError
 

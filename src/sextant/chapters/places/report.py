@@ -10,12 +10,17 @@ from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
 
 from sextant.baselines.place_descriptors import unit_norm
-from sextant.chapters.places.condition_recall import ConditionRecall
 from sextant.chapters.places.data import PlaceImages, PlaceTolerance
 from sextant.chapters.places.data.corrupted import corrupted_name
 from sextant.chapters.places.methods import Described, baselines
-from sextant.chapters.places.precision_recall import PrecisionRecall, best_match_curve
-from sextant.chapters.places.single_image_ceiling import picture_runs, single_image_ceiling, standstill
+from sextant.chapters.places.metrics import (
+    ConditionRecall,
+    PrecisionRecall,
+    best_match_curve,
+    picture_runs,
+    single_image_ceiling,
+    standstill,
+)
 from sextant.corruptions import Condition
 from sextant.evaluation.positives import Positives
 from sextant.evaluation.posterior import PlacePosterior, fit_temperature, place_posterior

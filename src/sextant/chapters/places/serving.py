@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sextant.kit.chapter import Content
-from sextant.kit.exports import Exportable, Named, example_images, image_meaning
-from sextant.kit.photo_predictors import ERROR, PhotoPredictor, Row
+from sextant.kit.offers import ERROR, Exportable, Named, PhotoPredictor, Row, example_images, image_meaning
 from sextant.kit.trained import own_config
 from sextant.runs.checkpoint import KEY
 

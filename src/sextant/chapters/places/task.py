@@ -13,9 +13,8 @@ from torch.nn.utils import clip_grad_norm_
 from torch.optim import Optimizer
 
 from sextant.chapters.places.data import PlaceImages, PlaceTolerance
-from sextant.chapters.places.data.batches import PlaceBatch, PlaceBatchImages
+from sextant.chapters.places.data.batches import PlaceBatch, PlaceBatchImages, batch_places, places_of
 from sextant.chapters.places.data.datamodule import PlaceData
-from sextant.chapters.places.data.relation import batch_places, places_of
 from sextant.chapters.places.whitening import Whitening, solve_projection
 from sextant.data.share import Share
 from sextant.evaluation.positives import Positives
@@ -26,9 +25,8 @@ from sextant.losses.place_losses import Pairing
 from sextant.models.place_net import PlaceNet
 from sextant.retrieval import CachedHardMining, Mining, NoMining, gathered, relations
 from sextant.retrieval.nearest import nearest_neighbours
-from sextant.training.optimizing import OptimizerFactory, Schedule, log_training_loss, optimizers
-from sextant.training.over_processes import over_processes
-from sextant.training.step_losses import StepLosses
+from sextant.training.schedules import OptimizerFactory, Schedule, log_training_loss, optimizers
+from sextant.training.steps import StepLosses, over_processes
 
 #: number of training images from which a pooling is initialised
 FIRST_LOOK = 256

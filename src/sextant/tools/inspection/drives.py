@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sextant.chapters.localization.data.plane import AHEAD, PLANES, Ahead, to_plane
 from sextant.chapters.localization.data.pose_folder import FILES, PoseFormat
+from sextant.chapters.localization.data.pose_formats import AHEAD, PLANES, Ahead, to_plane
 from sextant.chapters.places.data.gps_poses import local_poses
 from sextant.chapters.places.data.pose_files import read_pose_table
 from sextant.config.override_words import override, overrides_of, plain_name

@@ -8,15 +8,13 @@ from typing import Any
 from sextant.chapters.places.data.gps_poses import doubtful
 from sextant.errors import ArgumentError
 from sextant.reporter import SILENT, Progress
-from sextant.tools.inspection.files import found_files
 from sextant.tools.inspection.gps import extent_m, poses_by_gps, positions
 from sextant.tools.inspection.photos import camera_groups, described, duplicates, panoramas, read_headers
 from sextant.tools.inspection.poses import FoundPoses, found_poses, odometry_tables, separate_models
-from sextant.tools.inspection.seen import Seen
+from sextant.tools.inspection.seen import FoundVideo, Seen, found_files, found_video
 from sextant.tools.inspection.suggestion import Suggestion
 from sextant.tools.inspection.suggestions import suggestions
 from sextant.tools.inspection.times import folders_of_photos
-from sextant.tools.inspection.videos import FoundVideo, found_video
 from sextant.user_files import absent
 
 

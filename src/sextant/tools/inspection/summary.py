@@ -11,9 +11,8 @@ from sextant.errors import UserError
 from sextant.tools.inspection.gps import extent_m, positions
 from sextant.tools.inspection.photos import CameraGroup
 from sextant.tools.inspection.poses import FoundPoses
-from sextant.tools.inspection.seen import Seen
+from sextant.tools.inspection.seen import FoundVideo, Seen
 from sextant.tools.inspection.times import FolderOfPhotos
-from sextant.tools.inspection.videos import FoundVideo
 
 #: number of items that a line names; the rest is counted
 NAMED = 5

@@ -9,8 +9,8 @@ from numpy import ndarray
 from sextant.chapters.localization.data.pose_folder import PoseFolder
 from sextant.errors import ArgumentError, UserError, command
 from sextant.tools.inspection.drives import axes
-from sextant.tools.inspection.files import found_files
 from sextant.tools.inspection.poses import FoundPoses, found_poses, separate_models
+from sextant.tools.inspection.seen import found_files
 from sextant.user_files import absent
 
 

@@ -30,8 +30,7 @@ from sextant.reporter import SILENT, Progress
 from sextant.runs.outputs_folder import default_outputs
 from sextant.tools.walks.posed_images import PosedImages, posed_images
 from sextant.tools.walks.shared_camera import Held, SharedCamera, check_held, check_view, shared_view
-from sextant.tools.walks.walk import Walk
-from sextant.tools.walks.walk_report import MOST_SHOWN, write_walk_report
+from sextant.tools.walks.walk import MOST_SHOWN, Walk, write_walk_report
 
 #: key in a localizer's facts: the virtual camera of its images
 VIEW = "view"

@@ -15,8 +15,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
 from sextant.chapters.calibration.data.camera_distributions import CameraDraw
-from sextant.chapters.calibration.data.panoramas import Panoramas
-from sextant.chapters.calibration.data.pyramids import top_level
+from sextant.chapters.calibration.data.panoramas import Panoramas, top_level
 from sextant.chapters.calibration.data.rays import Rays, centres
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters, K2Family
@@ -211,7 +210,7 @@ def crop_batch(
 def _crop_with_cv2(
     panoramas: Panoramas, indices: Int64[ndarray, "b"], rays: Rays, sampling: Sampling, width: int, height: int
 ) -> UInt8[ndarray, "b 3 height width"]:
-    from sextant.chapters.calibration.data.ray_kernels import mean_of_rays
+    from sextant.chapters.calibration.data.rays import mean_of_rays
 
     out = np.empty((len(indices), 3, height, width), np.uint8)
     for i, index in enumerate(indices):

@@ -1,11 +1,9 @@
 """Drives to localize: a map of images at known poses, and the images and odometry of other drives."""
 
-from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.data.drive_settings import DriveSettings
-from sextant.chapters.localization.data.localization_data import LocalizationData, ProtocolName
-from sextant.chapters.localization.data.motions import motions_along
+from sextant.chapters.localization.data.drive import Drive, LocalizationData, ProtocolName, motions_along
 from sextant.chapters.localization.data.odometry_file import read_odometry
 from sextant.chapters.localization.data.pose_folder import PoseFolder
+from sextant.chapters.localization.data.simulated import DriveSettings
 from sextant.chapters.localization.data.source import LocalizationSource, as_localization_source
 
 __all__ = [

@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
-from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.data.drive_settings import Split
-from sextant.chapters.localization.data.localization_data import LocalizationData
+from sextant.chapters.localization.data.drive import Drive, LocalizationData
+from sextant.chapters.localization.data.simulated import Split
 from sextant.chapters.localization.data.source import LocalizationSource
 from sextant.chapters.places.data import ImageRows
 from sextant.corruptions import Condition, CorruptionSuite

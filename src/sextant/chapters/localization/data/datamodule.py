@@ -13,8 +13,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader
 
 from sextant.chapters.localization.data.described import DescribedDrives, Showing
-from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.data.localization_data import LocalizationData
+from sextant.chapters.localization.data.drive import Drive, LocalizationData
 from sextant.chapters.localization.data.source import LocalizationSource
 from sextant.chapters.places.descriptors import Describer
 

@@ -7,9 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.data.localization_data import LocalizationData
-from sextant.chapters.localization.data.motions import compose_over
+from sextant.chapters.localization.data.drive import Drive, LocalizationData, compose_over
 from sextant.errors import ArgumentError, UserError
 
 __all__ = [

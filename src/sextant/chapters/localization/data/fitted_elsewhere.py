@@ -4,9 +4,8 @@ import hashlib
 from dataclasses import replace
 from pathlib import Path
 
-from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.data.drive_settings import Split
-from sextant.chapters.localization.data.localization_data import LocalizationData
+from sextant.chapters.localization.data.drive import Drive, LocalizationData
+from sextant.chapters.localization.data.simulated import Split
 from sextant.chapters.localization.data.source import LocalizationSource
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from numpy import ndarray
 
-from sextant.chapters.localization.data.motions import between
+from sextant.chapters.localization.data.drive import between
 from sextant.chapters.localization.data.pose_formats import read_tum
 from sextant.chapters.localization.data.pose_times import EPOCH_UNITS, SAME_S, SECOND, no_times
 from sextant.data.positions import FURTHEST

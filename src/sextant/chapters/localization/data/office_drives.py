@@ -8,11 +8,8 @@ from jaxtyping import Bool
 from numpy import ndarray
 from scipy.spatial import cKDTree
 
-from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.data.drive_settings import DriveSettings
-from sextant.chapters.localization.data.localization_data import LocalizationData, first_share
-from sextant.chapters.localization.data.motions import motions_along
-from sextant.chapters.localization.data.simulated_odometry import simulated_motion
+from sextant.chapters.localization.data.drive import Drive, LocalizationData, first_share, motions_along
+from sextant.chapters.localization.data.simulated import DriveSettings, simulated_motion
 from sextant.chapters.places.data import ImageRows
 from sextant.data.rendered import RenderedSource, open_store
 from sextant.data.rendered.splits import RenderedSplit

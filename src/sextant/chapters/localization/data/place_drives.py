@@ -5,10 +5,14 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.data.drive_settings import DriveSettings, Split
-from sextant.chapters.localization.data.localization_data import LocalizationData, first_share
-from sextant.chapters.localization.data.simulated_odometry import CAR_WHEELS, simulated_motion, simulated_railway_motion
+from sextant.chapters.localization.data.drive import Drive, LocalizationData, first_share
+from sextant.chapters.localization.data.simulated import (
+    CAR_WHEELS,
+    DriveSettings,
+    Split,
+    simulated_motion,
+    simulated_railway_motion,
+)
 from sextant.chapters.places.data import ImageRows, Nordland, PlaceFolders, PlaceImages
 from sextant.errors import ArgumentError, UserError
 
@@ -21,7 +25,7 @@ class RailwayDrives:
 
     The test frames of the first condition are the map, those of the other conditions the drives to localize. Validation
     frames of the other conditions are localized in a map of the training and validation frames of the first. Odometry
-    is simulated: see :data:`~sextant.chapters.localization.data.simulated_odometry.FRAME_SIGMA`.
+    is simulated: see :data:`~sextant.chapters.localization.data.simulated.FRAME_SIGMA`.
     """
 
     def __init__(self, dataset: Nordland, settings: DriveSettings | None = None):

@@ -13,12 +13,23 @@ import torch
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.data.drive_settings import DriveSettings, Split
-from sextant.chapters.localization.data.localization_data import LocalizationData, ProtocolName, first_share
-from sextant.chapters.localization.data.motions import compose, motions_along
-from sextant.chapters.localization.data.plane import AHEAD, PLANES, Ahead, Plane, to_plane
-from sextant.chapters.localization.data.pose_formats import read_kitti, read_tum_matrices
+from sextant.chapters.localization.data.drive import (
+    Drive,
+    LocalizationData,
+    ProtocolName,
+    compose,
+    first_share,
+    motions_along,
+)
+from sextant.chapters.localization.data.pose_formats import (
+    AHEAD,
+    PLANES,
+    Ahead,
+    Plane,
+    read_kitti,
+    read_tum_matrices,
+    to_plane,
+)
 from sextant.chapters.localization.data.pose_times import (
     check_gaps,
     check_rising,
@@ -28,6 +39,7 @@ from sextant.chapters.localization.data.pose_times import (
     times_of_file,
     times_of_names,
 )
+from sextant.chapters.localization.data.simulated import DriveSettings, Split
 from sextant.chapters.places.data.aligned import traverse_files
 from sextant.chapters.places.data.decoded_images import ImageSize, read_images
 from sextant.chapters.places.data.gps_poses import drive_by_gps
@@ -80,8 +92,8 @@ class PoseFolder:
     :mod:`~sextant.chapters.places.data.gps_poses`.
 
     Images are in the natural order of their names. Poses in space are projected to a plane by
-    :func:`~sextant.chapters.localization.data.plane.to_plane`. The *camera* is localized: its pose is that of the file
-    composed with ``mounting``.
+    :func:`~sextant.chapters.localization.data.pose_formats.to_plane`. The *camera* is localized: its pose is that of
+    the file composed with ``mounting``.
 
     Args:
         folder: the folder that contains the drives, absolute, or relative to the working directory or one of the

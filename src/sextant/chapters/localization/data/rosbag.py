@@ -23,8 +23,7 @@ from PIL import Image
 
 from sextant.chapters.localization.data.frames import Frame, Size
 from sextant.chapters.localization.data.odometry_file import OdometryFile
-from sextant.chapters.localization.data.plane import to_plane
-from sextant.chapters.localization.data.pose_formats import LENGTH_TOLERANCE, pose_matrices
+from sextant.chapters.localization.data.pose_formats import LENGTH_TOLERANCE, pose_matrices, to_plane
 from sextant.data.image_files import picture_bytes
 from sextant.data.pixel_values import WhiteLevels
 from sextant.errors import ArgumentError, UserError, how_to_install

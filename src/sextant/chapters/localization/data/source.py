@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from sextant.chapters.localization.data.drive_settings import DriveSettings, Split
-from sextant.chapters.localization.data.localization_data import LocalizationData
+from sextant.chapters.localization.data.drive import LocalizationData
+from sextant.chapters.localization.data.simulated import DriveSettings, Split
 from sextant.errors import UserError
 
 

@@ -5,10 +5,8 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
-from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.data.drive_settings import DriveSettings
-from sextant.chapters.localization.data.localization_data import LocalizationData, first_share
-from sextant.chapters.localization.data.simulated_odometry import CAR_WHEELS, simulated_motion
+from sextant.chapters.localization.data.drive import Drive, LocalizationData, first_share
+from sextant.chapters.localization.data.simulated import CAR_WHEELS, DriveSettings, simulated_motion
 from sextant.chapters.places.data import ImageRows
 from sextant.data.rendered import RenderedSource
 from sextant.data.rendered.splits import RenderedSplit

@@ -12,11 +12,11 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from sextant.chapters.places.data.augmentation import PlaceAugmentation
-from sextant.chapters.places.data.images import PlaceImages
-from sextant.chapters.places.data.nearby import pairs_of
+from sextant.chapters.places.data.images import PlaceImages, pairs_of
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.data.share import WHOLE, Share
 from sextant.errors import ArgumentError
+from sextant.retrieval import Places
 
 #: how many times the places of a batch are searched ahead for places that are far apart
 LOOKAHEAD = 16
@@ -237,3 +237,19 @@ class PlaceBatches(Sampler[Tensor]):
         if self._places.position_m is not None:
             return np.asarray(np.linalg.norm(self._places.position_m[rows] - self._places.position_m[anchor], axis=-1))
         return np.asarray(np.abs(self._places.frame[rows] - self._places.frame[anchor]))
+
+
+def batch_places(batch: PlaceBatch, tolerance: PlaceTolerance) -> Places:
+    """Where the images of a batch were taken, in the tolerance's unit."""
+    position = batch.position_m if tolerance.unit == "m" else batch.frame[:, None]
+    assert position is not None  # the data module read it with this tolerance
+    return Places(position, None if tolerance.heading_deg is None else batch.heading_deg, batch.condition)
+
+
+def places_of(images: PlaceImages, tolerance: PlaceTolerance) -> Places:
+    """Where the images of a split were taken, in the tolerance's unit."""
+    position = images.position_m if tolerance.unit == "m" else images.frame[:, None]
+    assert position is not None
+    known = tolerance.heading_deg is not None and images.heading_deg is not None
+    heading = torch.from_numpy(images.heading_deg) if known else None
+    return Places(torch.from_numpy(position), heading, torch.from_numpy(images.traverse))

@@ -8,9 +8,8 @@ from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
 from sextant.chapters.places.data.image_rows import ImageRows
-from sextant.chapters.places.data.images import PlaceImages
+from sextant.chapters.places.data.images import PlaceImages, Split
 from sextant.chapters.places.data.source import PlaceSource
-from sextant.chapters.places.data.split import Split
 from sextant.corruptions import CorruptionSuite
 from sextant.errors import UserError
 

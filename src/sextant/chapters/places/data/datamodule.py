@@ -7,9 +7,8 @@ from torch.utils.data import DataLoader, Sampler
 
 from sextant.chapters.places.data.augmentation import PlaceAugmentation
 from sextant.chapters.places.data.batches import PlaceBatch, PlaceBatches, PlaceBatchImages
-from sextant.chapters.places.data.images import PlaceImages
+from sextant.chapters.places.data.images import PlaceImages, Split
 from sextant.chapters.places.data.source import PlaceSource
-from sextant.chapters.places.data.split import Split
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.data.batches import EpochBatches
 from sextant.data.share import Share

@@ -13,9 +13,8 @@ from numpy import ndarray
 from sextant.chapters.places.data.aligned import align_by_name, align_by_order, traverse_files
 from sextant.chapters.places.data.decoded_images import ImageSize, read_images
 from sextant.chapters.places.data.gps_poses import gps_poses
-from sextant.chapters.places.data.images import PlaceImages
+from sextant.chapters.places.data.images import SPLITS, PlaceImages, Split
 from sextant.chapters.places.data.pose_files import Pose, table_poses, utm_poses
-from sextant.chapters.places.data.split import SPLITS, Split
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import ArgumentError, problem_list
 

@@ -9,7 +9,7 @@ from sextant.errors import UserError
 if TYPE_CHECKING:
     from sextant.data.rendered import RenderedSource
 
-from sextant.chapters.places.data.split import Split
+from sextant.chapters.places.data.images import Split
 
 
 @runtime_checkable
@@ -56,8 +56,7 @@ def as_place_source(dataset: Any) -> PlaceSource:
         UserError: it has no places.
     """
     if hasattr(dataset, "plan"):  # a rendered world: its modules are loaded anyway
-        from sextant.chapters.places.data.town_city import TownCitySource
-        from sextant.chapters.places.data.town_seasons import TownSeasonsSource
+        from sextant.chapters.places.data.towns import TownCitySource, TownSeasonsSource
         from sextant.data.worlds.towns import TownCity, TownSeasons
 
         if isinstance(dataset, TownSeasons):

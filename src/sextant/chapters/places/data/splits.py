@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sextant.chapters.places.data.images import PlaceImages
+from sextant.chapters.places.data.images import SPLITS, PlaceImages, Split
 from sextant.chapters.places.data.source import PlaceSource
-from sextant.chapters.places.data.split import SPLITS, Split
 from sextant.errors import ArgumentError
 
 

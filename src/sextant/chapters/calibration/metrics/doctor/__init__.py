@@ -5,8 +5,7 @@ differences, a search along the picture, OpenCV), and gives figures with the lim
 """
 
 from sextant.chapters.calibration.metrics.doctor.checks import examine
-from sextant.chapters.calibration.metrics.doctor.crops import Crop
-from sextant.chapters.calibration.metrics.doctor.finding import Finding
+from sextant.chapters.calibration.metrics.doctor.finding import Crop, Finding
 from sextant.chapters.calibration.metrics.doctor.loss import CrossTalk, cross_talk
 
 __all__ = ["Crop", "CrossTalk", "Finding", "cross_talk", "examine"]

@@ -2,25 +2,25 @@
 
 import math
 
-from sextant.chapters.calibration.metrics.doctor import crops, lens, loss, parameters
-from sextant.chapters.calibration.metrics.doctor.finding import Finding
+from sextant.chapters.calibration.metrics.doctor import lens, loss
+from sextant.chapters.calibration.metrics.doctor.finding import Crop, Finding, crop_against_render, edge_in_crop
 
 #: in the order shown
 CHECKS = (
-    parameters.round_trips,
+    lens.round_trips,
     lens.newton_against_bisection,
     lens.implicit_gradients,
     lens.fold_radius,
     lens.straightness,
     lens.against_opencv,
-    parameters.horizon_feet,
-    parameters.bow_test,
+    lens.horizon_feet,
+    lens.bow_test,
     loss.closed_forms,
 )
 
 
 def examine(
-    crop: crops.Crop | None, why_not: str = "no function that cuts crops was given"
+    crop: Crop | None, why_not: str = "no function that cuts crops was given"
 ) -> tuple[list[Finding], list[loss.CrossTalk]]:
     """Run all checks, and compute the cross-talk table.
 
@@ -39,5 +39,5 @@ def examine(
     if crop is None:
         findings.append(Finding("crop", "against the render", math.nan, 2.0, skipped=why_not))
     else:
-        findings += crops.crop_against_render(crop) + crops.edge_in_crop(crop)
+        findings += crop_against_render(crop) + edge_in_crop(crop)
     return findings, table

@@ -1,8 +1,12 @@
-"""Files that a prediction could not use, and a table of them."""
+"""The output folder of a command: creating it, and reporting what was written to it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from rich.markup import escape
+
+from sextant.applications.arguments import make_folder
 from sextant.console.console import console, rows_table
 from sextant.data.unusable_files import nothing_usable, reason_alone
 from sextant.errors import NAMED
@@ -42,3 +46,14 @@ def tell_skipped(skipped: Mapping[str, str], title: str = "Skipped") -> None:
     for column, overflow in zip(table.columns, ("fold", "fold"), strict=True):  # a truncated name would be useless
         column.justify, column.overflow = "left", overflow  # type: ignore[assignment]
     console.print(table)
+
+
+def make_output(output: Path, key: str = "output") -> None:
+    """Create the folder that a key names, if necessary; a ``UserError`` if that is not possible."""
+    make_folder(key, output)
+
+
+def tell_written(done: str, failed: int, written: Sequence[Path], why: str = "failed") -> None:
+    """Print what was done, how many files were not used and why, and what was written."""
+    console.print(done + (f", [red]{failed:,} {why}[/]" if failed else ""))
+    console.print(escape("\n".join(map(str, written))))

@@ -7,10 +7,40 @@ from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 
 from sextant.chapters.places.data.image_rows import ImageRows
-from sextant.chapters.places.data.images import PlaceImages
-from sextant.chapters.places.data.split import SPLITS, Split
+from sextant.chapters.places.data.images import SPLITS, PlaceImages, Split
 from sextant.data.rendered import RenderedSource
 from sextant.errors import ArgumentError
+
+
+class TownSeasonsSource(RenderedSource):
+    """The traverses of :class:`~sextant.data.worlds.TownSeasons`.
+
+    Each split is a different town. Frame ``i`` of every traverse is about the same place, and places that a drive
+    revisits have other frames but the same position: metres are the better unit.
+    """
+
+    place_unit: Literal["m", "frames"] = "m"
+
+    def conditions(self, split: Split) -> tuple[str, ...]:
+        """The conditions of the config, the map's first; nothing is rendered."""
+        return tuple(self.dataset.plan().condition_names)
+
+    def read(self, split: Split) -> PlaceImages:
+        """The images of a split, memory-mapped from their file, with positions and headings."""
+        found = self.read_split(split, f"frames.{split}=300")
+        traverse, frame = (found.columns[name].astype(np.int64) for name in ("condition", "place"))
+        conditions = tuple(found.facts["conditions"])
+        pose = found.columns["pose"]
+        return PlaceImages(
+            ImageRows(found.images, found.rows),
+            traverse,
+            conditions,
+            frame,
+            tuple(f"{split}/{conditions[t]}/{i:05d}" for t, i in zip(traverse, frame, strict=True)),
+            np.ascontiguousarray(pose[:, :2]),
+            np.degrees(pose[:, 3]),
+        )
+
 
 #: shares of the map's images that lie west of the border between two splits, and how wide a strip is left out there
 BORDERS, STRIP_M = (0.7, 0.8), 40.0
