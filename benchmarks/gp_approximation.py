@@ -48,7 +48,7 @@ from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import ObservationModel, observation_model
-from sextant.localization.observation.prediction import Prediction
+from sextant.localization.observation.model import Prediction
 from sextant.localization.observation.sgpr import SGPR
 from sextant.localization.pose_kernel import PoseKernel, Spatial
 

@@ -11,7 +11,7 @@ from sextant.applications.arguments import make_folder
 from sextant.atomic_files import write_json
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.data.photos.file_stems import file_stems
+from sextant.data.photo_files import file_stems
 from sextant.errors import UserError
 from sextant.lifecycle.registering import register_run
 

@@ -15,7 +15,7 @@ from tiny_digits import digits_config
 from tiny_office import office_cache, office_config
 
 from sextant.composing.compose import compose, to_plain
-from sextant.config.schema.environment import Trainer
+from sextant.config.schema.training import Trainer
 from sextant.config.validate import validate
 from sextant.errors import UserError
 from sextant.lifecycle.execute import execute

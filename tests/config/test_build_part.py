@@ -9,7 +9,7 @@ from hydra.utils import instantiate
 
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
-from sextant.config.build_part import build_part, named
+from sextant.config.building import build_part, named
 from sextant.config.names import FIRST, MOVED, present_name, with_first_names, with_present_names
 from sextant.config.schema.parts import known_targets
 

@@ -8,9 +8,9 @@ from fuzzing import fuzz
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sextant.composing.config_files import search_words
 from sextant.composing.overrides import parse
-from sextant.composing.search_words import search_words
-from sextant.config.schema.space import dimension, is_dimension
+from sextant.config.schema.searches import dimension, is_dimension
 
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False).map(lambda value: float(f"{value:.6g}"))
 

@@ -3,7 +3,7 @@
 import pytest
 
 from sextant.composing.config_files import read_config_file
-from sextant.config.schema.space import dimension
+from sextant.config.schema.searches import dimension
 from sextant.runs.outputs_folder import conf_dir
 
 SPACE = read_config_file(conf_dir() / "sweep" / "search_place_loss.yaml")["sweep"]["search"]["space"]

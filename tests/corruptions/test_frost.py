@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.corruptions.luma import luma
+from sextant.corruptions.pixels import luma
 from sextant.corruptions.textures import HEIGHT, KINDS, WIDTH, frost_texture
 from sextant.corruptions.weather import Frost
 

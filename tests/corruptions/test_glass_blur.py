@@ -5,7 +5,7 @@ from scipy import ndimage
 
 from sextant.corruptions import cifar10_c, mnist_c
 from sextant.corruptions.blur import GlassBlur
-from sextant.corruptions.eight_bit import SLACK
+from sextant.corruptions.pixels import SLACK
 
 ROW = (0.7, 2, 2)
 

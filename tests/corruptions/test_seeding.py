@@ -4,7 +4,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.corruptions.seeding import generators, image_seeds
+from sextant.corruptions.corruption import generators, image_seeds
 
 
 def test_seeds_are_those_that_earlier_results_were_made_with():

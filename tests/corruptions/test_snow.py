@@ -8,7 +8,7 @@ import torch
 from scipy import ndimage
 
 from sextant.corruptions import cifar10_c, imagenet_c
-from sextant.corruptions.luma import luma
+from sextant.corruptions.pixels import luma
 from sextant.corruptions.weather import Snow
 
 

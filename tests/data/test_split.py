@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.data.split import stratified_split
+from sextant.data.datamodule import stratified_split
 
 fractions, seeds = st.floats(0.01, 0.5), st.integers(0, 2**31 - 1)
 

@@ -9,9 +9,8 @@ from torch import nn
 
 from sextant.chapters.classification.figures import first_kernels, severity_curves
 from sextant.figures.confusion_matrix import confusion_matrix
-from sextant.figures.contact_sheet import contact_sheet
 from sextant.figures.effects import ForestRow, contrast_forest
-from sextant.figures.gallery import gallery
+from sextant.figures.gallery import contact_sheet, gallery
 from sextant.figures.style import save_figure
 from sextant.layers import PushPullConv2d
 from sextant.models import LeNet

@@ -12,7 +12,7 @@ from frozen.freeze_runs import ARMS, NAME, TASKS, answers, words_of
 import sextant
 from sextant.atomic_files import read_json
 from sextant.config import digest, validate
-from sextant.config.build_part import named
+from sextant.config.building import named
 from sextant.config.names import present_name
 from sextant.runs.directory import all_runs
 from sextant.runs.sweep_directory import read_plans

@@ -8,7 +8,7 @@ from torch import nn
 
 from sextant.layers import PushPullAvgConv2d, PushPullConv2d, implementations
 from sextant.layers.implementation import LEAST_GAIN, PullShape, _table, choose_implementation
-from sextant.layers.pull_kernel import pull_kernel_size
+from sextant.layers.strength import pull_kernel_size
 
 SHAPE = {"in_channels": 3, "out_channels": 16, "groups": 1}
 

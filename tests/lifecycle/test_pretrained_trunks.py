@@ -7,7 +7,7 @@ from calibration_toy import panorama
 from PIL import Image
 
 import sextant
-from sextant.models import efficientnet_lite0_classifier, trunk_weights
+from sextant.models import efficientnet_lite0_classifier, trunk
 from sextant.runs.directory import RunDirectory
 
 TRUNK = ["backbone=efficientnet_lite0", "backbone.stages=2", "tracking=none", "trainer=fast", "trainer.progress=false"]
@@ -15,7 +15,7 @@ TRUNK = ["backbone=efficientnet_lite0", "backbone.stages=2", "tracking=none", "t
 
 def without_wheel(monkeypatch, tmp_path):
     monkeypatch.setenv("SEXTANT_CACHE", str(tmp_path / "empty"))
-    monkeypatch.setattr(trunk_weights, "find_spec", lambda name: None)
+    monkeypatch.setattr(trunk, "find_spec", lambda name: None)
 
 
 def state(directory):

@@ -5,10 +5,9 @@ import itertools
 import numpy as np
 from made_up_search import arguments
 
-from sextant.config.schema.space import dimension
+from sextant.config.schema.searches import dimension
 from sextant.lifecycle.search.design import read_search
-from sextant.lifecycle.search.points import cma_point, grid_point
-from sextant.lifecycle.search.study import importances
+from sextant.lifecycle.search.study import cma_point, grid_point, importances
 
 SPACE = {"a": dimension("uniform(-1, 3)"), "b": dimension("log_uniform(1e-4, 1e0)"), "c": dimension("int(1, 9)")}
 

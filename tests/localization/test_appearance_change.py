@@ -5,7 +5,7 @@ import torch
 
 from sextant.localization.appearance_change import SLOWLY, AppearanceChange
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.observation.prediction import Residuals
+from sextant.localization.observation.model import Residuals
 
 
 def descriptors(count=400, shift=2.0):

@@ -4,7 +4,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.localization.pose_bins import PoseBins
+from sextant.localization.kld_size import PoseBins
 
 poses = st.lists(
     st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-math.pi, math.pi)), min_size=1, max_size=30

@@ -4,7 +4,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.localization.spatial_order import spatial_order
+from sextant.localization.tiled_map import spatial_order
 
 
 @given(st.integers(0, 200), st.integers(0, 9))

@@ -13,13 +13,11 @@ from sextant.errors import UserError
 from sextant.localization import tiled_map
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.observation._tiles import Tiles
 from sextant.localization.observation.cached_local_gp import CachedLocalGP
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.saved_map import HEADER, load_map
-from sextant.localization.spatial_order import spatial_order
-from sextant.localization.tiled_map import TiledMapBuilder
+from sextant.localization.tiled_map import TiledMapBuilder, Tiles, spatial_order
 
 IMAGES, DIMENSION, K, TILE = 500, 12, 8, 64
 LIKELIHOOD = Likelihood("student", tempering=0.25, appearance_variance=0.01)

@@ -7,7 +7,7 @@ import torch
 
 from sextant.geometry.field_fit import BelievedField
 from sextant.geometry.perspective_field import PerspectiveField
-from sextant.losses.field import field_loss
+from sextant.losses.camera_losses import field_loss
 
 UP = torch.tensor([0.0, -1.0]).expand(1, 500, 2)
 

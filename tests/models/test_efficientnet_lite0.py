@@ -9,7 +9,7 @@ from safetensors.torch import load_file, save_file
 from sextant.errors import UserError
 from sextant.layers import PushPullInhibition
 from sextant.models import CalibrationNet, EfficientNetLite0, FeatureMap, PlaceNet, efficientnet_lite0_classifier
-from sextant.models import trunk_weights as weights
+from sextant.models import trunk as weights
 from sextant.models.pooling import GeM
 from sextant.training.schedules import parameter_groups
 

@@ -18,7 +18,7 @@ from sextant.errors import UserError
 from sextant.geometry.canvas import on_canvas
 from sextant.geometry.perspective_field import perspective_field
 from sextant.kit.registry import chapter_of
-from sextant.losses.field import field_loss
+from sextant.losses.camera_losses import field_loss
 
 SMALL = [
     "experiment=calibration_held", "dataset.sources.real.folder=/nowhere", "backbone.weights=null", "backbone.stages=2",

@@ -16,7 +16,7 @@ from sextant.config import validate
 from sextant.config.schema.places import OffTheShelf
 from sextant.errors import UserError
 from sextant.models import ResNetCifar
-from sextant.models.trunk_input import IMAGENET_MEAN, IMAGENET_STD
+from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD
 
 IMAGES = np.random.default_rng(0).integers(0, 256, (3, 64, 96, 3)).astype(np.uint8)
 

@@ -13,8 +13,7 @@ from scipy import stats
 from sextant.evaluation import ALEXNET_CIFAR10_C, ALL_19, BENCHMARK_15
 from sextant.kit.measure import SharedSet, classified, shared_set
 from sextant.reports.contrasts import contrasts
-from sextant.reports.corruption_contrasts import corruption_contrasts
-from sextant.reports.corruption_errors import OverSeeds, arm_errors, baseline_of
+from sextant.reports.corruption_contrasts import OverSeeds, arm_errors, baseline_of, corruption_contrasts
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.corruption_tables import difference_table, overview_table, score_table
 from sextant.reports.sweep_report import write_report

@@ -11,11 +11,11 @@ from sextant.atomic_files import write_json
 from sextant.evaluation import holm
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.contrasts import contrasts
-from sextant.reports.corruption_errors import arm_errors
+from sextant.reports.corruption_contrasts import arm_errors
 from sextant.reports.cost_report import cost_table
 from sextant.reports.effects_report import effects_section
 from sextant.reports.pooled_report import pooled_rows
-from sextant.reports.summary import summarise
+from sextant.reports.section import summarise
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan
 

@@ -8,7 +8,7 @@ import pytest
 from sextant.atomic_files import write_json
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.factor_report import factor_section, numeric_factors
-from sextant.reports.summary import summarise
+from sextant.reports.section import summarise
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan

@@ -22,7 +22,7 @@ from sextant.reports.particles_report import (
     ratio_table,
     seed_ratio,
 )
-from sextant.reports.summary import summarise
+from sextant.reports.section import summarise
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan

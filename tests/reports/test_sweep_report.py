@@ -12,7 +12,7 @@ from sextant.chapters.calibration.measure import CALIBRATION_ERRORS
 from sextant.errors import UserError
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.contrasts import contrasts
-from sextant.reports.summary import summarise
+from sextant.reports.section import summarise
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.sweep_directory import Cell, SweepPlan

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self, TypeVar, get_args
 import cv2
 
 from sextant.applications.arguments import check_several
-from sextant.data.unusable_files import nothing_usable
+from sextant.data.photo_files import nothing_usable
 from sextant.errors import ArgumentError, UserError
 
 #: treatment of photos that fail: an error that names them, or an entry for each among the results

@@ -13,7 +13,7 @@ from rich.table import Table
 from sextant.cli.data_describe import DESCRIBE, Sharded, describe
 from sextant.cli.gallery import gallery
 from sextant.composing.compose import compose, to_plain
-from sextant.composing.rendered_datasets import rendered_datasets
+from sextant.composing.config_files import rendered_datasets
 from sextant.console.arguments import Options
 from sextant.console.console import console, print_key_values
 from sextant.console.work_progress import work_progress
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str]) -> None:
 
 def _list(arguments: list[str]) -> None:
     from sextant.data.rendered.disk import allocated_bytes, readable
-    from sextant.data.rendered.finding import stores_in
+    from sextant.data.rendered.verify import stores_in
     from sextant.lifecycle.rendering import state_of
 
     cache = _cache(arguments)
@@ -126,7 +126,7 @@ def _shown(value: Any) -> str:
 
 def _verify(arguments: list[str]) -> None:
     from sextant.data.rendered import repair_store, verify_store
-    from sextant.data.rendered.finding import find_store
+    from sextant.data.rendered.verify import find_store
 
     names = [argument for argument in arguments if "=" not in argument]
     paths = [argument for argument in arguments if argument.startswith("paths.")]

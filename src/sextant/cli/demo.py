@@ -24,7 +24,7 @@ class DemoOptions(Options):
 def main(arguments: Sequence[str]) -> None:
     """Serve the page until Ctrl-C."""
     options = DemoOptions.parse(arguments, USAGE)
-    from sextant.pages.demo.serving import served
+    from sextant.pages.demo.app import served
 
     with served(options.port) as address:
         console.print(f"[bold]{address}[/]  (Ctrl-C ends it; nothing leaves this machine, and no photo is kept)")

@@ -1,5 +1,6 @@
 """The YAML files from which configs are composed: finding them, and reporting unreadable ones."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from hydra.utils import get_object
 
 from sextant.composing.overrides import quoted
 from sextant.errors import UserError, command
@@ -129,3 +131,50 @@ def unreadable_config_file(chosen: Mapping[str, str], error: Exception | None = 
         except UserError as found:
             return found
     return None
+
+
+RANGE = re.compile(r"(?P<key>[^=\s]+)=(?P<range>(?:log_uniform|uniform|int)\s*\(.*\))")
+METHOD = "sweep.search="
+
+
+def is_range(text: str) -> bool:
+    """Whether an override gives a range of numbers; Hydra reads ``int(2.5)`` as a number, not a range."""
+    found = RANGE.fullmatch(text)
+    return found is not None and (found["range"].startswith(("log", "uni")) or "," in text)
+
+
+def search_words(words: Sequence[str]) -> list[str]:
+    """Rewrite the overrides of a search so that Hydra can compose them.
+
+    ``sweep.search=tpe`` names the method. It needs no stored sweep, so keys of ``sweep`` are added. A range becomes
+    text. An override that lists several values is a choice, as in other sweeps.
+    """
+    searching = any(word.startswith(("sweep.search", "++sweep.search")) for word in words)
+    return [_composable(word, searching) for word in words]
+
+
+def _composable(word: str, searching: bool) -> str:
+    if is_range(word):
+        key, _, text = word.partition("=")
+        return f'{key}="{text}"'
+    if word.startswith(METHOD):
+        return f"++{METHOD[:-1]}.method={word.removeprefix(METHOD)}"
+    return f"++{word}" if searching and word.startswith("sweep.") else word
+
+
+def is_rendered(target: str) -> bool:
+    """Whether an import path names a rendered dataset; true for a user's own path that cannot be imported."""
+    try:
+        return callable(getattr(get_object(target), "plan", None))
+    except Exception:  # importing the user's module may raise anything; building it reports more
+        return not target.startswith("sextant.")
+
+
+def rendered_datasets() -> str:
+    """A sentence that lists the options that can be rendered."""
+    names = []
+    for name in groups()["dataset"]:
+        target = read_config_file(conf_dir() / "dataset" / f"{name}.yaml").get("_target_")
+        if target and is_rendered(str(target)):
+            names.append(name)
+    return f"Rendered datasets: {', '.join(names) or 'none yet'}"

@@ -11,7 +11,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, OverrideParseException
 
 from sextant.config.path_keys import MAPPINGS, PATHS, PLACES
-from sextant.config.schema.space import GRAMMAR, WRITTEN, is_dimension
+from sextant.config.schema.searches import GRAMMAR, WRITTEN, is_dimension
 from sextant.errors import UserError
 
 

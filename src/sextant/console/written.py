@@ -8,7 +8,7 @@ from rich.markup import escape
 
 from sextant.applications.arguments import make_folder
 from sextant.console.console import console, rows_table
-from sextant.data.unusable_files import nothing_usable, reason_alone
+from sextant.data.photo_files import nothing_usable, reason_alone
 from sextant.errors import NAMED
 
 

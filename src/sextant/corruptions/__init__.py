@@ -4,12 +4,11 @@ from sextant.corruptions.benchmark_corruption import SEVERITIES, BenchmarkCorrup
 from sextant.corruptions.benchmark_suite import BenchmarkSuite, benchmark_set, cifar10_c, imagenet_c, mnist_c
 from sextant.corruptions.corrupt import corrupt
 from sextant.corruptions.corruption import Corruption
-from sextant.corruptions.eight_bit import eight_bit, to_bytes
 from sextant.corruptions.noise import ContrastPoisson, GaussianNoise
-from sextant.corruptions.perturbation_suite import PerturbationSuite
-from sextant.corruptions.protocol import Protocol
+from sextant.corruptions.perturbations import PerturbationSuite
+from sextant.corruptions.pixels import eight_bit, to_bytes
 from sextant.corruptions.stored_suite import StoredSuite
-from sextant.corruptions.suite import Condition, CorruptionSuite
+from sextant.corruptions.suite import Condition, CorruptionSuite, Protocol
 
 __all__ = [
     "SEVERITIES",

@@ -8,8 +8,7 @@ import torch
 from jaxtyping import Int64
 from torch import Tensor
 
-from sextant.corruptions.corruption import Corruption, Params
-from sextant.corruptions.seeding import generators, image_seeds
+from sextant.corruptions.corruption import Corruption, Params, generators, image_seeds
 
 Row = TypeVar("Row")
 Mode = Literal["faithful", "corrected"]

@@ -9,11 +9,10 @@ from torch import Tensor
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
 from sextant.corruptions.contract import Indices
 from sextant.corruptions.corruption import Corruption
-from sextant.corruptions.eight_bit import eight_bit
-from sextant.corruptions.protocol import Protocol
+from sextant.corruptions.pixels import eight_bit
 from sextant.corruptions.sets import CIFAR10_C, IMAGENET_C, MNIST_C
 from sextant.corruptions.sets.benchmark_set import BenchmarkSet
-from sextant.corruptions.suite import Condition, CorruptionSuite
+from sextant.corruptions.suite import Condition, CorruptionSuite, Protocol
 from sextant.errors import ArgumentError
 
 SETS = {benchmark.key: benchmark for benchmark in (CIFAR10_C, MNIST_C, IMAGENET_C)}

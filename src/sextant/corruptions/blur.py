@@ -11,7 +11,6 @@ from torch import Tensor
 
 from sextant.compiled import compiled
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
-from sextant.corruptions.eight_bit import eight_bit, to_bytes
 from sextant.corruptions.filtering import (
     gaussian_filter,
     gaussian_weights,
@@ -20,6 +19,7 @@ from sextant.corruptions.filtering import (
     shifted_sum,
     zoom_matrix,
 )
+from sextant.corruptions.pixels import eight_bit, to_bytes
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from torch import Tensor
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
 from sextant.corruptions.benchmark_suite import SETS
 from sextant.corruptions.contract import CHANNELS
-from sextant.corruptions.eight_bit import to_bytes
+from sextant.corruptions.pixels import to_bytes
 from sextant.errors import UserError
 
 Kind = TypeVar("Kind")

@@ -13,8 +13,8 @@ from PIL import Image
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
-from sextant.corruptions.eight_bit import to_bytes
 from sextant.corruptions.filtering import bilinear, gaussian_filter
+from sextant.corruptions.pixels import to_bytes
 
 
 @dataclass(frozen=True)

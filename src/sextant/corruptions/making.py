@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
-from sextant.corruptions.eight_bit import to_bytes
+from sextant.corruptions.pixels import to_bytes
 from sextant.errors import UserError
 from sextant.user_files import absent
 

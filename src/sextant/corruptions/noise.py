@@ -9,8 +9,7 @@ from jaxtyping import Float, Int8, Int64
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption
-from sextant.corruptions.corruption import Corruption
-from sextant.corruptions.seeding import generators, image_seeds
+from sextant.corruptions.corruption import Corruption, generators, image_seeds
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
 from sextant.corruptions.filtering import bilinear
-from sextant.corruptions.luma import luma
+from sextant.corruptions.pixels import luma
 
 
 def random_signs(streams: list[torch.Generator], count: int) -> Float64[Tensor, "b count"]:

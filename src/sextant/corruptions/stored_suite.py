@@ -18,8 +18,7 @@ from sextant.atomic_files import read_json
 from sextant.corruptions.benchmark_suite import Names, benchmark_set
 from sextant.corruptions.contract import Indices, require_indices
 from sextant.corruptions.making import LABELS, RECORD
-from sextant.corruptions.protocol import Protocol
-from sextant.corruptions.suite import Condition, CorruptionSuite
+from sextant.corruptions.suite import Condition, CorruptionSuite, Protocol
 from sextant.errors import ArgumentError, UserError
 
 MAKE = "python -m sextant.corruptions make set={set} input=<dataset> output={folder}"

@@ -1,8 +1,8 @@
 """Which corruptions a model is tested under."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -10,9 +10,44 @@ from jaxtyping import Float, Int64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
+from sextant.corruptions.benchmark_corruption import Mode
 from sextant.corruptions.contract import Indices
 from sextant.corruptions.corruption import Corruption
-from sextant.corruptions.protocol import Protocol
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """What a report has to state about corrupted images.
+
+    >>> from sextant.corruptions import BenchmarkSuite
+    >>> protocol = BenchmarkSuite("cifar10_c", ["fog"], severities=[3]).protocol
+    >>> protocol.severities, protocol.rounding
+    ({'fog': (3,)}, '8 bits, fraction dropped')
+
+    Attributes:
+        set: which published set.
+        title: its name and source.
+        severities: those tested, by corruption, in the published order.
+        mode: ``faithful`` to the authors' code, ``corrected``, or ``published``: files of the authors themselves.
+        rounding: how images become 8 bits, as in the published files.
+        baseline: what corruption errors of the set are divided by.
+        image_size: size of the images that the set was published for.
+        seed: seed of all random draws.
+    """
+
+    set: str
+    title: str
+    severities: Mapping[str, tuple[float, ...]]
+    mode: Mode | Literal["published"]
+    rounding: str
+    baseline: str
+    image_size: int
+    seed: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """The protocol as a dictionary, for a file of results."""
+        return asdict(self)
+
 
 #: images of bytes corrupted at a time
 BATCH = 256

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
-from sextant.corruptions.eight_bit import eight_bit
 from sextant.corruptions.filtering import clipped_zoom, gaussian_filter, motion_blur
-from sextant.corruptions.luma import luma
+from sextant.corruptions.pixels import eight_bit, luma
 from sextant.corruptions.textures import HEIGHT, KINDS, WIDTH, frost_texture, map_side, plasma
 
 

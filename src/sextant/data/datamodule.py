@@ -1,15 +1,42 @@
 """Training, validation and test batches of a labelled image source."""
 
+import numpy as np
 import pytorch_lightning as pl
 import torch
+from jaxtyping import Int64
+from numpy import ndarray
 from torch.utils.data import DataLoader, Dataset
 
 from sextant.data.augmentation import Augmentation, AugmentedBatches, NoAugmentation
 from sextant.data.batches import Batch, EpochBatches, ImageBatches
 from sextant.data.share import Share, SharedBatches
 from sextant.data.source import ImageSource, LabelledImages
-from sextant.data.split import stratified_split
 from sextant.errors import UserError
+
+
+def stratified_split(
+    labels: Int64[ndarray, "n"], fraction: float, seed: int
+) -> tuple[Int64[ndarray, "t"], Int64[ndarray, "v"]]:
+    """Indices of training and validation images, with the same share of every class in each.
+
+    Args:
+        labels: class of every image.
+        fraction: share of validation images, in (0, 1); at least one image of each class is held out.
+        seed: of the choice.
+
+    Raises:
+        ValueError: a class has a single image.
+    """
+    rng = np.random.default_rng(seed)
+    train, validation = [], []
+    for label in np.unique(labels):
+        members = rng.permutation(np.flatnonzero(labels == label))
+        held_out = max(1, round(fraction * len(members)))
+        if held_out >= len(members):
+            raise ValueError(f"class {label} has {len(members)} training images, too few to hold out {held_out}")
+        validation.append(members[:held_out])
+        train.append(members[held_out:])
+    return np.sort(np.concatenate(train)), np.sort(np.concatenate(validation))
 
 
 class ImageData(pl.LightningDataModule):

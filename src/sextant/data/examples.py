@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Int64
 from numpy import ndarray
 
-from sextant.data.datamodule import ImageData, in_memory
+from sextant.data.datamodule import ImageData, in_memory, stratified_split
 from sextant.data.source import LabelledImages
-from sextant.data.split import stratified_split
 from sextant.errors import ArgumentError, UserError
 
 

@@ -6,7 +6,7 @@ Datasets, predictions, maps and inspection all list folders by :func:`walk_folde
 import glob
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -14,8 +14,26 @@ from pathlib import Path
 from sextant.data.file_kinds import DEVELOP, RAW, SYSTEM, is_hidden, not_decoded
 from sextant.data.image_files import SUFFIXES, natural_key
 from sextant.data.pixel_values import warn_once
-from sextant.errors import UserError
+from sextant.errors import UserError, problem_list
 from sextant.user_files import absent
+
+
+def nothing_usable(problem: str, skipped: Mapping[str, str], fix: str | None = None) -> UserError:
+    """The error for an input of which nothing could be used; its message names the files.
+
+    Args:
+        problem: what is wrong with all of them.
+        skipped: the reason for each file.
+        fix: what to do.
+    """
+    listed = problem_list([f"{name}: {reason_alone(name, why)}" for name, why in skipped.items()])
+    return UserError(f"{problem}\n{listed}", fix or "Replace these files, or name others.")
+
+
+def reason_alone(name: str, problem: str) -> str:
+    """A problem on one line, without the leading name of its file."""
+    return " ".join(problem.removeprefix(name).lstrip(":, ").split())
+
 
 log = logging.getLogger(__name__)
 
@@ -144,3 +162,21 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
     if raw:
         log.warning("%s=%s: left out %s, which are not developed here: %s", key, given, left_out, DEVELOP)
     return found
+
+
+#: bytes of a stem, which leave room for what is added to it: a file's name has at most 255
+LONGEST = 200
+
+
+def file_stems(paths: Sequence[Path]) -> list[str]:
+    """A name for each photo's files: its own without suffix; with suffix, folder or a number if that is taken."""
+    taken: set[str] = set()
+    stems = []
+    for path in paths:
+        own, folder = (os.fsencode(name)[:LONGEST].decode(errors="ignore") for name in (path.stem, path.parent.name))
+        wished = [own, f"{own}_{path.suffix[1:]}"[:LONGEST], f"{folder}_{own}"[:LONGEST]]
+        numbered = (f"{own}_{i}" for i in range(2, len(paths) + 2))
+        stem = next(name for name in (*wished, *numbered) if name.lower() not in taken)
+        taken.add(stem.lower())  # file systems may be case-insensitive
+        stems.append(stem)
+    return stems

@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from sextant.evaluation.multiplicity import holm
-from sextant.evaluation.paired import PairedDifference, paired_difference
+from sextant.evaluation.paired import PairedDifference, holm, paired_difference
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from sextant.evaluation.corruption_errors import (
     write_baseline,
 )
 from sextant.evaluation.flips import flip_probability, mean_flip_probability
-from sextant.evaluation.multiplicity import holm
-from sextant.evaluation.paired import PairedDifference, mean_interval, paired_difference
+from sextant.evaluation.paired import PairedDifference, holm, mean_interval, paired_difference
 from sextant.evaluation.particle_counts import CountRatio, needed_ratio, particles_needed
 from sextant.evaluation.pose_posterior import (
     PosteriorCalibration,

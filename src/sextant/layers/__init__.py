@@ -1,7 +1,13 @@
 """Layers: push-pull inhibition, anti-aliased pooling, and surgery that puts them into any network."""
 
-from sextant.layers.anti_aliasing import AntiAliasing, anti_alias, anti_aliased_conv, anti_aliased_pool
-from sextant.layers.blur_pool import BlurPool2d, blur_pool
+from sextant.layers.blur_pool import (
+    AntiAliasing,
+    BlurPool2d,
+    anti_alias,
+    anti_aliased_conv,
+    anti_aliased_pool,
+    blur_pool,
+)
 from sextant.layers.fold import fold
 from sextant.layers.inhibition import (
     NoInhibition,
@@ -13,10 +19,9 @@ from sextant.layers.inhibition import (
     skipped,
 )
 from sextant.layers.network_stages import first_stage_convs
-from sextant.layers.pull_kernel import interpolation_matrix, pull_kernel_size, upsample_kernel
 from sextant.layers.push_pull import PushPullConv2d, push_pull
 from sextant.layers.push_pull_avg import PushPullAvgConv2d, push_pull_avg
-from sextant.layers.strength import strength_path
+from sextant.layers.strength import interpolation_matrix, pull_kernel_size, strength_path, upsample_kernel
 from sextant.layers.surgery import Conversion, Rule, convert, first_conv
 
 __all__ = [

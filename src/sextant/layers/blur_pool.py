@@ -7,6 +7,8 @@ Source: R. Zhang, "Making convolutional networks shift-invariant again", ICML 20
 """
 
 import math
+from dataclasses import dataclass
+from functools import partial
 
 import torch
 import torch.nn.functional as F
@@ -15,6 +17,7 @@ from torch import Tensor, nn
 
 from sextant.errors import ArgumentError
 from sextant.layers.conv_geometry import PaddingMode, pair
+from sextant.layers.surgery import Conversion, Rule, convert
 
 
 def binomial_taps(taps: int, *, dtype: torch.dtype | None = None, device: torch.device | str | None = None) -> Tensor:
@@ -81,3 +84,98 @@ class BlurPool2d(nn.Module):
     def extra_repr(self) -> str:
         """The layer's settings."""
         return f"taps={self.taps}, stride={self.stride}, padding_mode={self.padding_mode}"
+
+
+@dataclass(frozen=True)
+class AntiAliasing:
+    """Blurs before every subsampling of a network: the rival of inhibition that also stabilises predictions.
+
+    Source: R. Zhang, "Making convolutional networks shift-invariant again", ICML 2019, section 3.2.
+
+
+    >>> AntiAliasing(taps=5)(nn.Sequential(nn.Conv2d(1, 4, 3), nn.MaxPool2d(2)))[1][1]
+    BlurPool2d(taps=5, stride=(2, 2), padding_mode=reflect)
+
+    Args:
+        taps: length of the binomial filter.
+    """
+
+    taps: int = 3
+
+    def __call__(self, network: nn.Module) -> nn.Module:
+        """Change ``network`` in place and return it; errors are those of :func:`anti_alias`."""
+        anti_alias(network, self.taps)
+        return network
+
+
+def anti_alias(network: nn.Module, taps: int = 3, where: str = "*") -> Conversion:
+    """Make the max-pools and convolutions of ``network`` that subsample blur first, in place.
+
+    >>> network = nn.Sequential(nn.Conv2d(3, 8, 3, stride=2, padding=1), nn.ReLU())
+    >>> conversion = anti_alias(network)
+    >>> network[0]
+    Sequential(
+      (0): Conv2d(3, 8, kernel_size=(3, 3), stride=(1, 1), padding=(1, 1))
+      (1): BlurPool2d(taps=3, stride=(2, 2), padding_mode=reflect)
+    )
+
+    Args:
+        taps: length of the binomial filter.
+        where: pattern of module paths, as in :class:`sextant.layers.Rule`.
+
+    Raises:
+        UserError: no module that subsamples matches ``where``.
+    """
+    pools = Rule(where, partial(anti_aliased_pool, taps=taps), nn.MaxPool2d, _pool_objection)
+    convs = Rule(where, partial(anti_aliased_conv, taps=taps), nn.Conv2d, _conv_objection)
+    there = [(path, module) for path, module in network.named_modules() if path]
+    useful = [
+        rule for rule in (pools, convs) if any(rule.matches(m, [p]) and rule.objection(m) is None for p, m in there)
+    ]
+    return convert(network, useful or [convs])
+
+
+def anti_aliased_pool(pool: nn.MaxPool2d, taps: int = 3) -> nn.Sequential:
+    """Return ``pool`` with stride 1, then a blur with the original stride; the output size stays the same.
+
+    >>> anti_aliased_pool(nn.MaxPool2d(2))[0]
+    MaxPool2d(kernel_size=2, stride=1, padding=0, dilation=1, ceil_mode=False)
+
+    Raises:
+        ValueError: the pool rounds sizes up or returns indices.
+    """
+    if pool.ceil_mode or pool.return_indices:
+        raise ValueError("a max-pool with ceil_mode or return_indices has no anti-aliased form of the same output")
+    dense = nn.MaxPool2d(pool.kernel_size, 1, pool.padding, pool.dilation)
+    return nn.Sequential(dense, BlurPool2d(taps, _two(pool.stride)))
+
+
+def anti_aliased_conv(conv: nn.Conv2d, taps: int = 3) -> nn.Sequential:
+    """Return ``conv`` with its stride set to 1, in place, then a blur with that stride; the output size stays the same.
+
+    A plain 1x1 convolution commutes with the blur, which then comes first and saves most of the multiplications.
+
+    >>> anti_aliased_conv(nn.Conv2d(3, 8, 3, stride=2))[0].stride
+    (1, 1)
+    """
+    blur = BlurPool2d(taps, _two(conv.stride))
+    conv.stride = (1, 1)
+    if type(conv) is nn.Conv2d and conv.kernel_size == (1, 1) and conv.padding in ("valid", (0, 0)):
+        return nn.Sequential(blur, conv)
+    return nn.Sequential(conv, blur)
+
+
+def _pool_objection(module: nn.Module) -> str | None:
+    assert isinstance(module, nn.MaxPool2d)
+    if _two(module.stride) == (1, 1):
+        return "it does not subsample"
+    return "ceil_mode or return_indices" if module.ceil_mode or module.return_indices else None
+
+
+def _conv_objection(module: nn.Module) -> str | None:
+    assert isinstance(module, nn.Conv2d)
+    return "it does not subsample" if module.stride == (1, 1) else None
+
+
+def _two(value: int | tuple[int, ...]) -> tuple[int, int]:
+    return (value, value) if isinstance(value, int) else (value[0], value[1])

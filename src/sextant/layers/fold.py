@@ -13,9 +13,9 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from sextant.layers.conv_geometry import ConvGeometry
-from sextant.layers.pull_kernel import pull_kernel_size, upsample_kernel
 from sextant.layers.push_pull import PushPullConv2d
 from sextant.layers.push_pull_avg import PushPullAvgConv2d, contrast_offset
+from sextant.layers.strength import pull_kernel_size, upsample_kernel
 
 
 class FoldedPushPull(nn.Module):

@@ -26,7 +26,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from sextant.layers.conv_geometry import ConvGeometry
-from sextant.layers.pull_kernel import hats, interpolation_matrix, pull_kernel_size, upsample_kernel
+from sextant.layers.strength import hats, interpolation_matrix, pull_kernel_size, upsample_kernel
 
 Implementation = Literal["direct", "rows", "factorised"]
 BAND = 8  # output rows per banded product: with fewer, products are small; with more, they are mostly zeros

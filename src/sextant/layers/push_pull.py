@@ -19,9 +19,8 @@ from sextant.layers.conv_geometry import ConvGeometry, Padding, PaddingMode
 from sextant.layers.depth_first import depth_first, overwriting, traced
 from sextant.layers.implementation import PullShape, choose_implementation
 from sextant.layers.inhibited_conv import InhibitedConv2d
-from sextant.layers.pull_kernel import pull_kernel_size
 from sextant.layers.pull_response import Implementation, pull_response
-from sextant.layers.strength import Strength
+from sextant.layers.strength import Strength, pull_kernel_size
 
 Choice = Literal["auto", "direct", "rows", "factorised"]
 torch.fx.wrap("push_pull")  # one node of a traced network: what it does depends on shapes

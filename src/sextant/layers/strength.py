@@ -1,10 +1,81 @@
 """The strength α of inhibition: one number, one per channel, or trained; and how to introduce it gradually."""
 
+import math
 from collections.abc import Sequence
+from functools import cache
 from typing import TypeAlias
 
+import numpy as np
 import torch
+import torch.nn.functional as F
+from jaxtyping import Float
 from torch import Tensor, nn
+
+
+def pull_kernel_size(size: int, scale: float) -> int:
+    r"""Side of the pull kernel: ``size * scale`` rounded down, plus one if that is even.
+
+    Stretching is linear and separable. With corners aligned, a kernel of :math:`s` rows becomes one of :math:`K` rows
+    by the matrix :math:`A` (:math:`K \times s`) of hat functions, :math:`A_{ti} = \max(0, 1 - |t (s-1)/(K-1) - i|)`, so
+    that
+
+    .. math:: U(W) = A_v \, W \, A_h^\top .
+
+    For :math:`s = 3, K = 7` the columns of A are (1, 2/3, 1/3, 0, 0, 0, 0), (0, 1/3, 2/3, 1, 2/3, 1/3, 0) and the
+    mirror of the first: whole hats inside, half hats at both ends.
+
+    Source: N. Strisciuglio, M. Lopez-Antequera, N. Petkov, "Enhanced robustness of convolutional networks with a
+    push-pull inhibition layer", Neural Computing and Applications 32, 2020, section 3.1; the matrix form follows from
+    it.
+
+
+    ``K = floor(s h) + 1 - (floor(s h) mod 2)``; for ``h = 2`` sizes 3, 5, 7 give 7, 11, 15. ``h = 1`` keeps the size,
+    and a 1x1 kernel has no pattern to stretch: ``h = 2`` makes it a 3x3 box.
+
+    >>> [pull_kernel_size(size, 2.0) for size in (1, 3, 5, 7)]
+    [3, 7, 11, 15]
+    """
+    if scale == 1:
+        return size
+    stretched = math.floor(size * scale)
+    return stretched + 1 - stretched % 2
+
+
+def interpolation_matrix(
+    size: int, pull_size: int, *, dtype: torch.dtype | None = None, device: torch.device | str | None = None
+) -> Float[Tensor, "K s"]:
+    """The matrix A that stretches ``size`` taps to ``pull_size``, bilinearly and with aligned corners.
+
+    Every row sums to one; ``size = 1`` gives a column of ones.
+
+    >>> interpolation_matrix(2, 3)
+    tensor([[1.0000, 0.0000],
+            [0.5000, 0.5000],
+            [0.0000, 1.0000]])
+    """
+    return torch.tensor(hats(size, pull_size), dtype=dtype or torch.get_default_dtype(), device=device)
+
+
+@cache
+def hats(size: int, pull_size: int) -> Float[np.ndarray, "K s"]:
+    """The values of :func:`interpolation_matrix`; cached, so do not write to them."""
+    positions = np.linspace(0, size - 1, pull_size)
+    return np.asarray(np.maximum(0, 1 - np.abs(positions[:, None] - np.arange(size))))
+
+
+def upsample_kernel(weight: Float[Tensor, "o c kh kw"], scale: float) -> Float[Tensor, "o c KH KW"]:
+    """The pull kernel ``k ↑ h`` before its sign is flipped: ``weight`` stretched bilinearly with its corners aligned.
+
+    There is no renormalisation, as in the paper's code: the L1 norm grows about 3.9 times for size 3 and ``h = 2``.
+
+    >>> upsample_kernel(torch.ones(8, 3, 5, 5), 2.0).shape
+    torch.Size([8, 3, 11, 11])
+    """
+    size = (pull_kernel_size(weight.shape[2], scale), pull_kernel_size(weight.shape[3], scale))
+    if size == weight.shape[2:]:
+        return weight
+    return F.interpolate(weight, size=size, mode="bilinear", align_corners=True)
+
 
 Strength: TypeAlias = float | Sequence[float]
 

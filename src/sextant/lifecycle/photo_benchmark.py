@@ -29,7 +29,7 @@ from sextant.chapters.calibration.metrics.photo_benchmark import (
 )
 from sextant.chapters.calibration.network import CameraNetwork
 from sextant.composing.compose import compose, to_plain
-from sextant.config.build_part import build_part
+from sextant.config.building import build_part
 from sextant.tables import TextTable
 
 #: numbers of a failed photo

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from sextant.composing.compose import compose, to_plain
-from sextant.composing.rendered_datasets import is_rendered, rendered_datasets
+from sextant.composing.config_files import is_rendered, rendered_datasets
 from sextant.config import validate
 from sextant.config.building import naming_groups
 from sextant.data.rendered import (

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from sextant.composing.compose import compose, composing_many, to_plain
-from sextant.composing.config_files import with_folders
+from sextant.composing.config_files import search_words, with_folders
 from sextant.composing.overrides import Override, parse
-from sextant.composing.search_words import search_words
 from sextant.config import Config, validate
 from sextant.config.building import naming_groups
-from sextant.config.schema.space import dimension, is_dimension
+from sextant.config.schema.searches import dimension, is_dimension
 from sextant.errors import UserError
 from sextant.kit.registry import chapter_of
 from sextant.lifecycle.checks import checked, require_environment

@@ -17,7 +17,7 @@ from pytorch_lightning.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config
 from sextant.config.building import naming_groups
-from sextant.config.schema.environment import Trainer
+from sextant.config.schema.training import Trainer
 from sextant.figures.style import save_figure
 from sextant.kit.chapter import Chapter, Source
 from sextant.kit.registry import chapter_of
@@ -30,9 +30,8 @@ from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
 from sextant.runs.checkpoint_io import AtomicCheckpointIO
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.resolve import resolve_run
-from sextant.tracking.logger import RunLogger
+from sextant.tracking.logger import RunLogger, system_metrics
 from sextant.tracking.mirror import MirroredRun
-from sextant.tracking.system_metrics import system_metrics
 from sextant.training.peak_memory import reset_peak_memory
 
 #: PyTorch's names for x86 processors that only emulate bfloat16, at a tenth of the speed of float32 or less

@@ -23,7 +23,7 @@ from jaxtyping import Float32, Float64
 from torch import Tensor
 
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.observation.prediction import Residuals
+from sextant.localization.observation.model import Residuals
 
 #: n_0: the number of images after which half of a change is believed
 SLOWLY = 5.0

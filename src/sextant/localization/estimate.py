@@ -25,7 +25,7 @@ from torch import Tensor
 
 from sextant.geometry.planar import wrap_angle
 from sextant.localization.belief import Belief
-from sextant.localization.pose_bins import PoseBins
+from sextant.localization.kld_size import PoseBins
 
 #: Mean-shift steps.
 SHIFTS = 2

@@ -1,7 +1,7 @@
 """Maps of any number of images, built from a stream in bounded memory: descriptors are never all in memory at once.
 
 Images are written to a file as they come. Their descriptors are then sorted in
-:func:`~sextant.localization.spatial_order.spatial_order`, a block at a time, and their neighbourhoods are prepared tile
+:func:`~sextant.localization.tiled_map.spatial_order`, a block at a time, and their neighbourhoods are prepared tile
 by tile, each from its own images and a halo around them. The result is the folder of a map like any other,
 :mod:`~sextant.localization.saved_map`, whose observations read the tiles that poses ask for.
 
@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32, Float64, Int64
 from numpy import ndarray
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from sextant.atomic_files import read_json, write_atomically, write_json
@@ -30,13 +31,111 @@ from sextant.geometry.planar import wrap_angle
 from sextant.localization.descriptor_map import BLOCK, DescriptorMap, mean_of_blocks
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation._caches import images_at_a_time, layout, prepared
-from sextant.localization.observation._tiles import Tiles
 from sextant.localization.observation.cached_local_gp import CachedLocalGP, MapEvidence
-from sextant.localization.observation.neighbourhoods import check_neighbours
+from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.saved_map import HEADER, array_path, write_header
-from sextant.localization.spatial_order import spatial_order
 from sextant.reporter import Advance
+
+#: Bits for the cells along the longer side of the map: cells of 1 mm in a map of 2,000 km.
+BITS = 31
+
+
+def spatial_order(poses: Float64[Tensor, "n 3"]) -> Int64[Tensor, " n"]:
+    """Rows in Morton order (the Z-order curve) of their square cells on the ground; within a cell, by heading.
+
+    A map stored in this order, as ``poses[rows]`` and ``descriptors[rows]``, is read in few pages when it is larger
+    than memory and mapped, because images near each other are stored near each other.
+
+    Raises:
+        ValueError: a pose is not finite.
+
+    Source: G. M. Morton, "A computer oriented geodetic data base and a new technique in file sequencing", IBM 1966.
+
+    Example:
+        >>> corners = torch.tensor([[0.0, 0, 0], [9, 9, 0], [9, 0, 0], [0, 9, 0]], dtype=torch.float64)
+        >>> corners[spatial_order(corners)][:, :2].tolist()  # a Z
+        [[0.0, 0.0], [9.0, 0.0], [0.0, 9.0], [9.0, 9.0]]
+    """
+    places = poses.numpy()
+    if not np.isfinite(places).all():
+        raise ValueError("a pose is not finite")
+    if len(places) == 0:
+        return torch.zeros(0, dtype=torch.int64)
+    corner = places[:, :2].min(axis=0)
+    side = float((places[:, :2].max(axis=0) - corner).max()) or 1.0
+    cells = ((places[:, :2] - corner) / side * (2**BITS - 1)).astype(np.uint64)
+    codes = _spread(cells[:, 0]) | (_spread(cells[:, 1]) << np.uint64(1))
+    return torch.from_numpy(np.lexsort((places[:, 2], codes)))
+
+
+def _spread(values: np.ndarray) -> np.ndarray:
+    """Spread the 32 bits of every value over the even bits of 64."""
+    for shift, mask in (
+        (16, 0x0000FFFF0000FFFF),
+        (8, 0x00FF00FF00FF00FF),
+        (4, 0x0F0F0F0F0F0F0F0F),
+        (2, 0x3333333333333333),
+        (1, 0x5555555555555555),
+    ):
+        values = (values | (values << np.uint64(shift))) & np.uint64(mask)
+    return values
+
+
+#: margin for the rounding of distances, both relative and absolute
+SLACK = 1e-9
+
+
+class Tiles:
+    """Runs of consecutive images of a map, and the box of each on the ground in lengths of the kernel.
+
+    Args:
+        poses: poses of the map, best in spatial order; may be a mapped file.
+        kernel: kernel whose features are compared.
+        size: number of images in a tile; a last tile with fewer than ``least`` is merged into the one before.
+        least: smallest number of images in a tile.
+    """
+
+    def __init__(self, poses: Float64[Tensor, "n 3"], kernel: PoseKernel, size: int, least: int):
+        self.poses, self.kernel = poses, kernel
+        count = max(1, len(poses) // size + (len(poses) % size >= least))
+        self.ends = np.append(np.arange(count) * size, len(poses))
+        boxes = [self._ground(start, stop) for start, stop in zip(self.ends[:-1], self.ends[1:], strict=True)]
+        self._low = np.stack([ground.min(axis=0) for ground in boxes])
+        self._high = np.stack([ground.max(axis=0) for ground in boxes])
+
+    def __len__(self) -> int:
+        return len(self.ends) - 1
+
+    def rows(self, tile: int) -> Int64[Tensor, " m"]:
+        """The images of a tile."""
+        return torch.arange(int(self.ends[tile]), int(self.ends[tile + 1]))
+
+    def neighbours(self, tile: int, k: int) -> Int64[Tensor, "m k"]:
+        """The k nearest images of the whole map to each image of a tile, nearest first.
+
+        The k nearest within the tile bound the distance of the k nearest of all. The halo is as wide as the widest of
+        these bounds, so that nothing beyond it can be nearer.
+        """
+        own = self.rows(tile)
+        features = self.kernel.features(self.poses[own]).numpy()
+        bounds = cKDTree(features).query(features, k=[k])[0]
+        reach = float(bounds.max()) * (1 + SLACK) + SLACK
+        low, high = self._low[tile] - reach, self._high[tile] + reach
+        near = np.flatnonzero(((self._low <= high) & (self._high >= low)).all(axis=1))
+        candidates = torch.cat([self._within(int(other), low, high) for other in near])
+        search = Neighbourhoods(self.poses[candidates], self.kernel)
+        return candidates[search.of_images(torch.searchsorted(candidates, own), k).rows]
+
+    def _within(self, tile: int, low: ndarray, high: ndarray) -> Tensor:
+        start, stop = int(self.ends[tile]), int(self.ends[tile + 1])
+        ground = self._ground(start, stop)
+        return start + torch.from_numpy(np.flatnonzero(((ground >= low) & (ground <= high)).all(axis=1)))
+
+    def _ground(self, start: int, stop: int) -> ndarray:
+        ground: ndarray = self.kernel.features(self.poses[start:stop])[:, :2].numpy()
+        return ground
+
 
 #: number of images in a tile: 2 MiB for 128 values
 TILE = 4096

@@ -5,11 +5,13 @@ from abc import abstractmethod
 from typing import Literal, get_args
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from sextant.errors import ArgumentError
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, perspective_bearings
+from sextant.geometry.field_fit import BelievedField
+from sextant.geometry.perspective_field import PerspectiveField, field_errors
 from sextant.geometry.rotations import rotation_from_tilt_roll, up_in_camera
 
 
@@ -302,3 +304,22 @@ class PoseLensLoss(CameraLoss):
 
 def _size(error: Float[Tensor, "*b k"]) -> Float[Tensor, "*b"]:
     return (error.square().sum(-1) + SMALL**2).sqrt() - SMALL
+
+
+def field_loss(believed: BelievedField, true: PerspectiveField, seen: Bool[Tensor, "b n"]) -> Float[Tensor, "b"]:
+    r"""The loss of each picture, over the points that are seen.
+
+    .. math:: L = \frac1n \sum_i \ln\sigma_{\varphi,i} + \frac{|\Delta\varphi_i|}{\sigma_{\varphi,i}}
+              + \ln\sigma_{\upsilon,i} + \frac{|\Delta\upsilon_i|}{\sigma_{\upsilon,i}} ,
+
+    smallest where each expected error is the mean size of the actual ones.
+
+
+    >>> true = PerspectiveField(torch.zeros(1, 4), torch.tensor([[0.0, -1.0]]).expand(1, 4, 2))
+    >>> sure, unsure = (BelievedField(true, torch.full((1, 2, 4), x), torch.ones(1, 4)) for x in (-2.0, 0.0))
+    >>> [field_loss(each, true, torch.ones(1, 4, dtype=torch.bool)).item() for each in (sure, unsure)]
+    [-4.0, 0.0]
+    """
+    errors = field_errors(believed.field, true).abs()
+    each = (believed.log_error + errors * torch.exp(-believed.log_error)).sum(-2)
+    return (each * seen).sum(-1) / seen.sum(-1).clamp(min=1)

@@ -1,7 +1,6 @@
 """Networks. Each backbone is built from ``in_channels``, ``image_size`` and ``num_classes``, its number of outputs."""
 
-from sextant.models.alexnet_cifar import AlexNetCifar
-from sextant.models.caffenet import CaffeNet
+from sextant.models.alexnet import AlexNetCifar, CaffeNet
 from sextant.models.calibration_net import CalibrationNet, CalibrationOutput, coordinate_channels
 from sextant.models.cost import LayerCost, NetworkCost, network_cost
 from sextant.models.densenet_cifar import DenseNetCifar

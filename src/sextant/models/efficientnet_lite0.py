@@ -11,8 +11,7 @@ from sextant.errors import ArgumentError
 from sextant.layers.cell_means import cell_means
 from sextant.models.convolutions import DepthwiseConv2d
 from sextant.models.fine_tuning import freeze, set_rate_factors
-from sextant.models.trunk_input import TrunkInput
-from sextant.models.trunk_weights import imagenet_weights
+from sextant.models.trunk import TrunkInput, imagenet_weights
 
 WIDTH, CLASSES = 32, 1000
 

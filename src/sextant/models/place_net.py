@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from sextant.models.pooling import NetVLAD, Pooling
 from sextant.models.standardize import Standardize
-from sextant.models.trunk_input import standardized_before
+from sextant.models.trunk import standardized_before
 
 
 class PlaceNet(nn.Module):

@@ -3,7 +3,7 @@
 import math
 
 from sextant.reports.results import SweepResults
-from sextant.reports.summary import Summary
+from sextant.reports.section import Summary
 from sextant.tables import Entry, TextTable, arms_table, interval, number
 
 

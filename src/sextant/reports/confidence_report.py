@@ -6,7 +6,7 @@ import numpy as np
 
 from sextant.evaluation.confidence import BINS
 from sextant.evaluation.headline import CLEAN
-from sextant.reports.corruption_errors import OverSeeds
+from sextant.reports.corruption_contrasts import OverSeeds
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
 from sextant.tables import Entry, TextTable, arms_table, counted, interval, number

@@ -12,8 +12,14 @@ from sextant.chapters.classification.figures import (
 )
 from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
 from sextant.kit.measure import SharedSet
-from sextant.reports.corruption_contrasts import CorruptionContrast, corruption_contrasts
-from sextant.reports.corruption_errors import ArmErrors, arm_errors, baseline_of, scored_sets
+from sextant.reports.corruption_contrasts import (
+    ArmErrors,
+    CorruptionContrast,
+    arm_errors,
+    baseline_of,
+    corruption_contrasts,
+    scored_sets,
+)
 from sextant.reports.corruption_tables import (
     difference_rows,
     difference_table,

@@ -5,8 +5,7 @@ from collections.abc import Mapping, Sequence
 from sextant.chapters.classification.figures import by_family
 from sextant.evaluation import CORRUPTION_FAMILIES, CorruptionBaseline, PairedDifference, corruption_score
 from sextant.kit.measure import SharedSet
-from sextant.reports.corruption_contrasts import CorruptionContrast, of_corruption
-from sextant.reports.corruption_errors import ArmErrors, OverSeeds
+from sextant.reports.corruption_contrasts import ArmErrors, CorruptionContrast, OverSeeds, of_corruption
 from sextant.reports.results import SweepResults
 from sextant.tables import NOTHING, TextTable, interval, number, p_text
 

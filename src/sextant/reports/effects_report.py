@@ -12,8 +12,7 @@ from sextant.reports.contrasts import ContrastRow, Sides, named_contrasts, noise
 from sextant.reports.cost_report import multiplications
 from sextant.reports.factor_report import numeric_factors
 from sextant.reports.results import SweepResults
-from sextant.reports.section import Section
-from sextant.reports.summary import Summary
+from sextant.reports.section import Section, Summary
 from sextant.tables import NOTHING, TextTable, interval, number, p_text
 
 #: least number of arms with the same control for which the section is written

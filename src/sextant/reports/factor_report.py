@@ -7,8 +7,7 @@ from matplotlib.figure import Figure
 
 from sextant.figures.factor_curves import FactorCurve, factor_curves
 from sextant.reports.results import SweepResults
-from sextant.reports.section import Section
-from sextant.reports.summary import Summary
+from sextant.reports.section import Section, Summary
 from sextant.tables import is_number, slug
 
 #: least number of seeds for which an interval is drawn; the interval of two would exceed the plot

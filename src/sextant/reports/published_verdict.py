@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from sextant.evaluation import SEEDS_FOR_A_CLAIM, PairedDifference
 from sextant.reports.contrasts import ContrastRow
 from sextant.reports.results import SweepResults
-from sextant.reports.summary import Summary
+from sextant.reports.section import Summary
 from sextant.tables import TextTable, interval, number
 
 

@@ -4,8 +4,68 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from sextant.reports.results import SweepResults
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The measure of one setting and arm under one condition, over converged seeds.
+
+    ``all_mean`` includes diverged runs.
+    """
+
+    setting: str
+    arm: str
+    condition: str
+    seeds: int
+    diverged: int
+    failed: int
+    missing: int
+    mean: float
+    median: float
+    spread: float
+    low: float
+    high: float
+    all_mean: float
+    published: float
+
+
+def summarise(results: SweepResults) -> list[Summary]:
+    """Summarise all cells under all conditions; nan where there is nothing to summarise."""
+    rows = []
+    for setting in results.settings:
+        for arm in results.arms_of(setting):
+            cells = results.of(setting, arm)
+            converged = [cell for cell in cells if cell.outcome == "finished"]
+            diverged = [cell for cell in cells if cell.outcome == "diverged"]
+            for condition in results.conditions:
+                values = np.array([cell.value(condition) for cell in converged])
+                everything = [c.value(condition) for c in cells if c.values]
+                low, high = results.measure.interval(values, sum(len(cell.values[condition]) for cell in converged))
+                rows.append(
+                    Summary(
+                        setting=setting,
+                        arm=arm,
+                        condition=condition,
+                        seeds=len(converged),
+                        diverged=len(diverged),
+                        failed=sum(cell.outcome == "failed" for cell in cells),
+                        missing=sum(cell.outcome == "missing" for cell in cells),
+                        mean=float(values.mean()) if len(values) else float("nan"),
+                        median=float(np.median(values)) if len(values) else float("nan"),
+                        spread=float(values.std(ddof=1)) if len(values) > 1 else float("nan"),
+                        low=low,
+                        high=high,
+                        all_mean=float(np.mean(everything)) if everything else float("nan"),
+                        published=results.published(setting, arm, condition),
+                    )
+                )
+    return rows
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ from sextant.reports.pooled_report import pooled_section
 from sextant.reports.published_verdict import beside_published, published_verdict
 from sextant.reports.results import SweepResults
 from sextant.reports.search_report import write_search_report
-from sextant.reports.section import Section
-from sextant.reports.summary import Summary, summarise
+from sextant.reports.section import Section, Summary, summarise
 from sextant.reports.tasks_report import of_several_tasks, write_tasks_report
 from sextant.runs.sweep_directory import report_command
 from sextant.tables import TextTable, counted, interval, is_number, number, slug

@@ -13,7 +13,7 @@ from sextant.chapters.classification.figures import by_family, corruption_heatma
 from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
 from sextant.evaluation.headline import CLEAN, PREFIX, relative_loss
 from sextant.figures.style import save_figure
-from sextant.reports.corruption_errors import OverSeeds
+from sextant.reports.corruption_contrasts import OverSeeds
 from sextant.reports.results import SweepResults
 from sextant.runs.sweep_directory import report_command
 from sextant.tables import TextTable, counted, interval, number

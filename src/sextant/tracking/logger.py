@@ -2,7 +2,8 @@
 
 import time
 from argparse import Namespace
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from pytorch_lightning.loggers import Logger
@@ -45,3 +46,21 @@ class RunLogger(Logger):
 
     def log_hyperparams(self, params: dict[str, Any] | Namespace, *args: Any, **kwargs: Any) -> None:
         """Do nothing: the run's life cycle writes the config."""
+
+
+@contextmanager
+def system_metrics(mirror: MirroredRun | None, every_s: float) -> Iterator[None]:
+    """Log ``system/*`` metrics of this machine to the run every ``every_s`` seconds while the block runs."""
+    if mirror is None:
+        yield
+        return
+    from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
+
+    monitor = SystemMetricsMonitor(
+        mirror.run_id, sampling_interval=every_s, resume_logging=False, tracking_uri=mirror.store.uri
+    )
+    monitor.start()
+    try:
+        yield
+    finally:
+        monitor.finish()

@@ -8,8 +8,7 @@ from PIL import Image
 from sklearn.datasets import load_sample_image
 
 from sextant import PhotoCalibrator
-from sextant.data.photos.exif import EXIF_BLOCK
-from sextant.data.photos.gravity_tags import MAKER_NOTE
+from sextant.data.photos.exif import EXIF_BLOCK, MAKER_NOTE
 from sextant.errors import ArgumentError
 
 

@@ -8,8 +8,7 @@ from data.photos.pictures import save, scene
 from PIL import Image
 
 from sextant.data.photos import read_photo
-from sextant.data.photos.exif import EXIF_BLOCK
-from sextant.data.photos.gravity_tags import APPLE, LENS_MODEL, MAKER_NOTE
+from sextant.data.photos.exif import APPLE, EXIF_BLOCK, LENS_MODEL, MAKER_NOTE
 
 ORIENTATION = 0x0112
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from sextant.data.rendered.finding import find_store, stores_in
+from sextant.data.rendered.verify import find_store, stores_in
 from sextant.errors import UserError
 
 

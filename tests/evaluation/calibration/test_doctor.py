@@ -123,7 +123,7 @@ def test_a_foot_on_the_centre_line_fails(monkeypatch):
     def crossing(rho, roll):
         return torch.stack([torch.zeros_like(rho), rho / torch.cos(roll)], -1)
 
-    monkeypatch.setattr(parameters, "horizon_foot", crossing)
+    monkeypatch.setattr(lens, "horizon_foot", crossing)
     assert failing(lens.horizon_feet())
 
 

@@ -5,8 +5,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from sextant.evaluation.corruption_difference import corruption_differences
-from sextant.evaluation.multiplicity import holm
-from sextant.evaluation.paired import paired_difference
+from sextant.evaluation.paired import holm, paired_difference
 
 
 def two_arms(seed, seeds=4, names=("fog", "snow", "frost")):

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from layers.convolution_cases import NUMPY_BORDER
 
-from sextant.layers.cosfire.border import padded
+from sextant.layers.cosfire.blur import padded
 
 
 @given(

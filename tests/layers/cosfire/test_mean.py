@@ -9,7 +9,7 @@ from layers.cosfire.cosfire_cases import MEANS, random_images
 from layers.cosfire.plain_cosfire import averaged
 
 from sextant.layers.cosfire import weighted_mean
-from sextant.layers.cosfire.mean import safe_log, shares
+from sextant.layers.cosfire.tuples import safe_log, shares
 
 
 @given(st.integers(1, 9), st.integers(0, 99), st.sampled_from(MEANS), st.booleans())

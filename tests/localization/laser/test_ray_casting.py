@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds.casters import Boxes, Circle
 
-from sextant.localization.laser.ray_casting import free_steps, ray_ranges
+from sextant.localization.laser.beam_model import free_steps, ray_ranges
 from sextant.worlds.laser import LaserScanner, scan
 from sextant.worlds.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, occupancy_from_scans, occupancy_from_scene
 

@@ -9,8 +9,7 @@ from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in
 from sextant.errors import UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.observation.blending import blending_weights
-from sextant.localization.observation.cached_local_gp import CachedLocalGP
+from sextant.localization.observation.cached_local_gp import CachedLocalGP, blending_weights
 from sextant.localization.observation.exact_gp import ExactGP
 from sextant.localization.observation.local_gp import LocalGP
 from sextant.localization.pose_kernel import SPATIAL, PoseKernel

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from localization.observation.smooth_map import KERNEL, poses_in_room
 
-from sextant.localization.observation import _place_grid
+from sextant.localization.observation import neighbourhoods
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.pose_kernel import PoseKernel
 
@@ -32,8 +32,8 @@ def test_the_nearest_image_is_that_of_brute_force(count, seed, spread, length):
 
 def test_the_nearest_image_may_be_in_another_ring_of_cells_than_the_first_that_is_found(monkeypatch):
     """With cells that are mostly empty, one straight ahead in the next ring is nearer than one in a corner of this."""
-    monkeypatch.setattr(_place_grid, "IMAGES_A_CELL", 0.5)
-    monkeypatch.setattr(_place_grid, "CELLS_AN_IMAGE", 32)
+    monkeypatch.setattr(neighbourhoods, "IMAGES_A_CELL", 0.5)
+    monkeypatch.setattr(neighbourhoods, "CELLS_AN_IMAGE", 32)
     for seed in range(10):
         known, poses = poses_in_room(200, seed), poses_in_room(500, seed=seed + 50)
         known[:, 2] = poses[:, 2] = 0.0

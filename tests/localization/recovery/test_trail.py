@@ -14,7 +14,7 @@ from sextant.localization.map_prior import MapPrior
 from sextant.localization.motion import ExponentialMotion
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.recovery import BayesRestart
-from sextant.localization.recovery.trail import Trail
+from sextant.localization.recovery.bayes_restart import Trail
 from sextant.localization.resampling import SystematicResampling
 from sextant.localization.weighed import Weighed
 

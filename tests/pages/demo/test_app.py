@@ -16,10 +16,8 @@ from sextant.cli import demo
 from sextant.errors import UserError
 from sextant.pages.demo import answers as answering
 from sextant.pages.demo import app as serving_app
-from sextant.pages.demo.answers import sample_photo
-from sextant.pages.demo.app import demo_app
-from sextant.pages.demo.questions import QUESTIONS
-from sextant.pages.demo.serving import served
+from sextant.pages.demo.answers import QUESTIONS, sample_photo
+from sextant.pages.demo.app import demo_app, served
 
 CHINA = sample_photo("china.jpg")
 

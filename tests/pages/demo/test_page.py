@@ -5,7 +5,7 @@ from cli.cosfire_detection.drawn import drawn
 from headless import CHROMIUM, chromium
 
 from sextant.pages.demo.answers import sample_photo
-from sextant.pages.demo.serving import served
+from sextant.pages.demo.app import served
 from sextant.tools.demonstration import where_else
 
 pytestmark = [

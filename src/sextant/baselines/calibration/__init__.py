@@ -8,20 +8,20 @@ from sextant.baselines.calibration.combined import CombinedGeometry, detect_bent
 from sextant.baselines.calibration.constant import ConstantCamera, PriorCamera
 from sextant.baselines.calibration.edge_chains import detect_chains
 from sextant.baselines.calibration.estimate import (
+    CalibrationBaseline,
     CalibrationEstimate,
     CameraPrior,
     Determined,
     camera_of_vector,
+    prior_of_cameras,
     stack_cameras,
 )
 from sextant.baselines.calibration.joint import JointEstimate, joint_estimate
 from sextant.baselines.calibration.line_evidence import LineEvidence
 from sextant.baselines.calibration.line_segments import count_long, detect_segments
-from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.plumb_line import PlumbLine
 from sextant.baselines.calibration.robust_fit import FOCAL_HEIGHTS
 from sextant.baselines.calibration.terms import CameraBelief, FocalBelief, GravityBelief, PhotoPrior, Term
-from sextant.baselines.calibration.training_prior import prior_of_cameras
 from sextant.baselines.calibration.vanishing_points import VanishingPoints
 
 __all__ = [

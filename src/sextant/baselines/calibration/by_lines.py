@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from sextant.baselines.calibration.estimate import camera_of_vector
+from sextant.baselines.calibration.estimate import CalibrationBaseline, camera_of_vector
 from sextant.baselines.calibration.joint import joint_estimate
 from sextant.baselines.calibration.line_evidence import LineEvidence
 from sextant.baselines.calibration.line_segments import LONG, detect_segments, segment_lengths
-from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.terms import CameraBelief
 from sextant.geometry import CameraParameters
 

@@ -13,7 +13,7 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
 from sextant.baselines.calibration.edge_chains import detect_chains
-from sextant.baselines.calibration.estimate import CalibrationEstimate
+from sextant.baselines.calibration.estimate import CalibrationBaseline, CalibrationEstimate
 from sextant.baselines.calibration.lens import apparent_k2, distort_points, undistort_points
 from sextant.baselines.calibration.line_segments import (
     count_long,
@@ -25,7 +25,6 @@ from sextant.baselines.calibration.line_segments import (
     working_grey,
 )
 from sextant.baselines.calibration.manhattan import BELIEFS
-from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.plumb_line import straightening_k1_hat
 from sextant.baselines.calibration.vanishing_points import find_frame
 

@@ -7,9 +7,12 @@ import torch
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from sextant.baselines.calibration.estimate import CalibrationEstimate
-from sextant.baselines.calibration.method import CalibrationBaseline, check_image
-from sextant.baselines.calibration.training_prior import prior_of_cameras
+from sextant.baselines.calibration.estimate import (
+    CalibrationBaseline,
+    CalibrationEstimate,
+    check_image,
+    prior_of_cameras,
+)
 from sextant.geometry import CameraParameters
 
 

@@ -1,16 +1,19 @@
 """What a geometric method believes about a camera before and after it has seen the image."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
-from jaxtyping import Float64
+from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters
 
+#: The median absolute deviation of a Gaussian is 1 / 1.4826 of its standard deviation.
+MAD_TO_SIGMA = 1.4826
 #: The four numbers in which beliefs are Gaussian; ``k1_hat = k1 / focal^2`` is the bend that an image shows.
 BELIEF_NAMES = ("tilt", "roll", "log_focal", "k1_hat")
 
@@ -70,6 +73,40 @@ class CameraPrior:
     def vector(self) -> Float64[ndarray, "4"]:
         """The mean, in the order of :data:`BELIEF_NAMES`."""
         return np.array([self.tilt, self.roll, np.log(self.focal), self.k1_hat])
+
+
+def prior_of_cameras(cameras: CameraParameters, *, level: bool = False) -> CameraPrior:
+    """The belief that training labels justify: their medians and spreads (1.48 median absolute deviations).
+
+    Args:
+        cameras: a batch.
+        level: means of tilt, roll and k1_hat are 0 rather than medians; the spreads are then about 0.
+
+    Raises:
+        ValueError: there is no camera.
+
+    Example:
+        >>> import torch
+        >>> tilt, zero = torch.tensor([0.1, 0.2, 0.3]), torch.zeros(3)
+        >>> prior = prior_of_cameras(CameraParameters(tilt, roll=zero, focal=zero + 1, k1=zero))
+        >>> round(prior.tilt, 4), round(prior.sigma[0], 4), prior.sigma[1]  # 1.4826 · 0.1; what never varies has 0.001
+        (0.2, 0.1483, 0.001)
+    """
+    values = _beliefs(cameras)
+    centre = np.median(values, axis=0)
+    if level:
+        centre[[0, 1, 3]] = 0
+    spread = MAD_TO_SIGMA * np.median(np.abs(values - centre), axis=0)
+    # constant labels leave no spread, heavy tails (roll) too little: the second moment helps with both
+    spread = np.maximum(spread, 0.5 * np.sqrt(np.mean((values - centre) ** 2, axis=0)))
+    return CameraPrior.of_vector(centre, np.maximum(spread, 1e-3))
+
+
+def _beliefs(cameras: CameraParameters) -> Float64[ndarray, "n 4"]:
+    tilt, roll, focal, k1 = (np.atleast_1d(value.double().cpu().numpy()) for value in cameras)
+    if tilt.size == 0:
+        raise ValueError("need at least one camera to learn a prior from")
+    return np.stack([tilt, roll, np.log(focal), k1 / focal**2], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -144,3 +181,42 @@ def stack_cameras(estimates: list[CalibrationEstimate]) -> CameraParameters:
     if not estimates:
         raise ValueError("need at least one estimate to stack")
     return CameraParameters(*(torch.stack(values) for values in zip(*(e.camera for e in estimates), strict=True)))
+
+
+class CalibrationBaseline(ABC):
+    """A method that calibrates single images without learning more than a prior from the training labels.
+
+    Args:
+        prior: belief about the camera; ``fit`` replaces it.
+        seed: seed of all random draws; the same image and seed give the same camera.
+    """
+
+    def __init__(self, prior: CameraPrior | None = None, seed: int = 0):
+        self.prior_, self.seed = prior or CameraPrior(), seed
+
+    def fit(self, cameras: CameraParameters) -> Self:
+        """Learn how a batch of training cameras is spread around a level camera without distortion."""
+        self.prior_ = prior_of_cameras(cameras, level=True)
+        return self
+
+    @abstractmethod
+    def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:
+        """The camera that took ``image``."""
+
+    def calibrate_many(self, images: UInt8[ndarray, "n h w 3"]) -> CameraParameters:
+        """The cameras of several images, one by one.
+
+        Raises:
+            ValueError: there is no image.
+        """
+        return stack_cameras([self.calibrate(image) for image in images])
+
+
+def check_image(image: UInt8[ndarray, "h w 3"]) -> None:
+    """Refuse what is not an RGB image of 8 bits.
+
+    Raises:
+        ValueError: the image is empty, or of another type or shape.
+    """
+    if image.dtype != "uint8" or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
+        raise ValueError(f"need a uint8 RGB image (h, w, 3), got {image.dtype} {image.shape}")

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray
 
-from sextant.baselines.calibration.method import check_image
+from sextant.baselines.calibration.estimate import check_image
 
 #: The detector shrinks by this before it looks for gradients; pixel centres come out ``0.5 / LSD_SCALE`` too small.
 LSD_SCALE = 0.8

@@ -18,9 +18,8 @@ from jaxtyping import Float, Float64, UInt8
 from numpy import ndarray
 
 from sextant.baselines.calibration.edge_chains import detect_chains
-from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior
+from sextant.baselines.calibration.estimate import CalibrationBaseline, CalibrationEstimate, CameraPrior
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
-from sextant.baselines.calibration.method import CalibrationBaseline
 
 #: Values of k1_hat that are tried.
 GRID = np.linspace(-1.8, 0.4, 56)

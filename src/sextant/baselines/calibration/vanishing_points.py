@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Float64, UInt8
 from numpy import ndarray
 
-from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior
+from sextant.baselines.calibration.estimate import CalibrationBaseline, CalibrationEstimate, CameraPrior
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 from sextant.baselines.calibration.line_segments import count_long, detect_segments, segment_lengths
 from sextant.baselines.calibration.manhattan import (
@@ -24,7 +24,6 @@ from sextant.baselines.calibration.manhattan import (
     fit_manhattan,
     msac_cost,
 )
-from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.robust_fit import HIGH, LOW
 
 #: Number of hypotheses; of those that are refined; of segments, longest first, that hypotheses are scored on.

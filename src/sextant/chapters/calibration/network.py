@@ -20,8 +20,8 @@ from sextant.geometry.canvas import of_picture, on_canvas
 from sextant.geometry.field_fit import fit_field
 from sextant.kit.trained import load_weights, own_config
 from sextant.models import CalibrationNet, CalibrationOutput
+from sextant.models.calibration_net import cell_centres
 from sextant.models.canvas import pictures_of_canvas
-from sextant.models.field_head import cell_centres
 from sextant.runs.checkpoint import KEY
 
 #: share of validation images that count as looking usual

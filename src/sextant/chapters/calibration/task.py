@@ -20,8 +20,7 @@ from sextant.geometry import CameraParameters, Parameterization
 from sextant.geometry.canvas import on_canvas
 from sextant.geometry.perspective_field import perspective_field
 from sextant.losses import CameraLoss
-from sextant.losses.camera_losses import bearing_grid
-from sextant.losses.field import field_loss
+from sextant.losses.camera_losses import bearing_grid, field_loss
 from sextant.models import CalibrationNet, CalibrationOutput
 from sextant.training.schedules import OptimizerFactory, Schedule, log_training_loss, optimizers
 from sextant.training.steps import StepLosses

@@ -21,8 +21,8 @@ from sextant.chapters.calibration.colmap_database import check_colmap, write_col
 from sextant.chapters.calibration.finding import LEVELS
 from sextant.chapters.calibration.photo_camera import PhotoCamera
 from sextant.chapters.calibration.priors import FocalPrior, GravityPrior
+from sextant.data.photo_files import file_stems
 from sextant.data.photos import Keep, read_photo
-from sextant.data.photos.file_stems import file_stems
 
 if TYPE_CHECKING:
     from sextant.chapters.calibration.figures.overlay import CalibratedPhoto

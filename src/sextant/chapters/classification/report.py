@@ -100,7 +100,7 @@ def result_figures(
     """Yield accuracy by severity or a heat map of errors, confusions, corrupted inputs, and first-layer kernels."""
     from sextant.chapters.classification.figures import corruption_heatmap, first_kernels, severity_curves
     from sextant.figures.confusion_matrix import confusion_matrix
-    from sextant.figures.contact_sheet import contact_sheet
+    from sextant.figures.gallery import contact_sheet
 
     accuracy = result.accuracy()
     if suite.protocol is not None:

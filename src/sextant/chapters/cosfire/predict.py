@@ -19,7 +19,7 @@ from sextant.chapters.cosfire.options import DetectionInputs
 from sextant.console.console import console, rows_table
 from sextant.console.work_progress import work_progress
 from sextant.console.written import skipped_of, tell_skipped, tell_written
-from sextant.data.photos.file_stems import file_stems
+from sextant.data.photo_files import file_stems
 from sextant.errors import NAMED, UserError
 from sextant.figures.style import save_figure
 

@@ -14,7 +14,7 @@ from sextant.chapters.localization.data.own_drive import OwnDrive
 from sextant.chapters.localization.data.pose_formats import write_tum
 from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.written_poses import Moment, Replay, Row, draw_trajectory, write_poses
-from sextant.data.unusable_files import nothing_usable
+from sextant.data.photo_files import nothing_usable
 from sextant.errors import UserError
 from sextant.localization import recognition
 from sextant.localization.foresight import LEAST

@@ -20,7 +20,7 @@ from sextant.config.trained import STARTS_FROM
 from sextant.errors import UserError
 from sextant.models import FeatureMap
 from sextant.models.standardize import Standardize
-from sextant.models.trunk_input import IMAGENET_MEAN, IMAGENET_STD, TrunkInput
+from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD, TrunkInput
 
 #: groups that make the descriptor, with the kinds of their parts; only the first two are needed
 GROUPS: dict[str, type[Any]] = {

@@ -116,7 +116,7 @@ def _classifier(name: str, weights: str, size: tuple[int, int]) -> _Trained:
 
     from sextant.models import timm_backbone
     from sextant.models.torchvision_backbone import torchvision_classifier
-    from sextant.models.trunk_input import IMAGENET_MEAN, IMAGENET_STD
+    from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD
     from sextant.models.weights_file import load_weights
 
     if name in models.list_models(models):

@@ -24,7 +24,7 @@ from sextant.config.override_words import overrides_of
 from sextant.console.console import console, rows_table
 from sextant.console.work_progress import work_progress
 from sextant.console.written import tell_skipped, tell_written
-from sextant.data.unusable_files import nothing_usable
+from sextant.data.photo_files import nothing_usable
 from sextant.errors import NAMED, UserError
 
 

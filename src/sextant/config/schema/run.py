@@ -9,7 +9,6 @@ from sextant.config.names import with_present_names
 from sextant.config.schema.calibration import CameraLoss, Panoramas, Parameterization, Sampling
 from sextant.config.schema.classification import Augmentation, LabelledImages, TestConditions
 from sextant.config.schema.cosfire import Bank, Features, Filters, Strategy
-from sextant.config.schema.environment import Paths, Tracking, Trainer
 from sextant.config.schema.launchers import AnyLauncher, LocalLauncher
 from sextant.config.schema.localization import (
     Descriptor,
@@ -24,11 +23,11 @@ from sextant.config.schema.localization import (
     Recovery,
 )
 from sextant.config.schema.networks import Backbone, Inhibition
-from sextant.config.schema.optimization import Optimizer, Schedule
 from sextant.config.schema.parts import Choice, CustomPart, Node, Seed, known_targets, named_targets
 from sextant.config.schema.places import Mining, PlaceLoss, Places, Pooling
 from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.tasks import Task, owners
+from sextant.config.schema.training import Optimizer, Paths, Schedule, Tracking, Trainer
 from sextant.config.schema.world_datasets import World
 
 

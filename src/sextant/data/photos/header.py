@@ -8,9 +8,8 @@ from pathlib import Path
 from PIL import Image
 
 from sextant.data.metadata import EXIF_BLOCK, as_text, directory, exif_of, tag_of, xmp_of
-from sextant.data.photos.exif import exif_focal_px, exif_numbers
+from sextant.data.photos.exif import GravityTag, exif_focal_px, exif_numbers, gravity_tag
 from sextant.data.photos.gps import PhotoGps, gps_position
-from sextant.data.photos.gravity_tags import GravityTag, gravity_tag
 from sextant.data.picture_files import UnreadableImageError, open_picture, why_unreadable
 from sextant.data.upright import upright_size
 

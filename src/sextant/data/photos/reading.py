@@ -12,8 +12,7 @@ from numpy import ndarray
 from PIL import Image
 
 from sextant.data.metadata import exif_of
-from sextant.data.photos.exif import exif_focal_px, exif_numbers, was_cropped
-from sextant.data.photos.gravity_tags import apple_gravity
+from sextant.data.photos.exif import apple_gravity, exif_focal_px, exif_numbers, was_cropped
 from sextant.data.photos.view import Photo
 from sextant.data.picture_files import open_picture, why_unreadable
 from sextant.data.pixel_values import WhiteLevels, eight_bits, rgb_bytes

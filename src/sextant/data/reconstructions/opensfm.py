@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sextant.data.reconstructions.json_file import read_foreign_json
 from sextant.data.reconstructions.reconstruction import (
     Lens,
     PosedImage,
@@ -23,6 +22,7 @@ from sextant.data.reconstructions.reconstruction import (
     unusable,
 )
 from sextant.errors import UserError
+from sextant.user_files import read_foreign_json
 
 FIX = "It is the reconstruction.json that opensfm reconstruct or align_submodels wrote."
 

@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Literal, get_args
 
-from sextant.data.reconstructions.colmap_binary import read_colmap_binary
-from sextant.data.reconstructions.colmap_text import read_colmap_text
+from sextant.data.reconstructions.colmap import read_colmap_binary, read_colmap_text
 from sextant.data.reconstructions.nerfstudio import read_nerfstudio
 from sextant.data.reconstructions.opensfm import read_opensfm
 from sextant.data.reconstructions.reconstruction import Reconstruction

@@ -1,14 +1,12 @@
 """Rendered datasets: a plan defines what to render, a store keeps it on disk, chunk by chunk."""
 
+from sextant.data.rendered.lock import Showing, notify_every
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import ArraySpec, RenderPlan
-from sextant.data.rendered.progress import Showing, notify_every
-from sextant.data.rendered.repair import forget_chunks, repair_store
 from sextant.data.rendered.shards import chunks_of, merge_shards, open_shard
-from sextant.data.rendered.source import modules_sha256
-from sextant.data.rendered.splits import RenderedSource
+from sextant.data.rendered.splits import RenderedSource, modules_sha256
 from sextant.data.rendered.store import RenderedStore, load_store, open_store
-from sextant.data.rendered.verify import ChunkDamage, FileDamage, StoreReport, verify_store
+from sextant.data.rendered.verify import ChunkDamage, FileDamage, StoreReport, forget_chunks, repair_store, verify_store
 
 __all__ = [
     "ArraySpec",

@@ -3,11 +3,12 @@
 import logging
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.lease import Holder, take
+from sextant.reporter import Advance
 
 Notify = Callable[[str], None]
 POLL_S = 0.2
@@ -49,3 +50,20 @@ def store_lock(directory: Path, ready: Callable[[], bool], notify: Notify) -> It
         yield True
     finally:
         lease.release()
+
+
+#: makes a context in which progress is shown
+Showing = Callable[[], AbstractContextManager[Advance]]
+
+
+def notify_every(seconds: float, what: str) -> Advance:
+    """A function that logs progress at most once every ``seconds``."""
+    told = time.monotonic()
+
+    def notify(done: int, total: int) -> None:
+        nonlocal told
+        if time.monotonic() - told > seconds:
+            told = time.monotonic()
+            log.info("%s: %s/%s images", what, f"{done:,}", f"{total:,}")
+
+    return notify

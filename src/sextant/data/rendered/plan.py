@@ -46,7 +46,7 @@ class RenderPlan(ABC):
     Attributes:
         name: the dataset's name; its store lies in ``<cache>/<name>-<digest8>``.
         config: everything that determines what is rendered, as plain values that JSON can hold.
-        source_sha256: hash of the source that renders, see :func:`~sextant.data.rendered.source.modules_sha256`.
+        source_sha256: hash of the source that renders, see :func:`~sextant.data.rendered.splits.modules_sha256`.
     """
 
     name: str

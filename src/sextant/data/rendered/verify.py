@@ -1,13 +1,15 @@
 """Checking every byte of a store against its journal and its manifest."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.journal import ChunkRecord, Journal
 from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, array_offset, check_array, part_sha256
+from sextant.data.rendered.lock import Notify, log, store_lock
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.errors import UserError
 from sextant.reporter import Advance
@@ -136,3 +138,65 @@ def _damaged_files(layout: StoreLayout, manifest: Manifest) -> Iterator[FileDama
 
 def _file_damage(path: Path, error: DamagedStoreError) -> FileDamage:
     return FileDamage(path, error.problem.removeprefix(f"{path}: "))
+
+
+def forget_chunks(directory: Path | str, chunks: Iterable[int], *, notify: Notify = log.info) -> None:
+    """Drop chunks from a store's journal, so that the next fill renders them again; waits for a rendering process.
+
+    Raises:
+        UserError: the store cannot be written to.
+        DamagedStoreError: its manifest cannot be read.
+    """
+    layout = StoreLayout(Path(directory).absolute())
+    dropped = set(chunks)
+    with store_lock(layout.path, lambda: False, notify), reporting_disk_errors(layout.path, lambda: 0):
+        journal = Journal(layout.journal, read_manifest(layout.path).grid)
+        journal.keep({chunk: record for chunk, record in journal.records().items() if chunk not in dropped})
+
+
+def repair_store(report: StoreReport, *, notify: Notify = log.info) -> None:
+    """Forget the damaged chunks of a verified store, and remove damaged files.
+
+    If a file is damaged as a whole, the manifest is removed too: opening the store with its plan then recreates what is
+    missing and keeps every sound chunk.
+
+    Raises:
+        UserError: the store cannot be written to.
+    """
+    layout, manifest = StoreLayout(report.directory), report.manifest
+    if manifest is not None and report.damaged_chunks:
+        forget_chunks(layout.path, {damage.chunk for damage in report.damaged_chunks}, notify=notify)
+    if not report.damaged_files:
+        return
+    with store_lock(layout.path, lambda: False, notify), reporting_disk_errors(layout.path, lambda: 0):
+        layout.journal.touch()  # marks the folder as a store while its manifest is gone
+        for name, spec in manifest.arrays.items() if manifest is not None else ():
+            try:
+                array_offset(layout.array(name), spec, manifest.count if manifest is not None else 0)
+            except DamagedStoreError:
+                layout.array(name).unlink(missing_ok=True)
+        layout.manifest.unlink(missing_ok=True)
+
+
+def stores_in(cache: Path) -> list[Path]:
+    """The stores of a folder, including damaged ones, in the order of their names."""
+    return sorted(path for path in cache.glob("*") if is_store(path))
+
+
+def find_store(name: str, cache: Path) -> Path:
+    """The store that ``name`` refers to: its path, the name of its folder, or of its dataset if that has one store.
+
+    Raises:
+        UserError: there is none, or several; the message names those in ``cache``.
+    """
+    for path in (Path(name).expanduser(), cache / name):
+        if is_store(path):
+            return path.absolute()
+    stores = stores_in(cache)
+    found = [path for path in stores if path.name.rpartition("-")[0] == name]
+    if len(found) == 1:
+        return found[0]
+    several = ", ".join(path.name for path in found or stores) or "none"
+    raise UserError(
+        f"{name}: {'several stores' if found else 'no store'} of that name in {cache}", f"Stores there: {several}"
+    )

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from sextant.errors import UserError
-from sextant.layers.cosfire.blur import gaussian_line, twice_convolved
-from sextant.layers.cosfire.border import Border, padded
+from sextant.layers.cosfire.blur import Border, gaussian_line, padded, twice_convolved
 from sextant.layers.cosfire.tolerance import Move
 
 

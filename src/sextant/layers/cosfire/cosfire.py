@@ -23,16 +23,14 @@ from torch import Tensor, nn
 
 from sextant.errors import UserError
 from sextant.layers.cosfire.banks import Bank, SteerableBank
-from sextant.layers.cosfire.blur import Blur
-from sextant.layers.cosfire.border import Border, padded
+from sextant.layers.cosfire.blur import Blur, Border, padded
 from sextant.layers.cosfire.filter_parts import FilterParts
-from sextant.layers.cosfire.mean import Mean, safe_log
 from sextant.layers.cosfire.plan import Plan
 from sextant.layers.cosfire.responses import bilinear_responses, log_maxima, log_responses, tile_maxima, whole_responses
 from sextant.layers.cosfire.saved_filters import load_filters, save_filters
 from sextant.layers.cosfire.strategies import ConcentricCircles, Strategy
 from sextant.layers.cosfire.tolerance import Move, Tolerance, moved_image
-from sextant.layers.cosfire.tuples import Tuples, part_weights
+from sextant.layers.cosfire.tuples import Mean, Tuples, part_weights, safe_log
 
 Shift = Literal["whole", "bilinear"]
 

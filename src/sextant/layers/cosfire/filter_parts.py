@@ -6,9 +6,8 @@ from typing import Any, Self
 import torch
 from torch import Tensor, nn
 
-from sextant.layers.cosfire.mean import shares
 from sextant.layers.cosfire.plan import Plan
-from sextant.layers.cosfire.tuples import Tuples, part_weights
+from sextant.layers.cosfire.tuples import Tuples, part_weights, shares
 
 #: arrays over the parts of all forms of all filters, one after the other
 PARTS = ("channels", "rho", "phi", "weights", "form")

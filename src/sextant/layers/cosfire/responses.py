@@ -10,10 +10,9 @@ from jaxtyping import Float, Int64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.layers.cosfire.border import Border, padded
-from sextant.layers.cosfire.mean import Mean, weighted_mean
+from sextant.layers.cosfire.blur import Border, padded
 from sextant.layers.cosfire.plan import Plan
-from sextant.layers.cosfire.tuples import offsets
+from sextant.layers.cosfire.tuples import Mean, offsets, weighted_mean
 
 
 def log_responses(

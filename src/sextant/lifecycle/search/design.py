@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from sextant.composing.compose import compose, to_plain
+from sextant.composing.config_files import search_words
 from sextant.composing.overrides import Override, parse
-from sextant.composing.search_words import search_words
 from sextant.config import Config, validate
-from sextant.config.schema.searches import Search
-from sextant.config.schema.space import Dimension, is_dimension
+from sextant.config.schema.searches import Dimension, Search, is_dimension
 from sextant.errors import UserError
 from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import run_digest

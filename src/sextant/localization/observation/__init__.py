@@ -5,8 +5,7 @@ from importlib import import_module
 from importlib.util import find_spec
 
 from sextant.localization.observation.evidence import Evidence
-from sextant.localization.observation.model import ObservationModel
-from sextant.localization.observation.prediction import Prediction, Residuals
+from sextant.localization.observation.model import ObservationModel, Prediction, Residuals
 
 
 def observation_model(name: str) -> type[ObservationModel]:

@@ -24,8 +24,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from sextant.errors import UserError
-from sextant.localization.observation.model import ObservationModel
-from sextant.localization.observation.prediction import Prediction
+from sextant.localization.observation.model import ObservationModel, Prediction
 
 #: Feature values that are held at a time: 32 MiB.
 ENTRIES = 2**22

@@ -21,8 +21,7 @@ from sextant.errors import ArgumentError, UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.observation._factor import noisy_variance
 from sextant.localization.observation._feature_regression import FeatureRegression
-from sextant.localization.observation.model import stored
-from sextant.localization.observation.prediction import Prediction
+from sextant.localization.observation.model import Prediction, stored
 from sextant.localization.pose_kernel import PoseKernel
 
 Placement = Literal["kmeans", "every"]

@@ -33,13 +33,32 @@ from sextant.localization.observation import _cache_kernels as machine
 from sextant.localization.observation._caches import Caches
 from sextant.localization.observation._factor import noisy_variance
 from sextant.localization.observation._rounded_rows import RoundedRows
-from sextant.localization.observation.blending import blending_weights
 from sextant.localization.observation.evidence import Evidence
-from sextant.localization.observation.model import ObservationModel
+from sextant.localization.observation.model import ObservationModel, Prediction, Residuals
 from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
-from sextant.localization.observation.prediction import Prediction, Residuals
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.reporter import Advance
+
+
+def blending_weights(squared: Float64[Tensor, "n k"], m: int) -> Float64[Tensor, "n m"]:
+    r"""The weights of the m nearest; each row sums to one.
+
+    .. math:: w_i \propto e^{-d_i^2} - e^{-d_{m+1}^2}, \qquad i = 1, \dots, m
+
+    with the distances :math:`d_1 \le \dots \le d_{m+1}`. A place that leaves the m nearest has weight 0 as it leaves,
+    and so has the one that joins them. The weights are discontinuous only where all m + 1 are equally far; there they
+    are all equal.
+
+
+    Args:
+        squared: squared distances of the nearest places, ascending: m + 1 of them, or m if there are no more.
+        m: number of places with a weight.
+    """
+    falling = torch.exp(squared[:, :1] - squared)  # relative to the nearest, as far from everything all would vanish
+    weights = falling[:, :m] - falling[:, m:] if squared.shape[1] > m else falling
+    total = weights.sum(dim=1, keepdim=True)
+    return torch.where(total > 0, weights / total, torch.full_like(weights, 1 / m))
+
 
 MapEvidence = Literal["image", "mean"]
 MAP_EVIDENCE: tuple[MapEvidence, ...] = ("image", "mean")
@@ -54,15 +73,15 @@ class CachedLocalGP(ObservationModel):
     Args:
         neighbours: k, the number of neighbours.
         blend: m. With 2 or more, the log-likelihood is a weighted mean over the neighbourhoods of the m nearest images
-            (:func:`~sextant.localization.observation.blending.blending_weights`) and continuous over poses. With 1 it
-            jumps where another image becomes the nearest. (A mixture, a mean of likelihoods, is continuous too, but as
-            steep as a jump where a neighbourhood with next to no share explains the image far better.)
+            (:func:`~sextant.localization.observation.cached_local_gp.blending_weights`) and continuous over poses. With
+            1 it jumps where another image becomes the nearest. (A mixture, a mean of likelihoods, is continuous too,
+            but as steep as a jump where a neighbourhood with next to no share explains the image far better.)
         map_evidence: what the likelihood over the map compares an observation with. ``image``: the map image itself, at
             no cost. ``mean``: the prediction at its pose, as for other poses, at about the cost of another product of
             the map with a vector.
         tile: number of consecutive map images that an observation is compared with together, once poses ask for one of
             them. Of a mapped map larger than memory, in
-            :func:`~sextant.localization.spatial_order.spatial_order`, only these are read. None: all at once, which is
+            :func:`~sextant.localization.tiled_map.spatial_order`, only these are read. None: all at once, which is
             fastest in memory. The likelihood over the map asks for all.
         rounded: compare observations with descriptors rounded to eight bits, with ``n d`` bytes more. One at
             a time takes half as long, several together as long as before. What is predicted stays as it is.
@@ -107,7 +126,7 @@ class CachedLocalGP(ObservationModel):
 
         Args:
             map: the map, whose descriptors may be a mapped file larger than memory, best in
-                :func:`~sextant.localization.spatial_order.spatial_order`.
+                :func:`~sextant.localization.tiled_map.spatial_order`.
             kernel: the kernel with its hyper-parameters.
             folder: where the caches are written and mapped from; without it they are kept in memory.
             progress: called with the number of images done and of all.

@@ -20,8 +20,7 @@ from torch import Tensor
 
 from sextant.errors import ArgumentError
 from sextant.localization.observation._factor import noisy_factor, noisy_variance
-from sextant.localization.observation.model import ObservationModel, stored
-from sextant.localization.observation.prediction import Prediction
+from sextant.localization.observation.model import ObservationModel, Prediction, stored
 
 #: Covariances between poses and map that are held at a time: 32 MiB in float64.
 ENTRIES = 2**22

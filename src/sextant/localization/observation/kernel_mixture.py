@@ -26,8 +26,7 @@ from sextant.errors import ArgumentError
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.cached_local_gp import CachedEvidence, CachedLocalGP, MapEvidence
 from sextant.localization.observation.evidence import Evidence
-from sextant.localization.observation.model import ObservationModel
-from sextant.localization.observation.prediction import Prediction, Residuals
+from sextant.localization.observation.model import ObservationModel, Prediction, Residuals
 from sextant.localization.pose_kernel import PoseKernel
 
 

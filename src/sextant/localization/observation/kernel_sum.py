@@ -25,8 +25,7 @@ from sextant.errors import ArgumentError
 from sextant.geometry.planar import wrap_angle
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.evidence import Evidence
-from sextant.localization.observation.model import ObservationModel, stored
-from sextant.localization.observation.prediction import Prediction
+from sextant.localization.observation.model import ObservationModel, Prediction, stored
 
 QUANTILES = (0.025, 0.975)
 

@@ -20,9 +20,8 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from sextant.localization.observation._factor import noisy_factor, noisy_variance
-from sextant.localization.observation.model import ObservationModel
+from sextant.localization.observation.model import ObservationModel, Prediction
 from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
-from sextant.localization.observation.prediction import Prediction
 
 Neighbourhood = Literal["own", "nearest_image"]
 NEIGHBOURHOODS: tuple[Neighbourhood, ...] = ("own", "nearest_image")

@@ -2,6 +2,7 @@
 
 import inspect
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Any, Self
 
 import torch
@@ -12,8 +13,34 @@ from sextant.errors import ArgumentError, UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.evidence import Evidence
-from sextant.localization.observation.prediction import Prediction, Residuals
 from sextant.localization.pose_kernel import PoseKernel
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A Gaussian for the descriptor of an image at each of n poses, with the same variance in all dimensions.
+
+    Attributes:
+        mean: mean of the descriptor.
+        variance: variance of each of its dimensions about the mean, observation noise included.
+    """
+
+    mean: Float64[Tensor, "n d"]
+    variance: Float64[Tensor, " n"]
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """How far observed descriptors are from the predicted ones, and how far they are expected to be.
+
+    Attributes:
+        squared: squared distance between descriptor and predicted mean.
+        variance: predicted variance of one dimension, observation noise included.
+    """
+
+    squared: Float64[Tensor, "r p"]
+    variance: Float64[Tensor, "r p"]
+
 
 #: Poses whose means are held at a time: 8 MiB for 128 values in float64.
 BLOCK = 8192

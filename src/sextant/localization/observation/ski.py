@@ -32,8 +32,7 @@ from torch import Tensor
 from sextant.errors import ArgumentError, UserError
 from sextant.localization.observation._inducing import factor_of, inducing_poses
 from sextant.localization.observation._pose_grid import PoseGrid
-from sextant.localization.observation.model import ObservationModel, stored
-from sextant.localization.observation.prediction import Prediction
+from sextant.localization.observation.model import ObservationModel, Prediction, stored
 
 #: Relative residual at which the solver stops.
 TOLERANCE = 1e-5

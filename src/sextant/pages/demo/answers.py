@@ -1,14 +1,56 @@
 """Answers for the page: uploaded files and settings in, plain values out."""
 
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 from importlib.resources import files as files_of
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
+from sextant.chapters.calibration.calibrator import PhotoCalibrator
 from sextant.errors import UserError
+from sextant.tools.demonstration.digit import DigitTrial
+from sextant.tools.demonstration.photo import photo_answer
+from sextant.tools.demonstration.pictures import page_picture
+from sextant.tools.demonstration.same_place import SamePlace
+from sextant.tools.demonstration.where_else import Point, where_else_answer
+
+calibrator, same_place, digit_trial = cache(PhotoCalibrator.load), cache(SamePlace.load), cache(DigitTrial.load)
+
+
+def _example(paths: Sequence[Path], settings: Mapping[str, str]) -> dict[str, Any]:
+    points = [_point(word) for word in settings.get("points", "").split(";") if word]
+    return where_else_answer(paths, points, turned="turned" in settings, resized="resized" in settings)
+
+
+def _point(word: str) -> Point:
+    try:
+        number, x, y = word.split(",")
+        return int(number), float(x), float(y)
+    except ValueError:
+        raise UserError(f"points={word} is no point", "Point into one of the photos.") from None
+
+
+def _digit(paths: Sequence[Path], settings: Mapping[str, str]) -> dict[str, Any]:
+    if paths:
+        return digit_trial().answer(*paths)
+    try:
+        return digit_trial().of_scan(int(settings.get("digit", "")))
+    except ValueError:
+        raise UserError("there is no digit to look at", "Draw one, choose a picture, or choose a sample.") from None
+
+
+#: question -> minimum and maximum number of files, and the function that answers
+QUESTIONS: dict[str, tuple[int, int, Callable[[Sequence[Path], Mapping[str, str]], dict[str, Any]]]] = {
+    "photo": (1, 1, lambda paths, _: photo_answer(calibrator(), *paths)),
+    "picture": (1, 1, lambda paths, _: page_picture(*paths)),
+    "places": (2, 2, lambda paths, _: same_place().answer(*paths)),
+    "example": (1, 2, _example),
+    "digit": (0, 1, _digit),
+}
+
 
 #: a folder in memory, so that dropped files never reach a disk; where it is missing or full, the default folder for
 #: temporary files is used instead
@@ -19,15 +61,13 @@ _one_at_a_time = Lock()
 
 def prepare() -> None:
     """Load what the first questions need, while the user still looks for a photo."""
-    from sextant.pages.demo import questions
-
-    for load in (questions.calibrator, questions.same_place, questions.digit_trial):
+    for load in (calibrator, same_place, digit_trial):
         with _one_at_a_time, suppress(UserError):  # a question may come between; it reports what is wrong
             load()
 
 
 def answer(question: str, files: Sequence[tuple[str, bytes]], settings: Mapping[str, str]) -> dict[str, Any]:
-    """Answer one of :data:`~sextant.pages.demo.questions.QUESTIONS`; questions are answered one at a time.
+    """Answer one of :data:`~sextant.pages.demo.answers.QUESTIONS`; questions are answered one at a time.
 
     Files exist only while their question is answered. Messages call them by the names under which they were uploaded.
 
@@ -42,8 +82,6 @@ def answer(question: str, files: Sequence[tuple[str, bytes]], settings: Mapping[
     Raises:
         UserError: there is no such question, files are missing or cannot be used, or a setting is wrong.
     """
-    from sextant.pages.demo.questions import QUESTIONS
-
     if question not in QUESTIONS:
         raise UserError(f"{question}: no such question", f"There are: {', '.join(QUESTIONS)}")
     least, most, ask = QUESTIONS[question]

@@ -1,15 +1,19 @@
 """The server of the demonstration as a WSGI application, which accepts requests of its own page only."""
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from flask import Flask, Request, Response, jsonify, request
 from werkzeug.exceptions import HTTPException, RequestEntityTooLarge
 
 from sextant.errors import UserError
-from sextant.pages.demo.answers import answer, sample_photo
+from sextant.pages.demo.answers import answer, prepare, sample_photo
 from sextant.pages.loopback import page_app
+from sextant.pages.loopback import served as served_page
 
 PAGE = Path(__file__).with_name("page.html")
 #: largest size of a photo, and of a request with at most two photos, in bytes
@@ -64,3 +68,18 @@ def demo_app() -> Flask:
         return jsonify(problem=f"this went wrong: {type(error).__name__}", fix="The terminal has the details."), 500
 
     return app
+
+
+@contextmanager
+def served(port: int = 0) -> Iterator[str]:
+    """Serve the demonstration while the block runs; yields its address.
+
+    Args:
+        port: port of the loopback interface; 0 takes a free one.
+
+    Raises:
+        UserError: the port is taken.
+    """
+    with served_page(demo_app(), port) as address:
+        Thread(target=prepare, daemon=True).start()
+        yield address

@@ -11,7 +11,7 @@ from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.page.html_page import html_page
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import search_results
-from sextant.reports.summary import Summary, summarise
+from sextant.reports.section import Summary, summarise
 from sextant.reports.tasks_report import of_several_tasks
 from sextant.tables import interval, number
 

@@ -31,10 +31,9 @@ from sextant.chapters.calibration.data.camera_distributions import CameraDistrib
 from sextant.chapters.calibration.data.crops import crop_panoramas
 from sextant.data.file_kinds import is_hidden
 from sextant.data.name_matching import match_names
-from sextant.data.photo_files import FOUND_IN_FOLDERS, find_photos, walk_folder
+from sextant.data.photo_files import FOUND_IN_FOLDERS, find_photos, nothing_usable, walk_folder
 from sextant.data.photos import read_photo
 from sextant.data.picture_files import open_picture
-from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError, problem_list
 from sextant.user_files import absent, read_table, read_text
 

@@ -21,7 +21,7 @@ from sextant.data.photo_files import image_paths
 from sextant.data.picture_files import open_picture, why_unreadable
 from sextant.data.pixel_values import LEVELS, WhiteLevels, eight_bits, is_deep, without_alpha
 from sextant.data.rendered.disk import reporting_disk_errors
-from sextant.data.rendered.progress import notify_every
+from sextant.data.rendered.lock import notify_every
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.data.upright import upright, upright_size
 from sextant.errors import ArgumentError

@@ -15,11 +15,10 @@ from PIL import Image
 from sextant.chapters.localization.data.pose_times import check_rising, times_of_names
 from sextant.data.image_files import decode_image, natural_key, picture_bytes
 from sextant.data.name_matching import match_names
-from sextant.data.photo_files import find_photos
+from sextant.data.photo_files import find_photos, reason_alone
 from sextant.data.photos import read_photo
 from sextant.data.picture_files import UnreadableImageError
 from sextant.data.pixel_values import WhiteLevels
-from sextant.data.unusable_files import reason_alone
 from sextant.errors import UserError
 
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")

@@ -22,7 +22,7 @@ from sextant.data.image_files import decode_image
 from sextant.data.picture_files import UnreadableImageError
 from sextant.data.pixel_values import LEVELS, WhiteLevels, is_deep
 from sextant.data.rendered.disk import reporting_disk_errors
-from sextant.data.rendered.progress import notify_every
+from sextant.data.rendered.lock import notify_every
 from sextant.data.source import file_sha256
 from sextant.errors import ArgumentError, UserError, problem_list
 from sextant.kept_array import keep_array, open_kept
