@@ -23,7 +23,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.console.arguments import parse_arguments
 from sextant.errors import UserError
-from sextant.kit.registry import chapter_of
+from sextant.registry import chapter_of
 
 USAGE = "python -m benchmarks.city_sides run=<run>"
 KEYS = {"run": "of place recognition, or zoo:places or zoo:streets"}

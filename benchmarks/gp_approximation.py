@@ -42,7 +42,6 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
-from sextant.kit.registry import chapter_of
 from sextant.localization.calibration import appearance_noise
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
@@ -51,6 +50,7 @@ from sextant.localization.observation import ObservationModel, observation_model
 from sextant.localization.observation.model import Prediction
 from sextant.localization.observation.sgpr import SGPR
 from sextant.localization.pose_kernel import PoseKernel, Spatial
+from sextant.registry import chapter_of
 
 OVERRIDES = ("task=localization", "dataset.every=4", "task.replay=false")
 STEPS, RATE = 60, 0.05

@@ -60,7 +60,7 @@ import os, sys, tempfile
 os.environ["SEXTANT_OUTPUTS"] = tempfile.mkdtemp()
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.kit.registry import chapter_of
+from sextant.registry import chapter_of
 from sextant.kit.assemble import build_dataset
 import sextant.lifecycle.execute, sextant.cli.train
 config = validate(to_plain(compose(["task=calibration"])))

@@ -5,10 +5,10 @@ import time
 from pathlib import Path
 
 from sextant.atomic_files import write_json
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import run_key
 from sextant.lifecycle.sweep import run_sweep
 from sextant.lifecycle.sweep_plan import make_plan
+from sextant.registry import chapter_of
 from sextant.runs.directory import RunDirectory
 
 

@@ -49,7 +49,7 @@ def _plain(raw: dict) -> float:
     """What ``fit`` does and nothing else: read the data, train, validate once an epoch."""
     from sextant.config import validate
     from sextant.config.building import build
-    from sextant.kit.registry import chapter_of
+    from sextant.registry import chapter_of
 
     config = validate(raw)
     family = chapter_of(config.task.name)

@@ -20,8 +20,8 @@ from sextant.chapters.localization.localizer_folder import PICTURES
 from sextant.chapters.places.saved_map import FITTED
 from sextant.config import validate
 from sextant.console.arguments import parse_arguments
-from sextant.kit.registry import chapter_of
 from sextant.kit.trained import own_config, read_trained
+from sextant.registry import chapter_of
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run

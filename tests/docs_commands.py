@@ -32,12 +32,12 @@ from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.console.arguments import parse_arguments
 from sextant.errors import UserError
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.checks import checked
 from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.evaluation import checkpoint_config
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design, sweep_words
+from sextant.registry import chapter_of
 from sextant.reports.stored_cells import is_stored
 from sextant.zoo import PREFIX, model_file, names, read_card
 

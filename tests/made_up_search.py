@@ -8,10 +8,10 @@ import numpy as np
 
 from sextant.atomic_files import write_json
 from sextant.composing.compose import compose, to_plain
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.checks import checked
 from sextant.lifecycle.execute import run_key
 from sextant.lifecycle.search.run import sweep_or_search
+from sextant.registry import chapter_of
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.sweep_directory import find_sweep, read_plan
 

@@ -4,9 +4,9 @@ from typing import get_args
 
 from omegaconf import OmegaConf
 
+from sextant.chapters.places.config import PlaceLoss
 from sextant.composing.config_files import groups
 from sextant.config.schema.parts import parts_of
-from sextant.config.schema.places import PlaceLoss
 from sextant.runs.outputs_folder import conf_dir
 
 CHOICES = [(group, option) for group, options in groups().items() for option in options]

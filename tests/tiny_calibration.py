@@ -6,7 +6,7 @@ from cli.photo_calibration.fakes import SPREAD
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace
-from sextant.kit.registry import chapter_of
+from sextant.registry import chapter_of
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
 from sextant.torch_file import save_sealed
 

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.kit.registry import chapter_of
+from sextant.registry import chapter_of
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
 
 

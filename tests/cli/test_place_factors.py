@@ -12,9 +12,9 @@ from sextant.cli import evaluate
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import execute
 from sextant.models import ResNetCifar
+from sextant.registry import chapter_of
 from sextant.runs.directory import RunDirectory
 
 PLACES = {"train": 20, "val": 6, "test": 8}

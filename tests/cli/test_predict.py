@@ -12,7 +12,7 @@ from sextant.chapters.calibration.options import CalibrationOptions
 from sextant.cli import predict, run
 from sextant.errors import UserError
 from sextant.kit import handler
-from sextant.kit.registry import CHAPTERS
+from sextant.registry import CHAPTERS
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import FoundRun
 

@@ -53,8 +53,13 @@ def is_there(name):
     return hasattr(import_module(package), own) or find_spec(f"{package}.{own}") is not None
 
 
-#: packages that chapters and their kit have replaced
-REPLACED = ("sextant.recipes", "sextant.trained")
+#: what chapters and their kit have replaced; settings of a task are in its chapter's ``config``
+REPLACED = (
+    "sextant.recipes",
+    "sextant.trained",
+    *(f"sextant.config.schema.{task}Task" for task in ("Calibration", "Classification", "Cosfire", "Localization")),
+    "sextant.config.schema.PlaceRecognitionTask",
+)
 
 
 def test_what_was_public_can_be_imported():

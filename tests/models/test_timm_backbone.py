@@ -8,8 +8,8 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.config.building import build
 from sextant.errors import UserError
-from sextant.kit.registry import chapter_of
 from sextant.models import timm_backbone
+from sextant.registry import chapter_of
 
 timm = pytest.importorskip("timm")
 NAME = "resnet10t"

@@ -17,8 +17,8 @@ from sextant.data.photos import network_view, photo_of_array
 from sextant.errors import UserError
 from sextant.geometry.canvas import on_canvas
 from sextant.geometry.perspective_field import perspective_field
-from sextant.kit.registry import chapter_of
 from sextant.losses.camera_losses import field_loss
+from sextant.registry import chapter_of
 
 SMALL = [
     "experiment=calibration_held", "dataset.sources.real.folder=/nowhere", "backbone.weights=null", "backbone.stages=2",

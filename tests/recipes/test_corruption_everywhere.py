@@ -13,7 +13,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config import digest, validate
 from sextant.errors import UserError
 from sextant.kit.assemble import is_corrupted
-from sextant.kit.registry import CHAPTERS, chapter_of
+from sextant.registry import CHAPTERS, chapter_of
 
 DRAWN = ("none", "gaussian", "contrast_poisson", "pushpull", "cifar10_c", "mnist_c", "imagenet_c")
 LANDMARKS = ("descriptor=landmarks", "descriptor.photo=gone.png", "descriptor.points=[[3,4]]")

@@ -14,7 +14,7 @@ from sextant.chapters.places.measure import RECALL
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.kit.measure import ACCURACY
-from sextant.kit.registry import CHAPTERS, chapter_of
+from sextant.registry import CHAPTERS, chapter_of
 
 RIGHT = np.array([1.0, 1.0, 0.0, 1.0])
 LABELS = np.array([0, 1, 2, 3])

@@ -10,10 +10,10 @@ from safetensors.torch import save_file
 from support import as_published
 from torchvision import models
 
+from sextant.chapters.places.config import OffTheShelf
 from sextant.chapters.places.off_the_shelf import off_the_shelf, weights_identity
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.config.schema.places import OffTheShelf
 from sextant.errors import UserError
 from sextant.models import ResNetCifar
 from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD

@@ -1,6 +1,7 @@
 """The commands that may follow a run, made of what the user typed."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from sextant.composing.compose import composing_many
 from sextant.composing.config_files import sweep_command
@@ -8,8 +9,8 @@ from sextant.composing.overrides import parse
 from sextant.config import Config
 from sextant.errors import UserError, command
 from sextant.kit.chapter import Chapter
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.sweep_plan import cell_config, read_design
+from sextant.registry import chapter_of
 from sextant.runs.directory import RunDirectory
 from sextant.runs.outputs_folder import other_than_default
 
@@ -47,7 +48,7 @@ def next_commands(config: Config, directory: RunDirectory, name: str, overrides:
     }
 
 
-def _sweep(chapter: Chapter, typed: Sequence[str]) -> str | None:
+def _sweep(chapter: Chapter[Any], typed: Sequence[str]) -> str | None:
     """The run with three seeds and another choice beside its own; if these do not go together, with seeds alone."""
     group, options = chapter.sweep_example
     parsed = [each for each in parse(typed) if each.key != "seed"]

@@ -15,9 +15,9 @@ from sextant.composing.config_files import with_folders
 from sextant.config import Config
 from sextant.config.building import part_name
 from sextant.console.console import console, print_key_values, rows_table
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import Outcome
 from sextant.lifecycle.published_figures import comparison, says
+from sextant.registry import chapter_of
 from sextant.runs.directory import RunDirectory
 from sextant.tables import counted
 

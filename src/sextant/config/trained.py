@@ -15,7 +15,7 @@ STARTS_FROM = {"weights": None, "pretrained": False}
 def without_weights(config: Config) -> Config:
     """The same network without initial weights, as a trained one has its own and the initial ones may be gone."""
     node = config.plain.get("backbone")
-    if node is None or isinstance(config.backbone, CustomPart):
+    if node is None or isinstance(getattr(config, "backbone", None), CustomPart):
         return config
     none = {key: value for key, value in STARTS_FROM.items() if key in node}
     return validate({**config.plain, "backbone": {**node, **none}})

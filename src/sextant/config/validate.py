@@ -3,6 +3,8 @@
 import difflib
 import re
 from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib import import_module
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
@@ -12,20 +14,48 @@ from pydantic.fields import FieldInfo
 from sextant.config.schema import Config
 from sextant.config.schema.parts import Part, parts_of
 from sextant.errors import UserError
+from sextant.registry import CHAPTERS
 
 
 def validate(config: Mapping[str, Any]) -> Config:
     """Check types, ranges, unknown keys and rules across keys.
 
+    Returns:
+        The config of the chapter that ``task.name`` names.
+
     Raises:
         UserError: the config is invalid. The message lists every problem with its key, its value, what is allowed, and
             an override to paste.
     """
+    kind = config_class(config)
     try:
-        return Config.model_validate(config)
+        return kind.model_validate(config)
     except ValidationError as error:
         problems = [dict(problem) for problem in error.errors()]
-        raise UserError("\n".join(_explain(problem, config) for problem in _joined(problems, config))) from None
+        told = [_explain(problem, config, kind) for problem in _joined(problems, config, kind)]
+        raise UserError("\n".join(told)) from None
+
+
+def config_class(config: Mapping[str, Any]) -> type[Config]:
+    """The class of a config, by its ``task.name``.
+
+    Raises:
+        UserError: there is no such task.
+    """
+    kinds, task = config_classes(), config.get("task")
+    name = task.get("name") if isinstance(task, Mapping) else None
+    if name not in kinds:
+        given = "task is missing" if task is None else f"task.name={name}: no such task"
+        if not isinstance(task, Mapping | type(None)):
+            given = f"task={_shown(task)}: must hold keys, not one value"
+        raise UserError(given, f"Choose one of {', '.join(f'task={each}' for each in kinds)}.")
+    return kinds[name]
+
+
+@cache
+def config_classes() -> dict[str, type[Config]]:
+    """The classes of the configs of all chapters. Any of their data sets may stand in any of them."""
+    return {task: import_module(f"{package}.config").CONFIG for task, package in CHAPTERS.items()}
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str | None:
@@ -34,11 +64,11 @@ def nearest(word: str, candidates: Iterable[str]) -> str | None:
     return found[0] if found else None
 
 
-def _joined(problems: list[dict[str, Any]], config: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _joined(problems: list[dict[str, Any]], config: Mapping[str, Any], kind: type[Config]) -> list[dict[str, Any]]:
     """The problems, with those of a value that may be of several kinds, and is of none, joined into one."""
     kept: dict[Any, dict[str, Any]] = {}
     for number, problem in enumerate(problems):
-        first = kept.setdefault(_locate(problem["loc"], config)[0] if _simple(problem) else number, problem)
+        first = kept.setdefault(_locate(problem["loc"], config, kind)[0] if _simple(problem) else number, problem)
         if first is not problem:
             first["msg"] += f", or {_said(problem).removeprefix('must be ')}"
     return list(kept.values())
@@ -53,9 +83,13 @@ def _said(problem: Mapping[str, Any]) -> str:
     return message.removeprefix("Input ").removeprefix("String ").replace("should ", "must ")
 
 
-def _explain(problem: dict[str, Any], config: Mapping[str, Any]) -> str:
-    key, parent, field = _locate(problem["loc"], config)
+def _explain(problem: dict[str, Any], config: Mapping[str, Any], kind: type[Config]) -> str:
+    key, parent, field = _locate(problem["loc"], config, kind)
     value = problem["input"]
+    if parent is kind and problem["type"] in ("extra_forbidden", "missing") and (tasks := _tasks_with(key)):
+        needs = f"{key} is missing: task={config['task']['name']} needs one"
+        belongs = f"{key} belongs to task={' or '.join(tasks)}; leave it out, or choose that task"
+        return needs if problem["type"] == "missing" else belongs
     if problem["type"] == "extra_forbidden":
         names = _names(parent)
         near = nearest(key.rsplit(".", 1)[-1], names)
@@ -70,6 +104,12 @@ def _explain(problem: dict[str, Any], config: Mapping[str, Any]) -> str:
     if problem["type"] == "model_type":
         return f"{key}={_shown(value)}: must hold keys, not one value"
     return f"{key}={_shown(value)}: {_said(problem)}. {_example(key, field)}".rstrip()
+
+
+def _tasks_with(group: str) -> list[str]:
+    """The tasks that have a group; none if it is no group, or one of all tasks."""
+    own = group not in Config.model_fields
+    return [task for task, kind in config_classes().items() if own and group in kind.model_fields]
 
 
 def _shown(value: Any) -> str:
@@ -92,11 +132,13 @@ def _names(model: type[BaseModel]) -> list[str]:
     return [name for name in names if not name.startswith("_")]
 
 
-def _locate(loc: tuple[str | int, ...], config: Mapping[str, Any]) -> tuple[str, type[BaseModel], FieldInfo | None]:
+def _locate(
+    loc: tuple[str | int, ...], config: Mapping[str, Any], kind: type[Config]
+) -> tuple[str, type[BaseModel], FieldInfo | None]:
     """The dotted key of an error without tags of unions, the model that holds it, and its field."""
-    parent: type[BaseModel] = Config
+    parent: type[BaseModel] = kind
     field: FieldInfo | None = None
-    options: list[Any] = [Config]
+    options: list[Any] = [kind]
     keys: list[str] = []
     value: Any = config
     for part in loc:

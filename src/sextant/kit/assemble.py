@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.config import Config
 from sextant.config.building import build, part_name
-from sextant.config.schema.classification import CorruptionSuite as CorruptionSuiteNode
+from sextant.config.schema.images import CorruptionSuite as CorruptionSuiteNode
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
-from sextant.kit.registry import chapter_of
+from sextant.registry import chapter_of
 
 if TYPE_CHECKING:
     from sextant.corruptions import CorruptionSuite

@@ -4,12 +4,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
 from sextant.config import Config
-from sextant.config.schema.classification import PerturbationSuite, StoredSuite, TestConditions
+from sextant.config.schema.images import PerturbationSuite, StoredSuite, TestConditions
 from sextant.config.schema.networks import TimmBackbone
 from sextant.data.source import file_sha256
 from sextant.errors import UserError
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 #: content of a checkpoint from :func:`~sextant.kit.trained.read_trained`
 Content = Mapping[str, Any]
+
+Kind = TypeVar("Kind", bound=Config)
 
 
 class Source(Protocol):
@@ -61,8 +63,10 @@ class TestRecord:
     files: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
 
 
-class Chapter(ABC):
-    """Builds and tests the parts of one task. Methods marked *light* import nothing heavy.
+class Chapter(ABC, Generic[Kind]):
+    """Builds and tests the parts of one task, whose runs have configs of kind ``Kind``.
+
+    Methods marked *light* import nothing heavy.
 
     Attributes:
         about: what the task is for, in a sentence with the chapter of the thesis.
@@ -91,15 +95,15 @@ class Chapter(ABC):
     def __init__(self, reporter: Reporter = SILENT):
         self.reporter = reporter
 
-    def evaluation_words(self, config: Config) -> tuple[str, ...]:
+    def evaluation_words(self, config: Kind) -> tuple[str, ...]:
         """:attr:`evaluation_example`, as it fits what a run was trained on."""
         return self.evaluation_example
 
-    def prediction_example(self, config: Config) -> tuple[str, ...]:
+    def prediction_example(self, config: Kind) -> tuple[str, ...]:
         """Arguments of ``predict.py`` that name the input of a run; none if the run predicts nothing. Light."""
         return ("input=<folder>",)
 
-    def check_parts(self, config: Config) -> None:
+    def check_parts(self, config: Kind) -> None:
         """Raise a ``UserError`` if choices of several groups are incompatible. Light."""
         suite, trainer = config.corruption, config.trainer
         for key, asked in (("devices", trainer.devices > 1), ("compile", trainer.compile)):
@@ -118,7 +122,7 @@ class Chapter(ABC):
                 "corruption=cifar10_c for small images, corruption=imagenet_c, or corruption=none",
             )
 
-    def identity(self, config: Config) -> dict[str, Any]:
+    def identity(self, config: Kind) -> dict[str, Any]:
         """The identity of a run: its config as plain values, with hashes of files in place of paths. Light.
 
         Raises:
@@ -131,18 +135,19 @@ class Chapter(ABC):
             from sextant.corruptions.stored_suite import folder_identity
 
             typed["corruption"]["folder"] = folder_identity(config.corruption.folder)
-        if isinstance(config.backbone, TimmBackbone) and config.backbone.weights is not None:
-            path = Path(config.backbone.weights).expanduser()
+        backbone = getattr(config, "backbone", None)
+        if isinstance(backbone, TimmBackbone) and backbone.weights is not None:
+            path = Path(backbone.weights).expanduser()
             if path.is_file():  # testing a trained network does not need the file
                 typed["backbone"]["weights"] = file_sha256(path)
         return typed
 
-    def answers(self, config: Config) -> list[str]:
+    def answers(self, config: Kind) -> list[str]:
         """The methods whose answers a run stores separately, if several; an arm of a sweep reads one of them. Light."""
         return []
 
     @abstractmethod
-    def source(self, config: Config) -> Source:
+    def source(self, config: Kind) -> Source:
         """The dataset. Light.
 
         Raises:
@@ -153,36 +158,36 @@ class Chapter(ABC):
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files that a run needs are missing. Light."""
 
-    def training_size(self, config: Config, source: Any) -> int | None:
+    def training_size(self, config: Kind, source: Any) -> int | None:
         """The number of images in an epoch, which limits the batch size; None if unknown before reading. Light."""
         return None
 
     @abstractmethod
-    def summary(self, config: Config) -> dict[str, str]:
+    def summary(self, config: Kind) -> dict[str, str]:
         """The summary that a run shows before it starts. Light."""
 
-    def batches(self, config: Config) -> str:
+    def batches(self, config: Kind) -> str:
         """What an epoch consists of, for that summary."""
         return f" of batches of {config.trainer.batch_size}"
 
     @abstractmethod
-    def data(self, config: Config, source: Any) -> "pl.LightningDataModule":
+    def data(self, config: Kind, source: Any) -> "pl.LightningDataModule":
         """The data module with training, validation and test batches."""
 
     @abstractmethod
-    def spec(self, config: Config, source: Any, data: Any) -> dict[str, Any]:
+    def spec(self, config: Kind, source: Any, data: Any) -> dict[str, Any]:
         """Plain facts about the data from which the model is built; its checkpoints store them."""
 
     @abstractmethod
-    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> Any:
+    def module(self, config: Kind, spec: Mapping[str, Any], *, training: bool) -> Any:
         """The Lightning module; ``training=False`` omits optimiser and schedule."""
 
     @abstractmethod
-    def require_fit(self, config: Config, spec: Mapping[str, Any], source: Any) -> None:
+    def require_fit(self, config: Kind, spec: Mapping[str, Any], source: Any) -> None:
         """Raise a ``UserError`` unless a model of ``spec`` can be tested on ``source``."""
 
     @abstractmethod
-    def record(self, module: Any, data: Any, config: Config) -> TestRecord:
+    def record(self, module: Any, data: Any, config: Kind) -> TestRecord:
         """The results of the test that the module has just run."""
 
     @abstractmethod
@@ -200,7 +205,7 @@ class Chapter(ABC):
             KeyError: the arrays are not those of a run of this task.
         """
 
-    def new_network(self, config: Config, spec: Mapping[str, Any]) -> "nn.Module":
+    def new_network(self, config: Kind, spec: Mapping[str, Any]) -> "nn.Module":
         """The network alone, with new weights, where other tasks may look at one of its layers.
 
         Raises:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from sextant.errors import UserError
-from sextant.kit.registry import CHAPTERS
+from sextant.registry import CHAPTERS
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import FoundRun, resolve_run
 
@@ -133,5 +133,5 @@ def open_run(given: Mapping[str, str]) -> Trained:
 
 
 def handlers() -> list[Handler]:
-    """What ``predict.py`` does for each task, in the order of :data:`~sextant.kit.registry.CHAPTERS`."""
+    """What ``predict.py`` does for each task, in the order of :data:`~sextant.registry.CHAPTERS`."""
     return [handler() for package in CHAPTERS.values() for handler in import_module(f"{package}.commands").HANDLERS]

@@ -8,7 +8,7 @@ from sextant.config import Config
 from sextant.config.trained import trained_config, without_weights
 from sextant.data.source import ImageSpec
 from sextant.errors import UserError
-from sextant.kit.registry import chapter_of
+from sextant.registry import chapter_of
 from sextant.zoo.files import WEIGHTS, read_model
 
 if TYPE_CHECKING:
@@ -104,7 +104,8 @@ def new_network(config: Config, spec: Mapping[str, Any]) -> "nn.Module":
     Raises:
         UserError: a part cannot be built.
     """
-    return chapter_of(config.task.name).new_network(without_weights(config), spec)
+    network: nn.Module = chapter_of(config.task.name).new_network(without_weights(config), spec)
+    return network
 
 
 def trained_network(config: Config, content: Mapping[str, Any], checkpoint: Path) -> Any:

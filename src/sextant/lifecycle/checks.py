@@ -12,7 +12,7 @@ from sextant.config import Config, validate
 from sextant.config.building import naming_groups, require_callable
 from sextant.errors import UserError
 from sextant.kit.chapter import Source
-from sextant.kit.registry import chapter_of
+from sextant.registry import chapter_of
 from sextant.reporter import SILENT, Reporter
 
 

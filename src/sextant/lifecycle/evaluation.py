@@ -12,11 +12,11 @@ from sextant.config import Config, digest, nearest, validate
 from sextant.config.building import naming_groups
 from sextant.config.path_keys import from_where_it_ran
 from sextant.errors import UserError
-from sextant.kit.registry import chapter_of
 from sextant.kit.trained import own_config, read_trained
 from sextant.lifecycle.checks import require_apart, require_device, require_outputs
 from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
+from sextant.registry import chapter_of
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run

@@ -17,10 +17,10 @@ from sextant.config import Config, digest
 from sextant.config.building import naming_groups
 from sextant.errors import LossNotFiniteError, UserError
 from sextant.kit.chapter import Source
-from sextant.kit.registry import chapter_of
 from sextant.lease import Lease
 from sextant.lifecycle.checks import checked, require_possible
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
+from sextant.registry import chapter_of
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
 from sextant.runs.locks import run_lock
 from sextant.runs.source_tree import source_sha256

@@ -5,8 +5,8 @@ from pathlib import Path
 from sextant.errors import UserError
 from sextant.kit.chapter import Content
 from sextant.kit.offers import Exportable, PhotoPredictor
-from sextant.kit.registry import chapter_of, offering
 from sextant.kit.trained import read_trained
+from sextant.registry import chapter_of, offering
 from sextant.runs.checkpoint import KEY
 
 
@@ -52,4 +52,5 @@ def photo_predictor(checkpoint: Path, *, trust: bool = False) -> PhotoPredictor:
             f"a model of task={task} does not answer photos one by one",
             f"Register a run of {', '.join(offered)}; sextant.Localizer follows a robot.",
         )
-    return chapter_of(task).photo_predictor(content, checkpoint, trust=trust)
+    predictor: PhotoPredictor = chapter_of(task).photo_predictor(content, checkpoint, trust=trust)
+    return predictor

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from sextant.atomic_files import read_json, write_json
 from sextant.errors import UserError
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.run_reporter import RunReporter
+from sextant.registry import chapter_of
 from sextant.reports.results import Measured, SweepResults, read_results
 from sextant.reports.sweep_page import Progress, outcomes_told, sweep_page
 from sextant.runs.directory import RunDirectory
@@ -186,4 +186,5 @@ def _done(runs: Sequence[Path]) -> int:
 
 
 def _measured(task: str) -> Measured:
-    return chapter_of(task).measured
+    measured: Measured = chapter_of(task).measured
+    return measured

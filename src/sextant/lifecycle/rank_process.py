@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from sextant.config import validate
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.ranks import Rank
 from sextant.lifecycle.training import fit
+from sextant.registry import chapter_of
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.tracking.environment import quiet_libraries
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.sweep import SweepOutcome
+from sextant.registry import chapter_of
 from sextant.reporter import SILENT, Reporter
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.sweep_directory import find_sweep

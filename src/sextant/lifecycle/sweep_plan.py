@@ -14,9 +14,9 @@ from sextant.config import Config, validate
 from sextant.config.building import naming_groups
 from sextant.config.schema.searches import dimension, is_dimension
 from sextant.errors import UserError
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.checks import checked, require_environment
 from sextant.lifecycle.execute import run_key
+from sextant.registry import chapter_of
 from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import claim
 from sextant.runs.sweep_directory import Cell, SweepPlan

@@ -20,12 +20,12 @@ from sextant.config.building import naming_groups
 from sextant.config.schema.training import Trainer
 from sextant.figures.style import save_figure
 from sextant.kit.chapter import Chapter, Source
-from sextant.kit.registry import chapter_of
 from sextant.kit.trained import load_weights, model_from_checkpoint, read_trained
 from sextant.layers.global_batch_norm import global_batch_norm
 from sextant.lifecycle.published_figures import same_images
 from sextant.lifecycle.ranks import Processes, Rank, ranks
 from sextant.lifecycle.run_reporter import RunReporter
+from sextant.registry import chapter_of
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
 from sextant.runs.checkpoint_io import AtomicCheckpointIO
 from sextant.runs.directory import RunDirectory, RunKey
@@ -82,7 +82,7 @@ class Fitted:
 
 def fit(
     config: Config,
-    chapter: Chapter,
+    chapter: Chapter[Any],
     source: Source,
     directory: RunDirectory,
     key: RunKey,
@@ -236,7 +236,7 @@ def _best_epoch(directory: RunDirectory, monitor: str, mode: str) -> ModelCheckp
 
 
 def _test(
-    fitted: Fitted, config: Config, directory: RunDirectory, chapter: Chapter, logger: RunLogger
+    fitted: Fitted, config: Config, directory: RunDirectory, chapter: Chapter[Any], logger: RunLogger
 ) -> dict[str, Any]:
     """Validate and test the selected weights in this process, and write arrays and figures."""
     trainer, module, data = fitted.trainer, fitted.module, fitted.data
@@ -263,7 +263,7 @@ def _with_record(
     data: pl.LightningDataModule,
     config: Config,
     directory: RunDirectory,
-    chapter: Chapter,
+    chapter: Chapter[Any],
 ) -> dict[str, Any]:
     """Write per-image results and figures of the last test, and return ``results`` with its further findings."""
     record = chapter.record(module, data, config)

@@ -17,7 +17,7 @@ from sextant.addresses import file_uri, path_of, read_only, sqlite_uri
 from sextant.atomic_files import write_atomically
 from sextant.cache_folder import cache_folder
 from sextant.errors import UserError, command
-from sextant.kit.registry import CHAPTERS, chapter_of
+from sextant.registry import CHAPTERS, chapter_of
 from sextant.runs.outputs_folder import other_than_default
 
 if TYPE_CHECKING:

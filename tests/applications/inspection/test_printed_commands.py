@@ -12,8 +12,8 @@ from PIL import Image
 
 from sextant import cli
 from sextant.geometry import PerspectiveCamera, level_camera_pose
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.checks import checked, preflight, require_possible
+from sextant.registry import chapter_of
 from sextant.tools.inspection import inspect
 from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
 

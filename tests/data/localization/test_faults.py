@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
+from sextant.chapters.localization.config import Fault as FaultSchema
 from sextant.chapters.localization.data import LocalizationData, faults
 from sextant.chapters.localization.data.drive import motions_along
-from sextant.config.schema.localization import Fault as FaultSchema
 from sextant.config.schema.parts import Choice
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir

@@ -10,8 +10,8 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config import digest, validate
 from sextant.errors import UserError
 from sextant.kit.assemble import build_dataset
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import execute
+from sextant.registry import chapter_of
 
 DATASETS = ("office_walk", "town_seasons", "town_city", "town_panoramas", "town_factors", "cold")
 #: worlds that are laid out by default, and those of the slow test: 8 offices, 8 towns, 3 cities

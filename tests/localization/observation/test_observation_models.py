@@ -1,6 +1,6 @@
 import pytest
 
-from sextant.config.schema.localization import Observation
+from sextant.chapters.localization.config import Observation
 from sextant.config.schema.parts import parts_of
 from sextant.localization import observation
 from sextant.localization.observation import ObservationModel, observation_model

@@ -5,9 +5,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.config import Config
+from sextant.chapters.calibration.config import CalibrationConfig
 from sextant.config.building import build, part_name
-from sextant.config.schema import CalibrationTask
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
 from sextant.kit.chapter import Chapter, Content, Source, TestRecord
@@ -27,7 +26,7 @@ BY_LINES = ("vanishing points", "plumb lines", "both")
 DRAWS, DRAW_SEED = 100_000, 999_983
 
 
-class CalibrationChapter(Chapter):
+class CalibrationChapter(Chapter[CalibrationConfig]):
     """See :class:`~sextant.chapters.calibration.task.Calibration`."""
 
     about = "Tilt, roll, focal length and distortion from one image (chapter 2)."
@@ -36,7 +35,7 @@ class CalibrationChapter(Chapter):
     sweep_example = ("loss", ("bearing_disentangled", "bearing"))
     test_settings = ("geometric_baselines", "geometric_height")
 
-    def source(self, config: Config) -> "PanoramaSource":
+    def source(self, config: CalibrationConfig) -> "PanoramaSource":
         """The dataset as a source of panoramas; invalid camera distributions are refused too."""
         from sextant.chapters.calibration.data.panoramas import as_panorama_source, rendered_sources
 
@@ -54,32 +53,29 @@ class CalibrationChapter(Chapter):
         for split in ("train", "val", "test"):
             source.files(split)
 
-    def training_size(self, config: Config, source: "PanoramaSource") -> int | None:
+    def training_size(self, config: CalibrationConfig, source: "PanoramaSource") -> int | None:
         """The number of crops of the training panoramas."""
         from sextant.chapters.calibration.data.panoramas import panorama_count
 
-        assert isinstance(config.task, CalibrationTask)
         count = panorama_count(source, "train")
         return None if count is None else count * config.task.crops_per_panorama.train
 
-    def summary(self, config: Config) -> dict[str, str]:
+    def summary(self, config: CalibrationConfig) -> dict[str, str]:
         """Network, parameterization, and training settings."""
         plain, names = config.plain, ("backbone", "inhibition", "parameterization", "loss")
         rows = {name: part_name(plain[name]) for name in names}
         return rows | {"sampling": str(plain["sampling"].get("name", "")), "test": conditions_name(plain["corruption"])}
 
-    def answers(self, config: Config) -> list[str]:
+    def answers(self, config: CalibrationConfig) -> list[str]:
         """The network, what learns nothing, and the geometric methods if they are tested."""
-        assert isinstance(config.task, CalibrationTask)
         blind = ["network", "constant", "prior"]
         return [*blind, *BY_LINES, "network + lines"] if config.task.geometric_baselines else blind
 
-    def data(self, config: Config, source: "PanoramaSource") -> "CalibrationData":
+    def data(self, config: CalibrationConfig, source: "PanoramaSource") -> "CalibrationData":
         """Crops of the panoramas."""
         from sextant.chapters.calibration.data.datamodule import CalibrationData
 
         task = config.task
-        assert isinstance(task, CalibrationTask)
         return CalibrationData(
             source,
             build(config.plain, "sampling"),
@@ -96,7 +92,7 @@ class CalibrationChapter(Chapter):
             geometric_height=task.geometric_height,
         )
 
-    def spec(self, config: Config, source: "PanoramaSource", data: "CalibrationData") -> dict[str, Any]:
+    def spec(self, config: CalibrationConfig, source: "PanoramaSource", data: "CalibrationData") -> dict[str, Any]:
         """The input size, and ranges that cover the distribution of cameras."""
         import numpy as np
 
@@ -105,7 +101,6 @@ class CalibrationChapter(Chapter):
         from sextant.geometry.canvas import on_canvas
 
         task = config.task
-        assert isinstance(task, CalibrationTask)
         numbers = np.arange(DRAWS)
         drawn = data.distribution.draw_for(numbers, np.zeros_like(numbers), DRAW_SEED)
         cameras = drawn.cameras
@@ -125,7 +120,7 @@ class CalibrationChapter(Chapter):
             "spread": ((high - low) / 2).tolist(),
         } | ({} if task.canvas is None else {"canvas": True})
 
-    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "Calibration":
+    def module(self, config: CalibrationConfig, spec: Mapping[str, Any], *, training: bool) -> "Calibration":
         """The calibration module."""
         from sextant.chapters.calibration.network import network_parts
         from sextant.chapters.calibration.task import Calibration
@@ -142,14 +137,13 @@ class CalibrationChapter(Chapter):
             **build_training(config, training=training),
         )
 
-    def require_fit(self, config: Config, spec: Mapping[str, Any], source: Any) -> None:
+    def require_fit(self, config: CalibrationConfig, spec: Mapping[str, Any], source: Any) -> None:
         """Do nothing: any panoramas can be used."""
 
-    def record(self, module: "Calibration", data: "CalibrationData", config: Config) -> TestRecord:
+    def record(self, module: "Calibration", data: "CalibrationData", config: CalibrationConfig) -> TestRecord:
         """Compare the network with constant and geometric methods: table, errors per crop, figures."""
         from sextant.chapters.calibration.report import arrays, compare, figures, metrics, table
 
-        assert isinstance(config.task, CalibrationTask)
         assert module.result is not None
         with self.reporter.progress("looking at lines", "crops") as progress:
             report = compare(module, data, geometric=config.task.geometric_baselines, progress=progress)

@@ -4,10 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.config import Config
+from sextant.chapters.classification.config import ClassificationConfig
 from sextant.config.building import build, part_name
-from sextant.config.schema import ClassificationTask
-from sextant.config.schema.classification import PerturbationSuite
+from sextant.config.schema.images import PerturbationSuite
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from sextant.kit.offers import Exportable, PhotoPredictor
 
 
-class ClassificationChapter(Chapter):
+class ClassificationChapter(Chapter[ClassificationConfig]):
     """See :class:`~sextant.chapters.classification.task.Classification`."""
 
     about = "Push-pull inhibition against image corruptions (chapter 7)."
@@ -35,7 +34,7 @@ class ClassificationChapter(Chapter):
     cannot_test = ()
     test_settings = ("test_every",)
 
-    def source(self, config: Config) -> ImageSource:
+    def source(self, config: ClassificationConfig) -> ImageSource:
         """The dataset as a source of labelled images."""
         source = build_dataset(config)
         if not hasattr(source, "spec"):
@@ -52,13 +51,12 @@ class ClassificationChapter(Chapter):
         source.files("train")
         source.files("test")
 
-    def training_size(self, config: Config, source: ImageSource) -> int | None:
+    def training_size(self, config: ClassificationConfig, source: ImageSource) -> int | None:
         """The size of the training split without its held-out share."""
-        assert isinstance(config.task, ClassificationTask)
         count = source.count("train") if isinstance(source, ImageSource) else None  # a custom source may have no count
         return None if count is None else count - round(config.task.validation_fraction * count)
 
-    def summary(self, config: Config) -> dict[str, str]:
+    def summary(self, config: ClassificationConfig) -> dict[str, str]:
         """Network, inhibition and test conditions."""
         return {
             "backbone": part_name(config.plain["backbone"]),
@@ -67,11 +65,10 @@ class ClassificationChapter(Chapter):
             "test": conditions_name(config.plain["corruption"]),
         }
 
-    def data(self, config: Config, source: ImageSource) -> "ImageData":
+    def data(self, config: ClassificationConfig, source: ImageSource) -> "ImageData":
         """The batches of a source."""
         from sextant.data.datamodule import ImageData
 
-        assert isinstance(config.task, ClassificationTask)
         return ImageData(
             source,
             batch_size=config.trainer.batch_size,
@@ -84,12 +81,12 @@ class ClassificationChapter(Chapter):
             test_every=config.task.test_every,
         )
 
-    def spec(self, config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
+    def spec(self, config: ClassificationConfig, source: ImageSource, data: Any) -> dict[str, Any]:
         """The shape and the classes of the images."""
         spec = source.spec()
         return {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
 
-    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "Classification":
+    def module(self, config: ClassificationConfig, spec: Mapping[str, Any], *, training: bool) -> "Classification":
         """The classification module."""
         from sextant.chapters.classification.task import Classification
 
@@ -100,7 +97,7 @@ class ClassificationChapter(Chapter):
             **build_training(config, training=training),
         )
 
-    def require_fit(self, config: Config, spec: Mapping[str, Any], source: ImageSource) -> None:
+    def require_fit(self, config: ClassificationConfig, spec: Mapping[str, Any], source: ImageSource) -> None:
         """Raise a ``UserError`` unless the images have the shape and the number of classes of training."""
         trained, found = image_spec(spec), source.spec()
         if (found.channels, found.height, found.width) != (trained.channels, trained.height, trained.width):
@@ -117,7 +114,7 @@ class ClassificationChapter(Chapter):
         if found.classes != trained.classes:
             self.reporter.say(f"the classes of dataset={source.name} have other names than those of training")
 
-    def record(self, module: "Classification", data: "ImageData", config: Config) -> TestRecord:
+    def record(self, module: "Classification", data: "ImageData", config: ClassificationConfig) -> TestRecord:
         """Predictions by condition, figures of the test, cost of the network, and the test protocol."""
         from sextant.chapters.classification.report import result_figures
 
@@ -138,7 +135,7 @@ class ClassificationChapter(Chapter):
 
         return classified(arrays, shared)
 
-    def new_network(self, config: Config, spec: Mapping[str, Any]) -> "nn.Module":
+    def new_network(self, config: ClassificationConfig, spec: Mapping[str, Any]) -> "nn.Module":
         """The network with its inhibition; it maps images in [0, 1] to logits.
 
         Raises:

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sextant.chapters.cosfire.config import CosfireConfig
 from sextant.chapters.cosfire.parts import (
     answering_with_parts,
     check_parts,
@@ -14,10 +15,8 @@ from sextant.chapters.cosfire.parts import (
     scenes_of,
 )
 from sextant.chapters.places.descriptors import descriptor_identity
-from sextant.config import Config
 from sextant.config.building import build, part_name
-from sextant.config.schema import CosfireTask
-from sextant.config.schema.classification import PerturbationSuite
+from sextant.config.schema.images import PerturbationSuite
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
     from sextant.kit.offers import Exportable, PhotoPredictor
 
 
-class CosfireChapter(Chapter):
+class CosfireChapter(Chapter[CosfireConfig]):
     """See :class:`~sextant.chapters.cosfire.task.CosfireRecognition`."""
 
     about = "Filters configured from one example (chapter 6)."
@@ -46,12 +45,12 @@ class CosfireChapter(Chapter):
     alone = "configures filters from a few images, which one process does"
     test_settings = ("test_every",)
 
-    def check_parts(self, config: Config) -> None:
+    def check_parts(self, config: CosfireConfig) -> None:
         """Raise a ``UserError`` if bank, strategy and network are incompatible, or the test conditions are."""
-        check_parts(config, _task(config))
+        check_parts(config, config.task)
         super().check_parts(config)
 
-    def identity(self, config: Config) -> dict[str, Any]:
+    def identity(self, config: CosfireConfig) -> dict[str, Any]:
         """The base identity, with those of the descriptor and of the run whose features are used."""
         found, outputs = super().identity(config), Path(config.paths.outputs)
         if config.descriptor is not None:
@@ -60,14 +59,14 @@ class CosfireChapter(Chapter):
             found["features"]["run"] = resolve_run(config.features.run, outputs, "features.run").identity
         return found
 
-    def answers(self, config: Config) -> list[str]:
+    def answers(self, config: CosfireConfig) -> list[str]:
         """The methods for which the run has the required network or descriptor."""
-        return answering_with_parts(config, _task(config))
+        return answering_with_parts(config, config.task)
 
-    def source(self, config: Config) -> ImageSource:
+    def source(self, config: CosfireConfig) -> ImageSource:
         """The dataset as a source of labelled images."""
         self.check_parts(config)
-        source, scenes = build_dataset(config), _task(config).scenes
+        source, scenes = build_dataset(config), config.task.scenes
         if config.descriptor is not None:
             descriptor_identity(config.plain["descriptor"], Path(config.paths.outputs))  # reports a missing run at once
         if hasattr(source, "spec"):
@@ -89,9 +88,9 @@ class CosfireChapter(Chapter):
         source.files("train")
         source.files("test")
 
-    def summary(self, config: Config) -> dict[str, str]:
+    def summary(self, config: CosfireConfig) -> dict[str, str]:
         """Features, bank, strategy and methods."""
-        task, features = _task(config), config.plain["features"]
+        task, features = config.task, config.plain["features"]
         learnt = "none" if config.backbone is None else part_name(config.plain["backbone"])
         learnt += ", as it is" if features.get("frozen") else ""
         return {
@@ -103,11 +102,11 @@ class CosfireChapter(Chapter):
             "test": conditions_name(config.plain["corruption"]),
         }
 
-    def data(self, config: Config, source: ImageSource) -> "ExampleData":
+    def data(self, config: CosfireConfig, source: ImageSource) -> "ExampleData":
         """The batches of a source, and its examples."""
         from sextant.data.examples import ExampleData, ExampleSettings
 
-        task = _task(config)
+        task = config.task
         classes = len(source.spec().classes)
         if task.novel_classes and not 2 <= task.novel_classes <= classes - 2:
             raise UserError(
@@ -128,7 +127,7 @@ class CosfireChapter(Chapter):
             settings=ExampleSettings(task.images, task.novel_classes, task.examples, held_out=task.scenes is None),
         )
 
-    def spec(self, config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
+    def spec(self, config: CosfireConfig, source: ImageSource, data: Any) -> dict[str, Any]:
         """The shape and classes of the images; for features of another run, also what builds its network."""
         spec = source.spec()
         told = {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
@@ -147,7 +146,7 @@ class CosfireChapter(Chapter):
             told["brings_weights"] = brings_weights(config.plain["backbone"])
         return told
 
-    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "CosfireRecognition":
+    def module(self, config: CosfireConfig, spec: Mapping[str, Any], *, training: bool) -> "CosfireRecognition":
         """The module, with its own network or the feature map of another run."""
         from sextant.chapters.cosfire.comparison import Comparison
         from sextant.chapters.cosfire.estimator import CosfireEstimator
@@ -198,7 +197,7 @@ class CosfireChapter(Chapter):
             **(build_training(config, training=training) if network is not None else {}),
         )
 
-    def require_fit(self, config: Config, spec: Mapping[str, Any], source: ImageSource) -> None:
+    def require_fit(self, config: CosfireConfig, spec: Mapping[str, Any], source: ImageSource) -> None:
         """Raise a ``UserError`` unless the images have the shape and the classes of training."""
         trained, found = image_spec(spec), source.spec()
         if (found.channels, found.height, found.width, found.classes) != (
@@ -214,7 +213,7 @@ class CosfireChapter(Chapter):
                 "Choose a dataset of the same classes and shape; image_folder and digits take dataset.size",
             )
 
-    def record(self, module: "CosfireRecognition", data: "ExampleData", config: Config) -> TestRecord:
+    def record(self, module: "CosfireRecognition", data: "ExampleData", config: CosfireConfig) -> TestRecord:
         """Answers by method, figures, a table of methods, and the numbers of filters and parts."""
         from sextant.chapters.cosfire.report import method_table, recognition_figures
 
@@ -253,8 +252,3 @@ class CosfireChapter(Chapter):
 
 
 CHAPTER = CosfireChapter
-
-
-def _task(config: Config) -> CosfireTask:
-    assert isinstance(config.task, CosfireTask)
-    return config.task

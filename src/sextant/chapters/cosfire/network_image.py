@@ -8,9 +8,9 @@ from typing import Any
 from torch import nn
 
 from sextant.errors import UserError
-from sextant.kit.registry import offering
 from sextant.kit.trained import own_config, read_trained, trained_network
 from sextant.models import FeatureMap
+from sextant.registry import offering
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import resolve_run
 

@@ -5,13 +5,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.config import Config
+from sextant.chapters.cosfire.config import (
+    CosfireConfig,
+    CosfireTask,
+    FeatureBank,
+    SceneChoice,
+    VectorBank,
+    VectorKeypoints,
+)
+from sextant.chapters.places.config import NetworkDescriptor, WhitenedPCADescriptor
 from sextant.config.building import build, part_name
-from sextant.config.schema import CosfireTask
-from sextant.config.schema.classification import StoredSuite
-from sextant.config.schema.cosfire import FeatureBank, VectorBank, VectorKeypoints
-from sextant.config.schema.localization import NetworkDescriptor, WhitenedPCADescriptor
-from sextant.config.schema.tasks import SceneChoice
+from sextant.config.schema.images import StoredSuite
 from sextant.config.trained import trained_config
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
@@ -23,7 +27,7 @@ if TYPE_CHECKING:
     from sextant.models import FeatureMap
 
 
-def check_parts(config: Config, task: CosfireTask) -> None:
+def check_parts(config: CosfireConfig, task: CosfireTask) -> None:
     """Raise a ``UserError`` if bank, strategy and network are incompatible."""
     if isinstance(config.bank, VectorBank) != isinstance(config.strategy, VectorKeypoints):
         raise UserError(
@@ -56,7 +60,7 @@ def check_parts(config: Config, task: CosfireTask) -> None:
         )
 
 
-def _check_descriptor(config: Config) -> None:
+def _check_descriptor(config: CosfireConfig) -> None:
     """Raise a ``UserError`` for a descriptor that learns from a map, or that is a backbone which is trained here."""
     of = config.descriptor
     if isinstance(of, WhitenedPCADescriptor) or (isinstance(of, NetworkDescriptor) and of.dimensions is not None):
@@ -73,7 +77,7 @@ def _check_descriptor(config: Config) -> None:
         )
 
 
-def answering_with_parts(config: Config, task: CosfireTask) -> list[str]:
+def answering_with_parts(config: CosfireConfig, task: CosfireTask) -> list[str]:
     """The methods that answer, except those for which this run lacks a network or a descriptor."""
     trained_before = _trained_before(config)
     featureless = config.backbone is None and not trained_before
@@ -86,12 +90,12 @@ def answering_with_parts(config: Config, task: CosfireTask) -> list[str]:
     return [method for method in task.answering() if not lacking.get(method, False)]
 
 
-def _trained_before(config: Config) -> bool:
+def _trained_before(config: CosfireConfig) -> bool:
     """Whether the filters use a network that is not trained here: of another run, or the backbone as it is."""
     return config.features is not None and (config.features.run is not None or bool(config.features.frozen))
 
 
-def _check_scenes(config: Config, task: CosfireTask, *, trains: bool) -> None:
+def _check_scenes(config: CosfireConfig, task: CosfireTask, *, trains: bool) -> None:
     """Raise a ``UserError`` if an option is incompatible with places as classes."""
     if trains:
         raise UserError(
@@ -123,7 +127,7 @@ def _check_scenes(config: Config, task: CosfireTask, *, trains: bool) -> None:
             )
 
 
-def make_filters(config: Config, features: "FeatureMap | None") -> "Cosfire":
+def make_filters(config: CosfireConfig, features: "FeatureMap | None") -> "Cosfire":
     """Build filters from the groups ``bank``, ``strategy`` and ``filters``, not yet configured.
 
     Raises:
@@ -160,14 +164,13 @@ def make_filters(config: Config, features: "FeatureMap | None") -> "Cosfire":
 
 
 def features_of_run(
-    config: Config, kept: Mapping[str, Any], shape: tuple[int, int, int], *, training: bool
+    config: CosfireConfig, kept: Mapping[str, Any], shape: tuple[int, int, int], *, training: bool
 ) -> "FeatureMap":
     """The feature map of another run's network; its weights are read when training begins and kept in this run."""
-    from sextant.kit.registry import offering
     from sextant.kit.trained import new_network, read_trained, trained_network
     from sextant.models import FeatureMap
+    from sextant.registry import offering
 
-    assert config.features is not None
     assert config.features.run is not None
     run, novel = config.features.run, config.plain["task"]["novel_classes"]
     if kept["task"] not in offering("new_network"):
@@ -215,7 +218,7 @@ def scenes_of(dataset: Any, chosen: SceneChoice, reporter: Reporter) -> ImageSou
     )
 
 
-def describing(config: Config) -> Callable[[Any], Any] | None:
+def describing(config: CosfireConfig) -> Callable[[Any], Any] | None:
     """The function that computes the place descriptors named by the config; None if it names none."""
     if config.descriptor is None:
         return None

@@ -8,11 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sextant.chapters.localization.config import LASERS, ExponentialMotion, LocalizationConfig, SpacingMotion
 from sextant.chapters.places.descriptors import about_weights, check_network_parts, describer, descriptor_identity
-from sextant.config import Config
 from sextant.config.building import build, part_name
-from sextant.config.schema import LocalizationTask
-from sextant.config.schema.localization import LASERS, ExponentialMotion, SpacingMotion
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import (
@@ -43,7 +41,7 @@ ALONG_DRIVES = "along_drives"
 FITTED = ("fitted", ALONG_DRIVES)
 
 
-class LocalizationChapter(Chapter):
+class LocalizationChapter(Chapter[LocalizationConfig]):
     """See :class:`~sextant.chapters.localization.task.Localization`."""
 
     about = "Gaussian processes in a particle filter (chapters 4 and 5)."
@@ -55,22 +53,21 @@ class LocalizationChapter(Chapter):
     sweep_example = ("recovery", ("none", "bayes_restart"))
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
 
-    def prediction_example(self, config: Config) -> tuple[str, ...]:
+    def prediction_example(self, config: LocalizationConfig) -> tuple[str, ...]:
         """Photos of a way, localized in the map of images that the run keeps, if it keeps one."""
         return ("input=<folder of photos>", "odometry=<table>") if _keeps_map(config) else ()
 
-    def check_parts(self, config: Config) -> None:
+    def check_parts(self, config: LocalizationConfig) -> None:
         """Raise a ``UserError`` if the choices of several groups are incompatible."""
         super().check_parts(config)
         check_network_parts(config)
-        assert config.filter is not None
         if config.filter.best is not None and _is_laser(config):
             raise UserError(
                 f"filter.best={config.filter.best}: scans are compared with walls, not with images of the map",
                 "Leave out filter.best (filter=particles), or localize a camera: observation=cached_local",
             )
 
-    def identity(self, config: Config) -> dict[str, Any]:
+    def identity(self, config: LocalizationConfig) -> dict[str, Any]:
         """The base identity, with that of the descriptor."""
         found, outputs = super().identity(config), Path(config.paths.outputs)
         if _is_laser(config):
@@ -80,7 +77,7 @@ class LocalizationChapter(Chapter):
                 found["likelihood"]["tempering"] = "fitted"
         return found | {"descriptor": descriptor_identity(found["descriptor"], outputs)}
 
-    def source(self, config: Config) -> "LocalizationSource":
+    def source(self, config: LocalizationConfig) -> "LocalizationSource":
         """The dataset as a source of drives."""
         from sextant.chapters.localization.data.fitted_elsewhere import FittedElsewhere
         from sextant.chapters.localization.data.simulated import DriveSettings
@@ -96,7 +93,7 @@ class LocalizationChapter(Chapter):
         if is_corrupted(config) and (_is_laser(config) or "folder" in config.plain["descriptor"]):
             blind = "observation: a laser" if _is_laser(config) else "descriptor=files: what was worked out elsewhere"
             raise UserError(f"corruption changes images. {blind} sees none", "corruption=none")
-        task = _task(config)
+        task = config.task
         outputs = Path(config.paths.outputs)
         descriptor_identity(config.plain["descriptor"], outputs)  # reports a missing run at once
         settings = DriveSettings(task.odometry_scale, task.odometry_seed, task.validation_share, task.near_map)
@@ -118,13 +115,12 @@ class LocalizationChapter(Chapter):
         for split in ("map", "validation", "test"):
             source.files(split)
 
-    def summary(self, config: Config) -> dict[str, str]:
+    def summary(self, config: LocalizationConfig) -> dict[str, str]:
         """Descriptor, model and filter."""
         names = ("descriptor", "observation", "motion", "recovery")
         faults = config.plain["fault"] if config.faults is None else None
         told = {name: part_name(config.plain[name]) for name in names}
-        assert config.filter is not None
-        particles = _task(config).particle_counts or [config.filter.particles]
+        particles = config.task.particle_counts or [config.filter.particles]
         told["filter"] = f"{', '.join(map(str, particles))} particles, start={config.filter.start}"
         if config.filter.best is not None:
             told["filter"] = f"none: poses between the {config.filter.best} most alike images"
@@ -132,15 +128,15 @@ class LocalizationChapter(Chapter):
         told["faults"] = ", ".join(config.plain["faults"]["faults"]) if faults is None else part_name(faults)
         return told
 
-    def batches(self, config: Config) -> str:
+    def batches(self, config: LocalizationConfig) -> str:
         """All of the map."""
         return ""
 
-    def data(self, config: Config, source: "LocalizationSource") -> "LocalizationDataModule":
+    def data(self, config: LocalizationConfig, source: "LocalizationSource") -> "LocalizationDataModule":
         """The drives with their descriptors."""
         from sextant.chapters.localization.data.datamodule import LocalizationDataModule
 
-        task = _task(config)
+        task = config.task
         return LocalizationDataModule(
             source,
             describer(config),
@@ -152,7 +148,7 @@ class LocalizationChapter(Chapter):
             show=lambda what: self.reporter.progress(what, "images"),
         )
 
-    def spec(self, config: Config, source: Any, data: "LocalizationDataModule") -> dict[str, Any]:
+    def spec(self, config: LocalizationConfig, source: Any, data: "LocalizationDataModule") -> dict[str, Any]:
         """The descriptor's dimension and the unit; reads all drives, so that mistakes are reported before training."""
         from sextant.chapters.localization.testing import check_runs
         from sextant.chapters.localization.validation import check_validation
@@ -166,7 +162,7 @@ class LocalizationChapter(Chapter):
                     data.descriptors(drive)
         return {"dimension": 0 if isinstance(config.observation, LASERS) else data.dimension, "unit": drives.unit}
 
-    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> Any:
+    def module(self, config: LocalizationConfig, spec: Mapping[str, Any], *, training: bool) -> Any:
         """The module of localization, from images or a laser."""
         task, likelihood = config.plain["task"], config.plain["likelihood"]
         if _is_laser(config):
@@ -212,7 +208,7 @@ class LocalizationChapter(Chapter):
             **build_training(config, training=training),
         )
 
-    def require_fit(self, config: Config, spec: Mapping[str, Any], source: "LocalizationSource") -> None:
+    def require_fit(self, config: LocalizationConfig, spec: Mapping[str, Any], source: "LocalizationSource") -> None:
         """Raise a ``UserError`` unless positions have the unit of training, as hyper-parameters are lengths."""
         unit = source.read().unit
         if unit != spec["unit"]:
@@ -221,7 +217,7 @@ class LocalizationChapter(Chapter):
                 "Train on this dataset.",
             )
 
-    def record(self, module: Any, data: "LocalizationDataModule", config: Config) -> TestRecord:
+    def record(self, module: Any, data: "LocalizationDataModule", config: LocalizationConfig) -> TestRecord:
         """Localize along the test drives, with each fault and each number of particles."""
         from sextant.chapters.localization import report, under_corruption
         from sextant.chapters.localization.along_drives import widened
@@ -287,17 +283,15 @@ def _image_size(data: "LocalizationDataModule") -> tuple[int, int]:
     return (0, 0) if images is None else (images.shape[1], images.shape[2])
 
 
-def region_scale(module: Any, config: Config) -> float:
+def region_scale(module: Any, config: LocalizationConfig) -> float:
     """The factor by which reported standard deviations of poses are widened; 1 if this is not requested."""
-    assert config.filter is not None
     return 1.0 if config.filter.regions is None or _is_laser(config) else float(module.region_scale)
 
 
-def _about_regions(module: Any, config: Config) -> list[str]:
+def _about_regions(module: Any, config: LocalizationConfig) -> list[str]:
     """Notes for the reader about confidence regions that were not widened, or widened by the maximum."""
     from sextant.chapters.localization.along_drives import WIDEST
 
-    assert config.filter is not None
     if config.filter.regions is None or _is_laser(config):
         return []
     scale = float(module.region_scale)
@@ -314,13 +308,13 @@ def _about_regions(module: Any, config: Config) -> list[str]:
     return []
 
 
-def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettings":
+def test_settings(config: LocalizationConfig, data: "LocalizationDataModule") -> "TestSettings":
     """The settings of the localization of drives, from a config and a map."""
     from sextant.chapters.localization.testing import TestSettings
     from sextant.localization import resampling
     from sextant.localization.kld_size import KLDSize
 
-    task, filter = _task(config), config.filter
+    task, filter = config.task, config.filter
     assert filter is not None
     kld = None
     if filter.kld is not None:
@@ -353,7 +347,7 @@ def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettin
     )
 
 
-def _motion(config: Config, data: "LocalizationDataModule") -> "MotionModel":
+def _motion(config: LocalizationConfig, data: "LocalizationDataModule") -> "MotionModel":
     """The motion model, given the spacing of the map if it depends on it."""
     import torch
 
@@ -366,7 +360,7 @@ def _motion(config: Config, data: "LocalizationDataModule") -> "MotionModel":
     return build(config.plain, "motion", spacing=spacing, line=data.drives.unit == "frames")  # type: ignore[no-any-return]
 
 
-def _spread(config: Config, data: "LocalizationDataModule") -> tuple[float, float, float]:
+def _spread(config: LocalizationConfig, data: "LocalizationDataModule") -> tuple[float, float, float]:
     """Standard deviations of poses drawn around a map image: as configured, or from the spacing of the map's images.
 
     Where the motion model has no lateral and no heading noise, no step could correct errors in these directions. All
@@ -376,7 +370,6 @@ def _spread(config: Config, data: "LocalizationDataModule") -> tuple[float, floa
 
     from sextant.localization.map_prior import half_spacing
 
-    assert config.filter is not None
     position = config.filter.spread_position or half_spacing(torch.from_numpy(data.drives.map.poses))
     heading = config.filter.spread_heading_deg
     if data.drives.unit == "frames" or (isinstance(config.motion, ExponentialMotion) and _keeps_line(config.motion)):
@@ -389,7 +382,7 @@ def _keeps_line(motion: ExponentialMotion) -> bool:
     return not any(noise for each in told for noise in each[1:])
 
 
-def _faults(config: Config) -> dict[str, Any]:
+def _faults(config: LocalizationConfig) -> dict[str, Any]:
     """The faults to try, by name."""
     if config.faults is None:
         name = re.sub(r"(?<!^)(?=[A-Z])", "_", str(config.plain["fault"]["_target_"]).rsplit(".", 1)[-1]).lower()
@@ -398,22 +391,16 @@ def _faults(config: Config) -> dict[str, Any]:
     return {name: build(faults, name) for name in faults}
 
 
-def _keeps_map(config: Config) -> bool:
-    assert config.filter is not None
-    return bool(_task(config).save_map and not _is_laser(config) and config.filter.best is None)
+def _keeps_map(config: LocalizationConfig) -> bool:
+    return bool(config.task.save_map and not _is_laser(config) and config.filter.best is None)
 
 
-def _is_laser(config: Config) -> bool:
+def _is_laser(config: LocalizationConfig) -> bool:
     return str(config.plain["observation"]["_target_"]) in {
         laser.model_fields["target"].annotation.__args__[0]  # type: ignore[union-attr]
         for laser in LASERS
     }
 
 
-def _scan_model(config: Config, grid: Any, scanner: Any, tempering: float) -> Any:
+def _scan_model(config: LocalizationConfig, grid: Any, scanner: Any, tempering: float) -> Any:
     return build(config.plain, "observation", grid=grid, scanner=scanner, tempering=tempering)
-
-
-def _task(config: Config) -> LocalizationTask:
-    assert isinstance(config.task, LocalizationTask)
-    return config.task

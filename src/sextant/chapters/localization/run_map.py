@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from sextant.chapters.localization.config import LocalizationConfig
 from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.map_pictures import map_pictures
 from sextant.chapters.localization.validation import protocol_of
 from sextant.chapters.places.descriptors import BaselineDescriber, LayerDescriber
 from sextant.chapters.places.kept_descriptor import KeptDescriptor, kept_baseline, kept_layer, kept_network
-from sextant.config import Config
 from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run
 
@@ -32,7 +32,7 @@ def run_localizer(
     module: "Localization",
     data: "LocalizationDataModule",
     settings: "TestSettings",
-    config: Config,
+    config: LocalizationConfig,
     region_scale: float,
 ) -> Localizer:
     """A localizer of the dataset's map, calibrated likelihood and descriptor, with the filter and regions of the test.
@@ -65,7 +65,7 @@ def run_localizer(
     )
 
 
-def _kept(data: "LocalizationDataModule", config: Config) -> KeptDescriptor:
+def _kept(data: "LocalizationDataModule", config: LocalizationConfig) -> KeptDescriptor:
     describer, images = data.describer, data.drives.fitted.images
     if (run := config.plain["descriptor"].get("run")) is not None:  # the descriptor is a trained run
         outputs = Path(config.paths.outputs)

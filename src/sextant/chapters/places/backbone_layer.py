@@ -11,11 +11,10 @@ from pydantic import TypeAdapter, ValidationError
 from torch import Tensor, nn
 
 from sextant.baselines.network_layer import NetworkLayer
+from sextant.chapters.places.config import Descriptor, Pooling
 from sextant.config.building import build
-from sextant.config.schema.localization import Descriptor
 from sextant.config.schema.networks import Backbone, Inhibition
 from sextant.config.schema.parts import Choice, CustomPart
-from sextant.config.schema.places import Pooling
 from sextant.config.trained import STARTS_FROM
 from sextant.errors import UserError
 from sextant.models import FeatureMap

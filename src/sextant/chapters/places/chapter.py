@@ -6,10 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sextant.chapters.places.config import PlacesConfig
 from sextant.chapters.places.off_the_shelf import off_the_shelf, weights_identity
-from sextant.config import Config
 from sextant.config.building import build, part_name
-from sextant.config.schema import PlaceRecognitionTask
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
@@ -38,7 +37,7 @@ SIZE = {"height": 64, "width": 96, "channels": 3}
 BASELINE_SIZE = (32, 64)
 
 
-class PlacesChapter(Chapter):
+class PlacesChapter(Chapter[PlacesConfig]):
     """See :class:`~sextant.chapters.places.task.PlaceRecognition`."""
 
     about = "Descriptors that survive weather and season (chapter 3)."
@@ -47,24 +46,24 @@ class PlacesChapter(Chapter):
     sweep_example = ("loss", ("info_nce", "triplet_ratio"))
     test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
 
-    def evaluation_words(self, config: Config) -> tuple[str, ...]:
+    def evaluation_words(self, config: PlacesConfig) -> tuple[str, ...]:
         """Folders of images of the size that the network takes."""
         sizes = {key: config.plain["dataset"].get(key, usual) for key, usual in SIZE.items()}
         other = [f"dataset.{key}={value}" for key, value in sizes.items() if value != SIZE[key]]
         return (*self.evaluation_example, *other)
 
-    def prediction_example(self, config: Config) -> tuple[str, ...]:
+    def prediction_example(self, config: PlacesConfig) -> tuple[str, ...]:
         """A map and its queries."""
         return ("map=<folder>", "queries=<folder>")
 
-    def identity(self, config: Config) -> dict[str, Any]:
+    def identity(self, config: PlacesConfig) -> dict[str, Any]:
         """The base identity, with that of the off-the-shelf weights to which the network is compared."""
-        found, shelf = super().identity(config), _task(config).off_the_shelf
+        found, shelf = super().identity(config), config.task.off_the_shelf
         if shelf is not None:
             found["task"]["off_the_shelf"]["weights"] = weights_identity(shelf, Path(config.paths.outputs))
         return found
 
-    def source(self, config: Config) -> "PlaceSource":
+    def source(self, config: PlacesConfig) -> "PlaceSource":
         """The dataset as a source of places."""
         from sextant.chapters.places.data import (
             ConditionSplit,
@@ -79,7 +78,7 @@ class PlacesChapter(Chapter):
         world = rendered_place_source(source)
         if world is not None:
             world.showing = partial(self.reporter.progress, f"rendering {world.name}, once", "images")
-        task = _task(config)
+        task = config.task
         if task.off_the_shelf is not None:
             weights_identity(task.off_the_shelf, Path(config.paths.outputs))  # reports a missing file at once
         corrupts = is_corrupted(config)
@@ -98,20 +97,20 @@ class PlacesChapter(Chapter):
         for split in ("train", "val", "test"):
             source.files(split)
 
-    def summary(self, config: Config) -> dict[str, str]:
+    def summary(self, config: PlacesConfig) -> dict[str, str]:
         """Network and training settings."""
         return {name: part_name(config.plain[name]) for name in ("backbone", "pooling", "inhibition", "loss", "mining")}
 
-    def batches(self, config: Config) -> str:
+    def batches(self, config: PlacesConfig) -> str:
         """Batches are of places."""
-        return f" of batches of {_task(config).batch_places} places under {_task(config).batch_conditions} conditions"
+        return f" of batches of {config.task.batch_places} places under {config.task.batch_conditions} conditions"
 
-    def data(self, config: Config, source: "PlaceSource") -> "PlaceData":
+    def data(self, config: PlacesConfig, source: "PlaceSource") -> "PlaceData":
         """Batches of places."""
         from sextant.chapters.places.data.augmentation import PlaceAugmentation
         from sextant.chapters.places.data.datamodule import PlaceData
 
-        task = _task(config)
+        task = config.task
         return PlaceData(
             source,
             _tolerance(task.tolerance, source),
@@ -124,11 +123,11 @@ class PlacesChapter(Chapter):
             augmentation=PlaceAugmentation(**task.augmentation.model_dump()),
         )
 
-    def spec(self, config: Config, source: "PlaceSource", data: "PlaceData") -> dict[str, Any]:
+    def spec(self, config: PlacesConfig, source: "PlaceSource", data: "PlaceData") -> dict[str, Any]:
         """The shape of the images; reads all splits, so that mistakes are reported before training."""
         _can_train_on(source)
         data.check()
-        task = _task(config)
+        task = config.task
         if task.whitening is not None:
             from sextant.chapters.places.whitening import require_enough
 
@@ -136,7 +135,7 @@ class PlacesChapter(Chapter):
         _, height, width, channels = data.split("val").images.shape
         return {"channels": channels, "height": height, "width": width}
 
-    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "PlaceRecognition":
+    def module(self, config: PlacesConfig, spec: Mapping[str, Any], *, training: bool) -> "PlaceRecognition":
         """The module of place recognition."""
         from sextant.chapters.places.network import place_network
         from sextant.chapters.places.task import PlaceRecognition, PlaceSpec
@@ -161,7 +160,7 @@ class PlacesChapter(Chapter):
             **build_training(config, training=training),
         )
 
-    def require_fit(self, config: Config, spec: Mapping[str, Any], source: "PlaceSource") -> None:
+    def require_fit(self, config: PlacesConfig, spec: Mapping[str, Any], source: "PlaceSource") -> None:
         """Raise a ``UserError`` unless the images have the shape of training; a test needs no other split.
 
         Without a validation split there is no posterior, as its temperature is fitted there. Without a training split,
@@ -181,7 +180,7 @@ class PlacesChapter(Chapter):
                 f"dataset.height={spec['height']} dataset.width={spec['width']} dataset.channels={spec['channels']}",
             )
 
-    def record(self, module: "PlaceRecognition", data: "PlaceData", config: Config) -> TestRecord:
+    def record(self, module: "PlaceRecognition", data: "PlaceData", config: PlacesConfig) -> TestRecord:
         """Compare the network with training-free and linear descriptors: table, hits per query, figures."""
         from sextant.chapters.places import report
         from sextant.chapters.places.data.corrupted import CorruptedQueries
@@ -191,7 +190,7 @@ class PlacesChapter(Chapter):
         from sextant.models import network_cost
 
         assert module.result is not None
-        task, result = _task(config), module.result
+        task, result = config.task, module.result
         if has_factors(result.places.conditions):
             return _factors_record(config, module, data, self.reporter)
         network, own = module.network.eval(), result.descriptors
@@ -251,7 +250,7 @@ class PlacesChapter(Chapter):
 
         return places_found(arrays)
 
-    def new_network(self, config: Config, spec: Mapping[str, Any]) -> "nn.Module":
+    def new_network(self, config: PlacesConfig, spec: Mapping[str, Any]) -> "nn.Module":
         """The network of :func:`~sextant.chapters.places.network.place_network`."""
         from sextant.chapters.places.network import place_network
 
@@ -293,14 +292,16 @@ def _can_train_on(source: Source) -> None:
         )
 
 
-def _factors_record(config: Config, module: "PlaceRecognition", data: "PlaceData", reporter: Reporter) -> TestRecord:
+def _factors_record(
+    config: PlacesConfig, module: "PlaceRecognition", data: "PlaceData", reporter: Reporter
+) -> TestRecord:
     """Recall of the network, and of descriptors that learn from no pairs, against one appearance factor at a time."""
     from sextant.chapters.places import invariance as curves
     from sextant.chapters.places import report
     from sextant.chapters.places.methods import describe_all, fitted, training_free
 
     assert module.result is not None
-    task, places = _task(config), module.result.places
+    task, places = config.task, module.result.places
     described, left_out = {report.NETWORK: module.result.descriptors}, dict[str, str]()
     if task.baselines:
         seen = _seen_by_baselines(_split_beside(data, "train"), places)
@@ -331,9 +332,9 @@ def _factors_record(config: Config, module: "PlaceRecognition", data: "PlaceData
     )
 
 
-def _shelf(config: Config, module: "PlaceRecognition") -> "dict[str, NetworkLayer]":
+def _shelf(config: PlacesConfig, module: "PlaceRecognition") -> "dict[str, NetworkLayer]":
     """The off-the-shelf layer that the config names, by its name in the table; empty without one."""
-    shelf = _task(config).off_the_shelf
+    shelf = config.task.off_the_shelf
     if shelf is None:
         return {}
     name, layer = off_the_shelf(shelf, (module.spec.height, module.spec.width), Path(config.paths.outputs))
@@ -341,7 +342,7 @@ def _shelf(config: Config, module: "PlaceRecognition") -> "dict[str, NetworkLaye
     return {name: layer}
 
 
-def _untrained(config: Config, module: "PlaceRecognition", places: Any) -> Any:
+def _untrained(config: PlacesConfig, module: "PlaceRecognition", places: Any) -> Any:
     """Descriptors of the untrained network, initialised with the run's seed."""
     import torch
 
@@ -356,11 +357,6 @@ def _untrained(config: Config, module: "PlaceRecognition", places: Any) -> Any:
             training=False,
         )
     return network_descriptors(fresh.network.eval().to(module.device), places)
-
-
-def _task(config: Config) -> PlaceRecognitionTask:
-    assert isinstance(config.task, PlaceRecognitionTask)
-    return config.task
 
 
 def _tolerance(chosen: Any, source: "PlaceSource") -> Any:

@@ -13,11 +13,9 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from sextant.config import Config
+from sextant.chapters.places.config import Average, DescribingConfig, Flatten, GeM, NetworkDescriptor
 from sextant.config.building import build, part_name
-from sextant.config.schema.localization import NetworkDescriptor
 from sextant.config.schema.parts import CustomPart
-from sextant.config.schema.places import Average, Flatten, GeM
 from sextant.config.trained import STARTS_FROM
 from sextant.data.photo_files import walk_folder
 from sextant.data.picture_files import open_picture, why_unreadable
@@ -234,14 +232,14 @@ def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any
     return dict(node)
 
 
-def check_network_parts(config: Config) -> None:
+def check_network_parts(config: DescribingConfig) -> None:
     """Check that ``backbone``, ``inhibition`` and ``pooling`` belong to a descriptor of such a network. Light.
 
     Raises:
         UserError: the descriptor has no network, or one of its own; or it is such a network and has no backbone, or a
             pooling that would have to be trained.
     """
-    groups = {name: getattr(config, name) for name in ("backbone", "inhibition", "pooling")}
+    groups = {name: getattr(config, name, None) for name in ("backbone", "inhibition", "pooling")}
     if not isinstance(config.descriptor, NetworkDescriptor):
         given = next((name for name, part in groups.items() if part is not None), None)
         if given is None or config.descriptor is None:
@@ -254,14 +252,15 @@ def check_network_parts(config: Config) -> None:
         )
     if config.backbone is None:
         raise UserError("descriptor=network: no backbone is chosen", "backbone=efficientnet_lite0 backbone.stages=5")
-    if config.pooling is not None and not isinstance(config.pooling, Average | GeM | Flatten | CustomPart):
+    pooling = groups["pooling"]
+    if pooling is not None and not isinstance(pooling, Average | GeM | Flatten | CustomPart):
         raise UserError(
             f"pooling={part_name(config.plain['pooling'])} has to be trained, and descriptor=network is not",
             "pooling=gem, average or flatten; or descriptor=run:<a run of task=place_recognition with this pooling>",
         )
 
 
-def about_weights(config: Config) -> list[str]:
+def about_weights(config: DescribingConfig) -> list[str]:
     """A note for the reader about a network without weights of its own."""
     brings = any(config.plain["backbone"].get(key) for key in STARTS_FROM) if config.backbone is not None else True
     if brings or not isinstance(config.descriptor, NetworkDescriptor):
@@ -287,7 +286,7 @@ def _photo_identity(photo: str, points: Sequence[Sequence[float]]) -> str:
     return digest
 
 
-def describer(config: Config) -> Describer | DescriptorFiles:
+def describer(config: DescribingConfig) -> Describer | DescriptorFiles:
     """Build the descriptor that a config names.
 
     Raises:

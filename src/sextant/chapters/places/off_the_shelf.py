@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sextant.config.schema.places import OffTheShelf
+from sextant.chapters.places.config import OffTheShelf
 from sextant.data.source import file_sha256
 from sextant.errors import ArgumentError, UserError
 from sextant.user_files import absent
@@ -89,8 +89,8 @@ def off_the_shelf(shelf: OffTheShelf, image_size: tuple[int, int], outputs: Path
 
 def _run(shelf: OffTheShelf, outputs: Path) -> _Trained:
     """The network of a run, a checkpoint or a published file, which standardises its images itself."""
-    from sextant.kit.registry import offering
     from sextant.kit.trained import own_config, read_trained, trained_network
+    from sextant.registry import offering
     from sextant.runs.checkpoint import KEY as CONTENT
     from sextant.runs.resolve import resolve_run
 

@@ -4,7 +4,8 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive, Seed
+from sextant.config.schema.images import Dataset
+from sextant.config.schema.parts import Count, Node, NonNegative, Positive, Seed
 from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileBySplit, ImageSide, Samples, Streets
 
 
@@ -14,7 +15,7 @@ def require_one_seed(seed: int, world: int | None) -> None:
         raise ValueError(f"dataset.world={world} and dataset.seed={seed} name two worlds; leave dataset.seed out")
 
 
-class World(Part):
+class World(Dataset):
     """A dataset of images of a rendered world.
 
     Attributes:

@@ -13,9 +13,9 @@ from sextant.composing.overrides import Override, parse
 from sextant.config import Config, validate
 from sextant.config.schema.searches import Dimension, Search, is_dimension
 from sextant.errors import UserError
-from sextant.kit.registry import chapter_of
 from sextant.lifecycle.execute import run_digest
 from sextant.lifecycle.sweep_plan import Design, Planned, cell_config, over_seeds, seeds_given
+from sextant.registry import chapter_of
 from sextant.reporter import SILENT, Reporter
 
 #: distance of the seeds at which a winner is tested from those at which it was chosen

@@ -1,18 +1,15 @@
 """The chapters: what a person trains, sweeps and predicts with, found by the name of its task. Imports nothing heavy.
 
 Nothing else names a task outside its own chapter. A chapter is a package that holds ``chapter.py`` with a
-:class:`~sextant.kit.chapter.Chapter` named ``CHAPTER``, and ``commands.py`` with its part of ``predict.py`` as
-``HANDLERS``.
+:class:`~sextant.kit.chapter.Chapter` named ``CHAPTER``, ``config.py`` with the config of its runs as ``CONFIG``, and
+``commands.py`` with its part of ``predict.py`` as ``HANDLERS``.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import Any
 
 from sextant.errors import UserError
 from sextant.reporter import SILENT, Reporter
-
-if TYPE_CHECKING:
-    from sextant.kit.chapter import Chapter
 
 #: task.name -> package of its chapter
 CHAPTERS = {
@@ -24,7 +21,7 @@ CHAPTERS = {
 }
 
 
-def chapter_of(task: str, reporter: Reporter = SILENT) -> "Chapter":
+def chapter_of(task: str, reporter: Reporter = SILENT) -> Any:
     """The chapter of ``task.name``; ``reporter`` listens to its long work.
 
     Raises:
@@ -36,8 +33,7 @@ def chapter_of(task: str, reporter: Reporter = SILENT) -> "Chapter":
     """
     if task not in CHAPTERS:
         raise UserError(f"task={task}: no such task", f"Choose one of {', '.join(sorted(CHAPTERS))}.")
-    found: Chapter = import_module(f"{CHAPTERS[task]}.chapter").CHAPTER(reporter)
-    return found
+    return import_module(f"{CHAPTERS[task]}.chapter").CHAPTER(reporter)
 
 
 def offering(method: str) -> list[str]:
@@ -47,7 +43,4 @@ def offering(method: str) -> list[str]:
         >>> offering("new_network")
         ['classification', 'place_recognition']
     """
-    from sextant.kit.chapter import Chapter
-
-    usual = getattr(Chapter, method)
-    return [task for task in sorted(CHAPTERS) if getattr(type(chapter_of(task)), method) is not usual]
+    return [task for task in sorted(CHAPTERS) if method in vars(type(chapter_of(task)))]

@@ -4,7 +4,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive
+from sextant.config.schema.images import Dataset
+from sextant.config.schema.networks import Backbone, Inhibition
+from sextant.config.schema.parts import Choice, Count, Node, NonNegative, Part, Positive, Seed
+from sextant.config.schema.run import Config, TaskNode
 from sextant.config.schema.splits import ImageSide
 
 #: first frame, and the frame after the last
@@ -12,7 +15,7 @@ FrameRange = Annotated[list[Annotated[int, Field(ge=0)] | None], Field(min_lengt
 Traverses = dict[str, str]
 
 
-class Places(Part):
+class Places(Dataset):
     """A dataset of places."""
 
 
@@ -258,3 +261,145 @@ class OffTheShelf(Node):
                 "task.off_the_shelf.weights=imagenet needs a network, for example network: alexnet, layer: features.7"
             )
         return self
+
+
+#: x and y in pixels
+Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class Descriptor(Part):
+    """An image descriptor."""
+
+
+class PixelsDescriptor(Descriptor):
+    """Standardised pixels."""
+
+    target: Literal["sextant.baselines.Pixels"] = Field(alias="_target_")
+    height: ImageSide = Field(examples=[32])
+    width: ImageSide = Field(examples=[48])
+
+
+class PatchNormalisedDescriptor(Descriptor):
+    """Patch-normalised pixels."""
+
+    target: Literal["sextant.baselines.PatchNormalised"] = Field(alias="_target_")
+    height: ImageSide = Field(examples=[32])
+    width: ImageSide = Field(examples=[48])
+
+
+class HogDescriptor(Descriptor):
+    """Histograms of oriented gradients."""
+
+    target: Literal["sextant.baselines.Hog"] = Field(alias="_target_")
+    height: ImageSide = Field(examples=[32])
+    width: ImageSide = Field(examples=[48])
+
+
+class WhitenedPCADescriptor(Descriptor):
+    """Whitened principal components of the map's pixels."""
+
+    target: Literal["sextant.baselines.WhitenedPCA"] = Field(alias="_target_")
+    height: ImageSide = Field(examples=[32])
+    width: ImageSide = Field(examples=[48])
+    dimensions: Count = Field(examples=[128])
+    most_images: Count = Field(examples=[10000])
+
+
+class LandmarksDescriptor(Descriptor):
+    """Landmarks marked on a photo, alone or beside another descriptor."""
+
+    target: Literal["sextant.chapters.cosfire.landmarks.Landmarks"] = Field(alias="_target_")
+    photo: str = Field(examples=["photo.png"])
+    points: Annotated[list[Point], Field(min_length=1)] = Field(examples=[[[310, 190], [120, 80]]])
+    beside: str | None = Field(examples=["whitened_pca"])
+    columns: Count = Field(examples=[8])
+    reach: Positive = Field(examples=[0.25])
+    weight: Positive = Field(examples=[1.0])
+    network: str | None = Field(examples=["place_recognition/1a2b3c4d-s0"])
+
+
+class NetworkDescriptor(Descriptor):
+    """The network of the groups backbone and inhibition, as it is."""
+
+    target: Literal["sextant.baselines.network_layer.NetworkLayer"] = Field(alias="_target_")
+    layer: str | None = Field(examples=["layer3"])
+    height: ImageSide = Field(examples=[64])
+    width: ImageSide = Field(examples=[96])
+    grid: list[Count] = Field(min_length=2, max_length=2, examples=["[4,6]"])
+    dimensions: Count | None = Field(examples=[128])
+    seed: Seed = Field(examples=[0])
+
+
+class TrainedDescriptor(Descriptor):
+    """The network of a run of place recognition."""
+
+    target: Literal["sextant.chapters.places.descriptors.TrainedDescriptor"] = Field(alias="_target_")
+    run: str = Field(examples=["place_recognition/1a2b3c4d-s0"])
+
+
+class DescriptorFiles(Descriptor):
+    """Vectors that were computed elsewhere."""
+
+    target: Literal["sextant.chapters.places.descriptors.DescriptorFiles"] = Field(alias="_target_")
+    folder: str = Field(examples=["descriptors"])
+
+
+# -- observation -------------------------------------------------------------------------------------------------------
+
+
+class PlaceRecognitionTask(TaskNode):
+    """Place recognition by a descriptor."""
+
+    name: Literal["place_recognition"]
+    dimension: int = Field(ge=1, le=65536, examples=[128])
+    normalise: bool
+    layer: str | None = Field(examples=["layer3"])
+    batch_places: Count = Field(examples=[16])
+    batch_conditions: int = Field(ge=2, le=64, examples=[4])
+    tolerance: ToleranceByUnit
+    test_tolerance: ToleranceByUnit
+    train_conditions: list[str] | None = Field(examples=["[summer_noon,fog]"])
+    test_conditions: list[str] | None = Field(examples=["[summer_noon,night_clear]"])
+    shared_conditions: list[str] = Field(examples=["[summer_noon]"])
+    augmentation: PlaceAugmentation
+    clip: Positive = Field(examples=[1.0])
+    whitening: Whitening | None = None
+    sequence_length: Count = Field(examples=[10])
+    baselines: bool
+    off_the_shelf: OffTheShelf | None = None
+    test_checkpoint: Literal["last", "best"]
+
+    @model_validator(mode="after")
+    def _whitened_last(self) -> Self:
+        if self.whitening is not None and self.test_checkpoint == "best":
+            raise ValueError(
+                "whitening is solved for after the last epoch: test_checkpoint=best needs task.whitening=null"
+            )
+        if self.whitening is not None and self.whitening.components < self.dimension:
+            raise ValueError(
+                f"task.whitening.components={self.whitening.components} must be at least task.dimension="
+                f"{self.dimension}"
+            )
+        return self
+
+
+class DescribingConfig(Config):
+    """The config of runs of other tasks that describe images."""
+
+    descriptor: Choice[Descriptor] | None = None
+    backbone: Choice[Backbone] | None = None
+    inhibition: Choice[Inhibition] | None = None
+
+
+class PlacesConfig(Config):
+    """The config of a run of place recognition."""
+
+    task: PlaceRecognitionTask
+    backbone: Choice[Backbone]
+    inhibition: Choice[Inhibition]
+    loss: Choice[PlaceLoss]
+    pooling: Choice[Pooling]
+    mining: Choice[Mining]
+
+
+CONFIG = PlacesConfig

@@ -2,23 +2,16 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from sextant.config.schema.parts import (
-    Choice,
-    Count,
-    Node,
-    NonNegative,
-    Part,
-    Positive,
-    Seed,
-    Share,
-)
-from sextant.config.schema.places import Traverses
+from sextant.chapters.places.config import DescribingConfig, Descriptor, Pooling, Traverses
+from sextant.config.schema.images import Dataset
+from sextant.config.schema.parts import Choice, Count, Node, NonNegative, Part, Positive, Seed, Share, distinct
+from sextant.config.schema.run import TaskNode
 from sextant.config.schema.splits import ImageSide
 
 
-class Drives(Part):
+class Drives(Dataset):
     """A dataset of drives with poses."""
 
 
@@ -146,89 +139,8 @@ class FaultSuite(Node):
 
 
 #: x and y
-Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 # -- descriptor --------------------------------------------------------------------------------------------------------
-
-
-class Descriptor(Part):
-    """An image descriptor."""
-
-
-class PixelsDescriptor(Descriptor):
-    """Standardised pixels."""
-
-    target: Literal["sextant.baselines.Pixels"] = Field(alias="_target_")
-    height: ImageSide = Field(examples=[32])
-    width: ImageSide = Field(examples=[48])
-
-
-class PatchNormalisedDescriptor(Descriptor):
-    """Patch-normalised pixels."""
-
-    target: Literal["sextant.baselines.PatchNormalised"] = Field(alias="_target_")
-    height: ImageSide = Field(examples=[32])
-    width: ImageSide = Field(examples=[48])
-
-
-class HogDescriptor(Descriptor):
-    """Histograms of oriented gradients."""
-
-    target: Literal["sextant.baselines.Hog"] = Field(alias="_target_")
-    height: ImageSide = Field(examples=[32])
-    width: ImageSide = Field(examples=[48])
-
-
-class WhitenedPCADescriptor(Descriptor):
-    """Whitened principal components of the map's pixels."""
-
-    target: Literal["sextant.baselines.WhitenedPCA"] = Field(alias="_target_")
-    height: ImageSide = Field(examples=[32])
-    width: ImageSide = Field(examples=[48])
-    dimensions: Count = Field(examples=[128])
-    most_images: Count = Field(examples=[10000])
-
-
-class LandmarksDescriptor(Descriptor):
-    """Landmarks marked on a photo, alone or beside another descriptor."""
-
-    target: Literal["sextant.chapters.cosfire.landmarks.Landmarks"] = Field(alias="_target_")
-    photo: str = Field(examples=["photo.png"])
-    points: Annotated[list[Point], Field(min_length=1)] = Field(examples=[[[310, 190], [120, 80]]])
-    beside: str | None = Field(examples=["whitened_pca"])
-    columns: Count = Field(examples=[8])
-    reach: Positive = Field(examples=[0.25])
-    weight: Positive = Field(examples=[1.0])
-    network: str | None = Field(examples=["place_recognition/1a2b3c4d-s0"])
-
-
-class NetworkDescriptor(Descriptor):
-    """The network of the groups backbone and inhibition, as it is."""
-
-    target: Literal["sextant.baselines.network_layer.NetworkLayer"] = Field(alias="_target_")
-    layer: str | None = Field(examples=["layer3"])
-    height: ImageSide = Field(examples=[64])
-    width: ImageSide = Field(examples=[96])
-    grid: list[Count] = Field(min_length=2, max_length=2, examples=["[4,6]"])
-    dimensions: Count | None = Field(examples=[128])
-    seed: Seed = Field(examples=[0])
-
-
-class TrainedDescriptor(Descriptor):
-    """The network of a run of place recognition."""
-
-    target: Literal["sextant.chapters.places.descriptors.TrainedDescriptor"] = Field(alias="_target_")
-    run: str = Field(examples=["place_recognition/1a2b3c4d-s0"])
-
-
-class DescriptorFiles(Descriptor):
-    """Vectors that were computed elsewhere."""
-
-    target: Literal["sextant.chapters.places.descriptors.DescriptorFiles"] = Field(alias="_target_")
-    folder: str = Field(examples=["descriptors"])
-
-
-# -- observation -------------------------------------------------------------------------------------------------------
 
 
 class Observation(Part):
@@ -492,3 +404,47 @@ class ParticleFilter(Node):
     apart: Positive | None = Field(default=None, examples=[1.0])
     regions: Literal["along_drives"] | None = None
     best: Count | None = Field(default=None, examples=[5])
+
+
+class LocalizationTask(TaskNode):
+    """Localization in a map of images at known poses."""
+
+    name: Literal["localization"]
+    objective: Literal["joint", "vecchia"]
+    images: int = Field(ge=10, le=100_000, examples=[600])
+    neighbours: Count = Field(examples=[20])
+    validation_images: Count = Field(examples=[200])
+    validation_share: Share | None = Field(examples=[0.25])
+    near_map: Positive | None = Field(examples=[0.6])
+    odometry_scale: Annotated[float, Field(ge=0, le=100)] = Field(examples=[1.0])
+    odometry_seed: Seed = Field(examples=[0])
+    starts: Annotated[int, Field(ge=1, le=10_000)] = Field(examples=[32])
+    horizon: Annotated[int, Field(ge=2, le=1_000_000)] = Field(examples=[150])
+    every: Count = Field(examples=[1])
+    particle_counts: (
+        Annotated[list[Annotated[Count, Field(le=1_000_000)]], Field(min_length=1), AfterValidator(distinct)] | None
+    ) = Field(examples=["[25,100,400]"])
+    merge_duplicates: bool
+    resolution_m: Annotated[float, Field(ge=0.005, le=10)] = Field(examples=[0.05])
+    replay: bool
+    save_map: bool
+    test_checkpoint: Literal["last"]
+
+
+class LocalizationConfig(DescribingConfig):
+    """The config of a run of localization."""
+
+    task: LocalizationTask
+    descriptor: Choice[Descriptor]
+    kernel: PoseKernel
+    observation: Choice[Observation]
+    likelihood: Likelihood
+    motion: Choice[Motion]
+    filter: ParticleFilter
+    recovery: Choice[Recovery]
+    fault: Choice[Fault]
+    faults: FaultSuite | None = None
+    pooling: Choice[Pooling] | None = None
+
+
+CONFIG = LocalizationConfig

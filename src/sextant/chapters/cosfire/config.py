@@ -2,9 +2,12 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive
+from sextant.chapters.places.config import DescribingConfig, ToleranceByUnit
+from sextant.config.schema.images import Augmentation
+from sextant.config.schema.parts import Choice, Count, Node, NonNegative, Part, Positive, Seed, Share, distinct
+from sextant.config.schema.run import TaskNode
 
 UnitShare = Annotated[float, Field(ge=0, le=1)]
 Border = Literal["zeros", "replicate", "reflect", "circular"]
@@ -113,3 +116,91 @@ class Filters(Node):
     t1: UnitShare = Field(examples=[0.05])
     t3: UnitShare = Field(examples=[0.0])
     floor: NonNegative = Field(examples=[0.01])
+
+
+RecognitionMethod = Literal[
+    "cosfire_svm",
+    "tiled_svm",
+    "strongest_filter",
+    "full_svm",
+    "pooled_svm",
+    "nearest",
+    "nearest_short",
+    "network",
+    "descriptor",
+]
+
+
+def once(values: list[str]) -> list[str]:
+    """Return ``values`` if they are all different.
+
+    Raises:
+        ValueError: two values are equal.
+    """
+    if len(set(values)) < len(values):
+        raise ValueError(f"values must differ, got {values}")
+    return values
+
+
+class SceneChoice(Node):
+    """Places as classes."""
+
+    references: list[str] = Field(min_length=1, examples=["[summer_noon]"])
+    queries: list[str] = Field(min_length=1, examples=["[autumn_rain,night_clear]"])
+    spacing: Count = Field(examples=[5])
+    neighbours: Annotated[int, Field(ge=0, le=1000)] = Field(examples=[0])
+    tolerance: ToleranceByUnit
+
+
+class FineTune(Node):
+    """Fine-tuning of configured filters."""
+
+    epochs: Annotated[int, Field(ge=0, le=100_000)] = Field(examples=[0])
+    lr: Positive = Field(examples=[0.001])
+
+
+class CosfireTask(TaskNode):
+    """Recognition by filters configured from examples."""
+
+    name: Literal["cosfire"]
+    validation_fraction: Share = Field(examples=[0.1])
+    split_seed: Seed = Field(examples=[0])
+    images: Count | None = Field(examples=[10000])
+    novel_classes: Annotated[int, Field(ge=0, le=100_000)] = Field(examples=[5])
+    examples: Count | None = Field(examples=[20])
+    filters_per_class: Count = Field(examples=[10])
+    at: Literal["random", "centre"]
+    margin: Annotated[float, Field(ge=0, lt=0.5)] = Field(examples=[0.15])
+    least_parts: Count = Field(examples=[2])
+    methods: Annotated[list[RecognitionMethod], Field(min_length=1), AfterValidator(once)] = Field(
+        examples=["[cosfire_svm,full_svm]"]
+    )
+    prices: Annotated[list[Positive], Field(min_length=1), AfterValidator(distinct)] = Field(examples=["[0.01,0.1,1]"])
+    scalings: Annotated[
+        list[Literal["all", "each", "unit"]], Field(min_length=1, examples=["[all]"]), AfterValidator(once)
+    ]
+    choose_among: Count = Field(examples=[1500])
+    logarithms: bool
+    tiles: Annotated[int, Field(ge=1, le=16)] = Field(examples=[2])
+    fine_tune: FineTune
+    scenes: SceneChoice | None
+    test_every: Count = Field(examples=[1])
+    test_checkpoint: Literal["last"]
+
+    def answering(self) -> list[str]:
+        """The methods whose answers a run has, if it has the parts for them."""
+        return [*self.methods, "cosfire_tuned", "layer_tuned"] if self.fine_tune.epochs else list(self.methods)
+
+
+class CosfireConfig(DescribingConfig):
+    """The config of a run of recognition by filters."""
+
+    task: CosfireTask
+    features: Features
+    bank: Choice[Bank]
+    strategy: Choice[Strategy]
+    filters: Filters
+    augmentation: Choice[Augmentation] | None = None
+
+
+CONFIG = CosfireConfig

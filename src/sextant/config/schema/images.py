@@ -1,10 +1,14 @@
-"""The config of classification: datasets, augmentations and corruptions."""
+"""The config of images: data sets with labels, augmentations, and the corruptions of any task."""
 
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
 from sextant.config.schema.parts import Choice, NonNegative, Part, Positive, Seed, Share, distinct
+
+
+class Dataset(Part):
+    """A data set of any task."""
 
 
 class Augmentation(Part):
@@ -104,7 +108,7 @@ class PerturbationSuite(TestConditions):
     seed: Seed = Field(examples=[0])
 
 
-class LabelledImages(Part):
+class LabelledImages(Dataset):
     """A dataset of labelled images."""
 
 

@@ -4,7 +4,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from sextant.config.schema.parts import CHOSEN_BY_TARGET, Node, Part, Positive, Seed
+from sextant.config.schema.images import Dataset
+from sextant.config.schema.networks import Backbone, Inhibition
+from sextant.config.schema.parts import CHOSEN_BY_TARGET, Choice, Count, Node, Part, Positive, Seed
+from sextant.config.schema.run import Config, TaskNode
 from sextant.config.schema.splits import BlockSide, BySplit, Conditions, ImageSide, Samples, Streets
 from sextant.config.schema.world_datasets import require_one_seed
 
@@ -68,7 +71,7 @@ class FieldPrediction(Node):
     weight: Positive = Field(examples=[0.1])
 
 
-class Panoramas(Part):
+class Panoramas(Dataset):
     """A dataset of panoramas."""
 
 
@@ -131,3 +134,54 @@ class PanoramaMix(Panoramas):
         Annotated[TownPanoramas | PanoramaFolder, CHOSEN_BY_TARGET],
     ] = Field(min_length=1)
     repeats: dict[str, Annotated[int, Field(ge=1)]] = Field(default_factory=dict, examples=["{real: 2}"])
+
+
+class CalibrationTask(TaskNode):
+    """Calibration from one image."""
+
+    name: Literal["calibration"]
+    width: ImageSide = Field(examples=[96])
+    height: ImageSide = Field(examples=[72])
+    crops_per_panorama: BySplit
+    augment: bool
+    features: Count = Field(examples=[256])
+    coordinates: bool
+    clip: Positive = Field(examples=[1.0])
+    geometric_baselines: bool
+    geometric_height: ImageSide = Field(256, examples=[256])
+    test_checkpoint: Literal["last", "best"]
+    canvas: Canvas | None = None
+    perspective_field: FieldPrediction | None = None
+
+    @model_validator(mode="after")
+    def _fields_are_of_canvases(self) -> Self:
+        if self.perspective_field is not None and self.canvas is None:
+            raise ValueError(
+                "task.perspective_field needs pictures on a canvas, as experiment=calibration_held has: "
+                "task.perspective_field=null"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _pictures_fit_their_canvas(self) -> Self:
+        if self.canvas is not None and (self.width != self.height or self.width % 2):
+            raise ValueError("task.canvas needs squares of an even number of pixels: task.width=112 task.height=112")
+        if self.canvas is not None and self.geometric_baselines:
+            raise ValueError("task.canvas has pictures of all shapes, which geometric methods do not see here: "
+                             "task.geometric_baselines=false")  # fmt: skip
+        return self
+
+
+class CalibrationConfig(Config):
+    """The config of a run of calibration."""
+
+    task: CalibrationTask
+    backbone: Choice[Backbone]
+    inhibition: Choice[Inhibition]
+    parameterization: Parameterization
+    loss: Choice[CameraLoss]
+    sampling: Sampling
+    test_sampling: Sampling | None = None
+
+
+CONFIG = CalibrationConfig
