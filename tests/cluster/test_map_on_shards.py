@@ -6,7 +6,7 @@ import torch
 
 from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.retrieval import FlatIndex
-from sextant.retrieval.shards import joined_neighbours
+from sextant.retrieval.nearest import joined_neighbours
 
 SIZES, DIMENSIONS, TEMPERATURE = (700, 500, 300), 32, 0.1
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.retrieval import FlatIndex
-from sextant.retrieval.shards import joined_neighbours
+from sextant.retrieval.nearest import joined_neighbours
 
 
 @given(st.lists(st.integers(1, 30), min_size=1, max_size=4), st.integers(1, 12), st.integers(0, 1000))

@@ -2,7 +2,7 @@
 
 from sextant.retrieval.cached_mining import CachedHardMining
 from sextant.retrieval.flat_index import FlatIndex
-from sextant.retrieval.nearest import Neighbours, nearest_neighbours
+from sextant.retrieval.nearest import Neighbours, joined_neighbours, nearest_neighbours
 from sextant.retrieval.relations import Places, Relation, Tolerance, relations
 from sextant.retrieval.sequence_matching import SequenceMatches, local_contrast, match_sequences, sequence_scores
 from sextant.retrieval.triplet_mining import (
@@ -32,6 +32,7 @@ __all__ = [
     "Tolerance",
     "all_triplets",
     "gathered",
+    "joined_neighbours",
     "local_contrast",
     "match_sequences",
     "nearest_neighbours",

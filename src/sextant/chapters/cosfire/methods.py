@@ -9,20 +9,9 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from sextant.baselines.linear_svm import LinearSVM, Scaling
+from sextant.chapters.cosfire.config import RecognitionMethod
 
-Method = Literal[
-    "cosfire_svm",
-    "tiled_svm",
-    "strongest_filter",
-    "full_svm",
-    "pooled_svm",
-    "nearest",
-    "nearest_short",
-    "network",
-    "descriptor",
-    "cosfire_tuned",
-    "layer_tuned",
-]
+Method = Literal[RecognitionMethod, "cosfire_tuned", "layer_tuned"]
 #: descriptions for tables
 METHODS: dict[Method, str] = {
     "cosfire_svm": "maxima of COSFIRE filters, linear SVM",

@@ -1,7 +1,6 @@
 """Drives through a rendered office, and how near they come to its map."""
 
 import math
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
@@ -9,9 +8,9 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from sextant.chapters.localization.data.drive import Drive, LocalizationData, first_share, motions_along
-from sextant.chapters.localization.data.simulated import DriveSettings, simulated_motion
+from sextant.chapters.localization.data.simulated import DrivenWorld, simulated_motion
 from sextant.chapters.places.data import ImageRows
-from sextant.data.rendered import RenderedSource, open_store
+from sextant.data.rendered import open_store
 from sextant.data.rendered.splits import RenderedSplit
 from sextant.errors import ArgumentError
 from sextant.worlds.odometry import COLD_WHEELS
@@ -54,25 +53,13 @@ VALIDATION_SHARE = 0.25
 STORED = (1.0, 0)
 
 
-class OfficeDrives(RenderedSource):
+class OfficeDrives(DrivenWorld):
     """The drives of :class:`~sextant.data.worlds.OfficeWalk`.
 
     The first drive makes the map. With several runs, the first is for validation, under each condition, and the others
     for the test; with a single run, its first quarter is for validation. Odometry is the real robot's if a trajectory
     file has it, and simulated otherwise.
     """
-
-    def __init__(self, dataset: Any, settings: DriveSettings | None = None):
-        super().__init__(dataset)
-        self.settings = settings or DriveSettings()
-
-    def conditions(self) -> tuple[str, ...]:
-        """The conditions of the config, the map's first; nothing is rendered."""
-        return tuple(self.dataset.plan().condition_names)
-
-    def fingerprint(self) -> str:
-        """Hash of the config, of the source that renders it, and of the settings."""
-        return self.settings.identity(super().fingerprint())
 
     def read(self) -> LocalizationData:
         """All drives, rendered first if necessary; pictures stay in their file."""

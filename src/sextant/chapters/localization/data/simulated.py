@@ -4,13 +4,14 @@ import hashlib
 import json
 import zlib
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.chapters.localization.data.drive import motions_along
+from sextant.data.rendered import RenderedSource
 from sextant.errors import ArgumentError
 from sextant.worlds.odometry import OdometryNoise, simulate
 
@@ -106,3 +107,19 @@ def simulated_railway_motion(
 
 def _rng(seed: int, drive: str) -> np.random.Generator:
     return np.random.default_rng([seed, 71, zlib.crc32(drive.encode())])
+
+
+class DrivenWorld(RenderedSource):
+    """The drives of a rendered world, as settings say."""
+
+    def __init__(self, dataset: Any, settings: DriveSettings | None = None):
+        super().__init__(dataset)
+        self.settings = settings or DriveSettings()
+
+    def conditions(self) -> tuple[str, ...]:
+        """The conditions of the config, the map's first; nothing is rendered."""
+        return tuple(self.dataset.plan().condition_names)
+
+    def fingerprint(self) -> str:
+        """Hash of the config, of the source that renders it, and of the settings."""
+        return self.settings.identity(super().fingerprint())

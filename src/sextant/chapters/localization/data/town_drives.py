@@ -1,14 +1,11 @@
 """Drives through a town under several seasons, and through a city mapped in all directions."""
 
-from typing import Any
-
 import numpy as np
 from numpy import ndarray
 
 from sextant.chapters.localization.data.drive import Drive, LocalizationData, first_share
-from sextant.chapters.localization.data.simulated import CAR_WHEELS, DriveSettings, simulated_motion
+from sextant.chapters.localization.data.simulated import CAR_WHEELS, DrivenWorld, simulated_motion
 from sextant.chapters.places.data import ImageRows
-from sextant.data.rendered import RenderedSource
 from sextant.data.rendered.splits import RenderedSplit
 from sextant.errors import ArgumentError
 
@@ -16,20 +13,8 @@ from sextant.errors import ArgumentError
 VALIDATION_SHARE = 0.2
 
 
-class _TownSource(RenderedSource):
+class _TownSource(DrivenWorld):
     """A rendered town whose drives get a car's odometry."""
-
-    def __init__(self, dataset: Any, settings: DriveSettings | None = None):
-        super().__init__(dataset)
-        self.settings = settings or DriveSettings()
-
-    def conditions(self) -> tuple[str, ...]:
-        """The conditions of the config, the map's first; nothing is rendered."""
-        return tuple(self.dataset.plan().condition_names)
-
-    def fingerprint(self) -> str:
-        """Hash of the config, of the source that renders it, and of the settings."""
-        return self.settings.identity(super().fingerprint())
 
     def _drive(self, split: RenderedSplit, rows: ndarray, name: str, condition: str, *, moving: bool = True) -> Drive:
         poses = np.ascontiguousarray(split.columns["pose"][rows][:, [0, 1, 3]])
