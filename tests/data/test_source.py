@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.data.source import ImageSource, MissingDataError, channels_first, check_file, file_sha256, find_folder
+from sextant.atomic_files import file_sha256
+from sextant.data.source import ImageSource, MissingDataError, channels_first, check_file, find_folder
 from sextant.errors import UserError
 
 

@@ -5,7 +5,6 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +12,7 @@ import numpy as np
 from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
+from sextant.atomic_files import file_sha256
 from sextant.errors import ArgumentError, UserError
 from sextant.user_files import nearest_path
 
@@ -123,18 +123,6 @@ def find_folder(roots: Sequence[Path | str], folder: str, names: Sequence[str], 
         f"Put the files there ({source}), set SEXTANT_DATA to the folder that holds {folder}, or let\n"
         "torchvision fetch them with download=true. Without any download: dataset=digits",
     )
-
-
-def file_sha256(path: Path) -> str:
-    """SHA-256 of a file, cached as long as its size and modification time stay the same."""
-    status = path.stat()
-    return _file_sha256(path, status.st_size, status.st_mtime_ns)
-
-
-@lru_cache(maxsize=2**20)
-def _file_sha256(path: Path, size: int, mtime_ns: int) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def check_file(path: Path, digest: str, algorithm: Literal["md5", "sha256"] = "sha256") -> None:

@@ -1,10 +1,9 @@
 """The one figure of a task that goes into a table of tasks under corruptions, named alike in all of them."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
-
-import numpy as np
 
 CLEAN = "clean"
 #: prefix of the metrics; ``test/headline/under/<corruption>`` are the means over severities
@@ -49,12 +48,16 @@ class Headline:
             name, _, severity = key.rpartition("/")
             if name and severity:
                 severities.setdefault(name, []).append(value)
+        import numpy as np  # not when a command only looks at a config
+
         return {name: float(np.mean(values)) for name, values in severities.items()}
 
     @property
     def corrupted(self) -> float:
         """The mean over corruptions, each of which counts the same; nan without any."""
         found = list(self.by_corruption().values())
+        import numpy as np
+
         return float(np.mean(found)) if found else float("nan")
 
     def loss(self, value: float) -> float:
@@ -71,7 +74,7 @@ class Headline:
             return {}
         means = {CLEAN: self.values[CLEAN], "corrupted": self.corrupted, "relative_loss": self.loss(self.corrupted)}
         found = means | {f"under/{name}": value for name, value in under.items()}
-        return {f"{PREFIX}/{name}": value for name, value in found.items() if np.isfinite(value)}
+        return {f"{PREFIX}/{name}": value for name, value in found.items() if math.isfinite(value)}
 
     def facts(self, **more: Any) -> dict[str, Any]:
         """What the figure is, and a table by corruption, as stored with the results of a run; empty without any."""

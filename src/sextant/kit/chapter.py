@@ -6,17 +6,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
-import numpy as np
-
+from sextant.atomic_files import file_sha256
 from sextant.config import Config
 from sextant.config.schema.images import PerturbationSuite, StoredSuite, TestConditions
 from sextant.config.schema.networks import TimmBackbone
-from sextant.data.source import file_sha256
 from sextant.errors import UserError
 from sextant.reporter import SILENT, Reporter
 from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
+    import numpy as np
     import pytorch_lightning as pl
     from matplotlib.figure import Figure
     from torch import nn
@@ -55,7 +54,7 @@ class TestRecord:
         files: further files or folders in the run directory, each with the function that writes it.
     """
 
-    arrays: dict[str, np.ndarray]
+    arrays: "dict[str, np.ndarray]"
     figures: "Iterator[tuple[str, Figure]]"
     metrics: dict[str, float] = field(default_factory=dict)
     table: list[dict[str, str]] = field(default_factory=list)
@@ -192,7 +191,7 @@ class Chapter(ABC, Generic[Kind]):
 
     @abstractmethod
     def measured(
-        self, arrays: Mapping[str, np.ndarray], shared: "SharedSet | None" = None, reads: str | None = None
+        self, arrays: "Mapping[str, np.ndarray]", shared: "SharedSet | None" = None, reads: str | None = None
     ) -> "RunValues":
         """The measure of a run for reports, and the value of each test image under each condition.
 

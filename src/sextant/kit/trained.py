@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.config import Config
 from sextant.config.trained import trained_config, without_weights
-from sextant.data.source import ImageSpec
 from sextant.errors import UserError
 from sextant.registry import chapter_of
 from sextant.zoo.files import WEIGHTS, read_model
 
 if TYPE_CHECKING:
     from torch import nn
+
+    from sextant.data.source import ImageSpec
 
 
 PUBLISHED = ".pth.tar"  # what the push-pull paper's authors call their files
@@ -131,6 +132,8 @@ def trained_network(config: Config, content: Mapping[str, Any], checkpoint: Path
     return whole["network"].eval()
 
 
-def image_spec(spec: Mapping[str, Any]) -> ImageSpec:
+def image_spec(spec: Mapping[str, Any]) -> "ImageSpec":
     """Shape and classes of the images that a model was trained on, from the spec in its checkpoint."""
+    from sextant.data.source import ImageSpec
+
     return ImageSpec(spec["channels"], spec["height"], spec["width"], tuple(spec["classes"]))

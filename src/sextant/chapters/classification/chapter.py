@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 from sextant.chapters.classification.config import ClassificationConfig
 from sextant.config.building import build, part_name
 from sextant.config.schema.images import PerturbationSuite
-from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
 
     from sextant.chapters.classification.task import Classification
     from sextant.data.datamodule import ImageData
+    from sextant.data.source import ImageSource
     from sextant.kit.measure import RunValues, SharedSet
     from sextant.kit.offers import Exportable, PhotoPredictor
 
@@ -34,7 +34,7 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
     cannot_test = ()
     test_settings = ("test_every",)
 
-    def source(self, config: ClassificationConfig) -> ImageSource:
+    def source(self, config: ClassificationConfig) -> "ImageSource":
         """The dataset as a source of labelled images."""
         source = build_dataset(config)
         if not hasattr(source, "spec"):
@@ -51,8 +51,10 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
         source.files("train")
         source.files("test")
 
-    def training_size(self, config: ClassificationConfig, source: ImageSource) -> int | None:
+    def training_size(self, config: ClassificationConfig, source: "ImageSource") -> int | None:
         """The size of the training split without its held-out share."""
+        from sextant.data.source import ImageSource
+
         count = source.count("train") if isinstance(source, ImageSource) else None  # a custom source may have no count
         return None if count is None else count - round(config.task.validation_fraction * count)
 
@@ -65,7 +67,7 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
             "test": conditions_name(config.plain["corruption"]),
         }
 
-    def data(self, config: ClassificationConfig, source: ImageSource) -> "ImageData":
+    def data(self, config: ClassificationConfig, source: "ImageSource") -> "ImageData":
         """The batches of a source."""
         from sextant.data.datamodule import ImageData
 
@@ -81,7 +83,7 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
             test_every=config.task.test_every,
         )
 
-    def spec(self, config: ClassificationConfig, source: ImageSource, data: Any) -> dict[str, Any]:
+    def spec(self, config: ClassificationConfig, source: "ImageSource", data: Any) -> dict[str, Any]:
         """The shape and the classes of the images."""
         spec = source.spec()
         return {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
@@ -97,7 +99,7 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
             **build_training(config, training=training),
         )
 
-    def require_fit(self, config: ClassificationConfig, spec: Mapping[str, Any], source: ImageSource) -> None:
+    def require_fit(self, config: ClassificationConfig, spec: Mapping[str, Any], source: "ImageSource") -> None:
         """Raise a ``UserError`` unless the images have the shape and the number of classes of training."""
         trained, found = image_spec(spec), source.spec()
         if (found.channels, found.height, found.width) != (trained.channels, trained.height, trained.width):

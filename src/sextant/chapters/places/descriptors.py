@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
+from sextant.atomic_files import file_sha256
 from sextant.chapters.places.config import Average, DescribingConfig, Flatten, GeM, NetworkDescriptor
 from sextant.config.building import build, part_name
 from sextant.config.schema.parts import CustomPart
 from sextant.config.trained import STARTS_FROM
 from sextant.data.photo_files import walk_folder
 from sextant.data.picture_files import open_picture, why_unreadable
-from sextant.data.source import file_sha256
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sextant.atomic_files import file_sha256
 from sextant.chapters.places.config import OffTheShelf
-from sextant.data.source import file_sha256
 from sextant.errors import ArgumentError, UserError
 from sextant.user_files import absent
 

@@ -11,12 +11,11 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from sextant.applications.write_errors import telling_write_errors
-from sextant.atomic_files import write_atomically, write_csv, write_json
+from sextant.atomic_files import file_sha256, write_atomically, write_csv, write_json
 from sextant.chapters.places.describing import DescribedPhotos, upright_size
 from sextant.chapters.places.known_places import KnownPlaces
 from sextant.chapters.places.matching import Match, Matches
 from sextant.data.image_files import decode_image
-from sextant.data.source import file_sha256
 from sextant.errors import ArgumentError
 from sextant.reporter import Advance
 

@@ -7,12 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from sextant.atomic_files import file_sha256
 from sextant.data.image_files import decode_image
 from sextant.data.photos.header import PhotoHeader, read_header
 from sextant.data.photos.odd_pictures import is_panorama
 from sextant.data.photos.reading import without_pillow_limit
 from sextant.data.picture_files import UnreadableImageError
-from sextant.data.source import file_sha256
 from sextant.reporter import Advance
 
 #: headers that are read at a time, since disks and networks are slow to answer

@@ -15,6 +15,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
+from sextant.atomic_files import file_sha256
 from sextant.chapters.calibration.data.panoramas import SPLITS, Panoramas, Split
 from sextant.data.image_files import SUFFIXES
 from sextant.data.photo_files import image_paths
@@ -22,7 +23,7 @@ from sextant.data.picture_files import open_picture, why_unreadable
 from sextant.data.pixel_values import LEVELS, WhiteLevels, eight_bits, is_deep, without_alpha
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.lock import notify_every
-from sextant.data.source import MissingDataError, file_sha256, first_folder
+from sextant.data.source import MissingDataError, first_folder
 from sextant.data.upright import upright, upright_size
 from sextant.errors import ArgumentError
 from sextant.kept_array import keep_array, open_kept

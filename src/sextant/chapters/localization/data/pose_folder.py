@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Float64
 from numpy import ndarray
 
+from sextant.atomic_files import file_sha256
 from sextant.chapters.localization.data.drive import (
     Drive,
     LocalizationData,
@@ -45,7 +46,7 @@ from sextant.chapters.places.data.decoded_images import ImageSize, read_images
 from sextant.chapters.places.data.gps_poses import drive_by_gps
 from sextant.chapters.places.data.pose_files import table_poses
 from sextant.data.reconstructions import NAMED_FORMATS, read_reconstruction
-from sextant.data.source import MissingDataError, file_sha256, first_folder
+from sextant.data.source import MissingDataError, first_folder
 from sextant.errors import ArgumentError, problem_list
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
 from sextant.localization.map_support import map_spacing

@@ -16,14 +16,13 @@ from jaxtyping import Int64, UInt8
 from numpy import ndarray
 from numpy.lib import format as npy
 
-from sextant.atomic_files import read_json, write_json
+from sextant.atomic_files import file_sha256, read_json, write_json
 from sextant.chapters.places.data.image_rows import ImageRows
 from sextant.data.image_files import decode_image
 from sextant.data.picture_files import UnreadableImageError
 from sextant.data.pixel_values import LEVELS, WhiteLevels, is_deep
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.lock import notify_every
-from sextant.data.source import file_sha256
 from sextant.errors import ArgumentError, UserError, problem_list
 from sextant.kept_array import keep_array, open_kept
 

@@ -13,12 +13,13 @@ from typing import Literal
 
 import numpy as np
 
+from sextant.atomic_files import file_sha256
 from sextant.chapters.places.data.aligned import AlignedRides, align_by_name, traverse_files
 from sextant.chapters.places.data.decoded_images import ImageSize, read_images
 from sextant.chapters.places.data.images import SPLITS, PlaceImages, Split
 from sextant.chapters.places.data.splits import FrameRanges
 from sextant.data.file_kinds import is_hidden
-from sextant.data.source import MissingDataError, file_sha256, first_folder
+from sextant.data.source import MissingDataError, first_folder
 from sextant.errors import ArgumentError
 
 

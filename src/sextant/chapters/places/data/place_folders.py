@@ -10,12 +10,13 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from sextant.atomic_files import file_sha256
 from sextant.chapters.places.data.aligned import align_by_name, align_by_order, traverse_files
 from sextant.chapters.places.data.decoded_images import ImageSize, read_images
 from sextant.chapters.places.data.gps_poses import gps_poses
 from sextant.chapters.places.data.images import SPLITS, PlaceImages, Split
 from sextant.chapters.places.data.pose_files import Pose, table_poses, utm_poses
-from sextant.data.source import MissingDataError, file_sha256, first_folder
+from sextant.data.source import MissingDataError, first_folder
 from sextant.errors import ArgumentError, problem_list
 
 Places = Literal["csv", "utm", "gps", "order", "name"]
