@@ -25,7 +25,7 @@ from rich.table import Table
 from sextant import Localizer
 from sextant.baselines import WhitenedPCA
 from sextant.chapters.localization.localizer import fitted_kernel
-from sextant.chapters.places.kept_descriptor import KeptDescriptor
+from sextant.chapters.places.saved_descriptor import SavedDescriptor
 from sextant.console.arguments import parse_arguments
 from sextant.evaluation import share_interval
 from sextant.localization.observation.cached_local_gp import CachedLocalGP
@@ -193,7 +193,7 @@ def main() -> None:
         seen, at = photos(data / query_folder, "query", first, last, rows)
         poses = np.zeros((len(images), 3))
         poses[:, 0] = places
-        described: dict[int, tuple[KeptDescriptor, list[ndarray]]] = {}  # variants share a descriptor
+        described: dict[int, tuple[SavedDescriptor, list[ndarray]]] = {}  # variants share a descriptor
         alone = {"true": worse_odometry, "none": without_odometry}.get(odometry)
         made = alone or (variants if rows is None else descriptors)
         for name, localizer, *driven in made(images, poses):

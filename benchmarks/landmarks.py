@@ -22,7 +22,7 @@ from sextant import Localizer
 from sextant.atomic_files import write_csv
 from sextant.chapters.cosfire.landmarks import Landmarks
 from sextant.chapters.localization.data import as_localization_source
-from sextant.chapters.places.kept_descriptor import named_baseline
+from sextant.chapters.places.saved_descriptor import named_baseline
 from sextant.console.arguments import parse_arguments
 from sextant.data.worlds import OfficeWalk
 from sextant.errors import UserError

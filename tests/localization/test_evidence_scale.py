@@ -18,13 +18,13 @@ def values(scale, count=1000, seed=0):
 
 def test_the_most_alike_places_become_so_many_times_as_likely_as_the_least_alike():
     over_map = values(300.0)
-    scale = EvidenceScale(odds=7.0).seen(over_map, 1.0)
+    scale = EvidenceScale(odds=7.0).updated(over_map, 1.0)
     low, high = np.quantile(scale.tempering * over_map.numpy(), (0.025, 0.975))
     assert math.exp(high - low) == pytest.approx(7.0)
 
 
 def test_the_unit_of_what_is_told_does_not_matter():
-    first, second = (EvidenceScale().seen(values(unit), 1.0) for unit in (50.0, 5e6))
+    first, second = (EvidenceScale().updated(values(unit), 1.0) for unit in (50.0, 5e6))
     torch.testing.assert_close(first.tempering * values(50.0), second.tempering * values(5e6))
 
 
@@ -32,26 +32,26 @@ def test_the_spread_is_a_mean_over_images_by_the_way_between_them():
     scale = EvidenceScale()
     weights, spreads = (1.0, 0.5, 0.0, 2.0), (10.0, 40.0, 1e9, 25.0)
     one = values(1.0)
-    unit = EvidenceScale().seen(one, 1.0).spread
+    unit = EvidenceScale().updated(one, 1.0).spread
     for weight, spread in zip(weights, spreads, strict=True):
-        scale = scale.seen(spread / unit * one, weight)
+        scale = scale.updated(spread / unit * one, weight)
     assert scale.spread == pytest.approx(np.average(spreads, weights=weights))
 
 
 @pytest.mark.parametrize("over_map", [torch.zeros(50), torch.full((50,), torch.nan), torch.tensor([3.0])])
 def test_what_tells_nothing_of_the_map_leaves_the_evidence_as_it_is(over_map):
-    assert EvidenceScale().seen(over_map.double(), 1.0).tempering == 1.0
+    assert EvidenceScale().updated(over_map.double(), 1.0).tempering == 1.0
 
 
 def test_it_never_makes_evidence_stronger_and_skips_what_is_not_finite():
-    assert EvidenceScale().seen(values(0.01), 1.0).tempering == 1.0
+    assert EvidenceScale().updated(values(0.01), 1.0).tempering == 1.0
     with_holes = torch.cat([values(300.0), torch.full((5,), -torch.inf, dtype=torch.float64)])
-    assert EvidenceScale().seen(with_holes, 1.0).spread == EvidenceScale().seen(values(300.0), 1.0).spread
+    assert EvidenceScale().updated(with_holes, 1.0).spread == EvidenceScale().updated(values(300.0), 1.0).spread
 
 
 def test_of_a_large_map_some_images_are_looked_at(monkeypatch):
     monkeypatch.setattr(evidence_scale, "LOOKED_AT", 100)
-    found, whole = EvidenceScale().seen(values(1.0, 250), 1.0), values(1.0, 250)
+    found, whole = EvidenceScale().updated(values(1.0, 250), 1.0), values(1.0, 250)
     low, high = np.quantile(whole[::3].numpy(), (0.025, 0.975))
     assert found.spread == pytest.approx(high - low)
 

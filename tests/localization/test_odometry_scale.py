@@ -21,7 +21,7 @@ def driven(true_scale, step, steps, noise=0.0, spacing=1.0):
         at = se2_compose(at, pose(true_scale * step, true_scale * 0.1 * step, 0.05))
         before = shown
         shown = at + noise * torch.randn(3, generator=draws, dtype=torch.float64) * pose(1, 1, 0.01)
-        scale = scale.seen(told, before, shown, spacing)
+        scale = scale.updated(told, before, shown, spacing)
     return scale.factor
 
 
@@ -54,14 +54,14 @@ def test_in_as_many_metres_it_learns_as_much_from_many_frames_as_from_few():
     ids=["standing", "another place", "no odometry"],
 )
 def test_it_learns_nothing_where_there_is_nothing_to_learn(moved, after):
-    assert OdometryScale(1.5).seen(pose(*moved), pose(0, 0, 0), pose(*after), 1.0) == OdometryScale(1.5)
+    assert OdometryScale(1.5).updated(pose(*moved), pose(0, 0, 0), pose(*after), 1.0) == OdometryScale(1.5)
 
 
 def test_it_stays_within_bounds():
     low, high = OdometryScale(), OdometryScale()
     for _ in range(500):
-        low = low.seen(pose(1, 0, 0), pose(0, 0, 0), pose(-0.5, 0, 0), 1.0)
-        high = high.seen(pose(1, 0, 0), pose(0, 0, 0), pose(2.5, 0, 0), 1.0)
+        low = low.updated(pose(1, 0, 0), pose(0, 0, 0), pose(-0.5, 0, 0), 1.0)
+        high = high.updated(pose(1, 0, 0), pose(0, 0, 0), pose(2.5, 0, 0), 1.0)
     assert (low.factor, high.factor) == BOUNDS
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.chapters.localization.kept_filter import usual_filter, usual_radius
 from sextant.chapters.localization.localizer import Localizer
+from sextant.chapters.localization.saved_filter import usual_filter, usual_radius
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.cached_local_gp import CachedLocalGP

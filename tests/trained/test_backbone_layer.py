@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from sextant.chapters.places.backbone_layer import backbone_layer, layer_identity, layer_nodes, layer_of_file
-from sextant.chapters.places.kept_descriptor import ARRAYS, HEADER, kept_layer, load_descriptor
+from sextant.chapters.places.saved_descriptor import ARRAYS, HEADER, kept_layer, load_descriptor
 from sextant.composing.compose import compose, to_plain
 from sextant.errors import UserError
 from sextant.layers import PushPullConv2d

@@ -41,7 +41,7 @@ class AppearanceChange:
     Example:
         >>> change, bright = AppearanceChange.none(2), torch.tensor([6.0, 0.0])
         >>> for _ in range(5):  # a drive that is brighter everywhere than the map, whose mean is 0
-        ...     change = change.seen(bright, weight=1.0)
+        ...     change = change.updated(bright, weight=1.0)
         >>> change.centred(bright, map_mean=torch.zeros(2))  # after five images half of the change is believed
         tensor([3., 0.])
     """
@@ -55,7 +55,7 @@ class AppearanceChange:
         """The state before the first image."""
         return cls(torch.zeros(dimension, dtype=torch.float64))
 
-    def seen(self, descriptor: Float32[Tensor, " d"], weight: float) -> Self:
+    def updated(self, descriptor: Float32[Tensor, " d"], weight: float) -> Self:
         """The state after one more image."""
         images = self.images + weight
         step = weight / images if images else 0.0

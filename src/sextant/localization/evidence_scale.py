@@ -45,7 +45,7 @@ class EvidenceScale:
     Raises:
         ArgumentError: the odds are not above 1 and finite.
 
-    >>> scale = EvidenceScale(odds=5.0).seen(torch.linspace(-1000.0, 0.0, 1001).double(), 1.0)
+    >>> scale = EvidenceScale(odds=5.0).updated(torch.linspace(-1000.0, 0.0, 1001).double(), 1.0)
     >>> scale.spread, round(scale.tempering * scale.spread, 3)  # log 5
     (950.0, 1.609)
     """
@@ -58,7 +58,7 @@ class EvidenceScale:
         if not 1 < self.odds < math.inf:
             raise ArgumentError(f"odds={self.odds} must be above 1 and finite", "odds=5")
 
-    def seen(self, over_map: Float64[Tensor, " n"], weight: float) -> Self:
+    def updated(self, over_map: Float64[Tensor, " n"], weight: float) -> Self:
         """The scale after one more image, given its log-likelihoods over the map; non-finite ones are ignored."""
         some = over_map[:: -(-len(over_map) // LOOKED_AT)]
         some = some[some.isfinite()]

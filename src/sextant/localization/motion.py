@@ -238,7 +238,7 @@ class PacedMotion(MotionModel):
     Args:
         measured: model of known motions, and of the standard deviations of unknown ones.
         pace: distance along the heading from one step to the next, in the unit of the map
-            (:class:`~sextant.localization.pace.Pace`); None if it is not known.
+            (:class:`~sextant.localization.constant_velocity.ConstantVelocity`); None if it is not known.
 
     Example:
         >>> from sextant.localization.motion import ExponentialMotion

@@ -45,7 +45,7 @@ class OdometryScale:
         >>> scale, here = OdometryScale(), torch.zeros(3, dtype=torch.float64)
         >>> for _ in range(100):  # odometry tells of a metre, and it is 1.25 m each time
         ...     told = scale.applied(torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64))
-        ...     scale = scale.seen(told, here, torch.tensor([1.25, 0.0, 0.0], dtype=torch.float64), spacing=1.0)
+        ...     scale = scale.updated(told, here, torch.tensor([1.25, 0.0, 0.0], dtype=torch.float64), spacing=1.0)
         >>> round(scale.factor, 2)
         1.25
     """
@@ -56,7 +56,7 @@ class OdometryScale:
         """The corrected motion: its translation is scaled, its rotation is not."""
         return torch.cat([self.factor * motion[:2], motion[2:]])
 
-    def seen(
+    def updated(
         self,
         moved: Float64[Tensor, "3"],
         before: Float64[Tensor, "3"],

@@ -27,7 +27,7 @@ from sextant.localization.motion import MotionModel
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.recovery import Injection, Memory, Recovery
 from sextant.localization.resampling import Resampling, thin
-from sextant.localization.weighed import Weighed
+from sextant.localization.weighted_belief import WeightedBelief
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ class ParticleFilter:
         log_evidence = belief.log_weights.new_zeros(runs)
         degenerate = torch.zeros_like(injected, dtype=torch.bool)
         if evidence is not None:
-            weighed = Weighed.of(belief, evidence, seen)
+            weighed = WeightedBelief.of(belief, evidence, seen)
             injection, memory = self.recovery.inject(weighed, self.prior, memory, generator)
             poses, log_weights, injected = _joined(weighed, injection, generator)
             log_evidence = log_weights.logsumexp(1)
@@ -277,7 +277,9 @@ def way_moved(motion: Float64[Tensor, "*b 3"], way: float, turn: float) -> Float
     return torch.where(motion.isfinite().all(-1), moved, math.inf)
 
 
-def _joined(weighed: Weighed, injection: Injection | None, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
+def _joined(
+    weighed: WeightedBelief, injection: Injection | None, generator: torch.Generator
+) -> tuple[Tensor, Tensor, Tensor]:
     """Poses and unnormalised weights, with the injected particles in the places that thinning freed."""
     poses, log_weights = weighed.belief.poses, weighed.log_weights
     if injection is None:

@@ -16,7 +16,7 @@ how near the most alike image is; how much more alike the most alike place j is 
 images that have less of it in the map of other places: 1/2 on average for one more such image, more for a known place,
 and less in a world that is less like the map than the map's places are like each other.
 
-It needs no motion, so it judges where :mod:`~sextant.localization.foresight` cannot: photos and videos without
+It needs no motion, so it judges where :mod:`~sextant.localization.innovation_test` cannot: photos and videos without
 odometry. Shares of an image's rank in a sample of the null hypothesis are p-values of a conformal test (V. Vovk,
 A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2). The constants were chosen on the
 walks of docs/localization_change.md, "When it is lost".

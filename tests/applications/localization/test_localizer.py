@@ -17,7 +17,7 @@ from tiny_places import tiny_checkpoint
 import sextant
 from sextant import Localizer
 from sextant.baselines import Pixels
-from sextant.chapters.places.kept_descriptor import KeptDescriptor, kept_network, load_descriptor
+from sextant.chapters.places.saved_descriptor import SavedDescriptor, kept_network, load_descriptor
 from sextant.errors import UserError
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION
 from sextant.localization.initialisation import GaussianStart, UniformStart
@@ -147,7 +147,7 @@ def test_a_descriptor_does_as_well_as_its_image_and_a_whitener_is_applied_to_bot
         turned.likelihood,
         turned.filter,
         radius=1.0,
-        descriptor=KeptDescriptor(Pixels(16, 24), facts, {}, mixed),
+        descriptor=SavedDescriptor(Pixels(16, 24), facts, {}, mixed),
         image_size=(32, 48, 3),
         particles=200,
         adapts=True,

@@ -19,8 +19,8 @@ from sextant.baselines import Pixels as PixelBaseline
 from sextant.baselines.network_layer import NetworkLayer
 from sextant.chapters.places import described_map
 from sextant.chapters.places.data.decoded_images import ImageSize
-from sextant.chapters.places.kept_descriptor import kept_network
 from sextant.chapters.places.match_confidence import UNSEEN
+from sextant.chapters.places.saved_descriptor import kept_network
 from sextant.chapters.places.saved_map import FITTED, Temperature
 from sextant.errors import ArgumentError, UserError
 from sextant.runs.checkpoint import KEY

@@ -11,7 +11,7 @@ from sextant.errors import UserError
 from sextant.localization.belief import Belief
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.recovery import AugmentedMCL, BayesRestart, NoRecovery, TopKInjection, UniformInjection
-from sextant.localization.weighed import Weighed
+from sextant.localization.weighted_belief import WeightedBelief
 
 MAP = torch.zeros(50, 3, dtype=torch.float64)
 MAP[:, 0] = torch.arange(50)
@@ -22,7 +22,7 @@ PARTICLES = 200
 def weighed(*functions, particles=PARTICLES, seen=None):
     poses = torch.zeros(len(functions), particles, 3, dtype=torch.float64)
     poses[..., 0] = 5.0
-    return Weighed.of(Belief.uniform(poses), Told(functions, MAP), seen)
+    return WeightedBelief.of(Belief.uniform(poses), Told(functions, MAP), seen)
 
 
 def constant(value):

@@ -16,7 +16,7 @@ from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.recovery import BayesRestart
 from sextant.localization.recovery.bayes_restart import Trail
 from sextant.localization.resampling import SystematicResampling
-from sextant.localization.weighed import Weighed
+from sextant.localization.weighted_belief import WeightedBelief
 
 PLACES = 400
 MAP = torch.zeros(PLACES, 3, dtype=torch.float64)
@@ -42,14 +42,14 @@ def test_worth_is_the_sum_over_paths_that_turn():
     now = se2_compose(middle, motions[1][:, None])
     trail, everyone = Trail(), torch.ones(2, dtype=torch.bool)
     for motion, log_evidence in zip(motions, foreseen, strict=True):
-        trail = trail.seen(Told([looks, looks], MAP), log_evidence, everyone, 5).moved(motion)
+        trail = trail.updated(Told([looks, looks], MAP), log_evidence, everyone, 5).moved(motion)
     one = (looks(middle) - foreseen[1][:, None]).exp()
     two = one * (looks(oldest) - foreseen[0][:, None]).exp()
     torch.testing.assert_close(trail.log_worth(now), (1 + one + two).log())
 
 
 def test_an_unknown_motion_ends_the_trail_of_its_run_alone():
-    trail = Trail().seen(Told([looks, looks], MAP), rows(0.0, 0.0), torch.ones(2, dtype=torch.bool), 5)
+    trail = Trail().updated(Told([looks, looks], MAP), rows(0.0, 0.0), torch.ones(2, dtype=torch.bool), 5)
     worth = trail.moved(rows((math.nan, 0.0, 0.0), (0.0, 0.0, 0.0))).log_worth(MAP[None, :3].expand(2, -1, -1))
     assert worth[0].tolist() == [0, 0, 0]
     torch.testing.assert_close(worth[1], (1 + looks(MAP[:3]).exp()).log())
@@ -59,12 +59,12 @@ def test_an_unknown_motion_ends_the_trail_of_its_run_alone():
     ("log_evidence", "seen"), [(rows(0.0), torch.tensor([False])), (rows(-math.inf), torch.tensor([True]))]
 )
 def test_what_was_not_seen_or_was_dropped_tells_nothing(log_evidence, seen):
-    trail = Trail().seen(Told([looks], MAP), log_evidence, seen, 5)
+    trail = Trail().updated(Told([looks], MAP), log_evidence, seen, 5)
     assert trail.log_worth(MAP[None, :4]).tolist() == [[0, 0, 0, 0]]
 
 
 def test_a_pose_whose_way_left_the_map_is_worth_what_it_shows_since():
-    trail = Trail().seen(
+    trail = Trail().updated(
         Told([lambda poses: torch.full(poses.shape[:-1], math.nan)], MAP), rows(0.0), torch.tensor([True]), 5
     )
     assert trail.log_worth(MAP[None, :4]).tolist() == [[0, 0, 0, 0]]
@@ -73,7 +73,7 @@ def test_a_pose_whose_way_left_the_map_is_worth_what_it_shows_since():
 def test_only_the_latest_are_kept():
     trail = Trail()
     for _ in range(7):
-        trail = trail.seen(Told([looks], MAP), rows(0.0), torch.tensor([True]), 3)
+        trail = trail.updated(Told([looks], MAP), rows(0.0), torch.tensor([True]), 3)
     assert len(trail.passed) == 3
 
 
@@ -86,7 +86,7 @@ def test_a_kidnapping_counts_once_over_all_steps_that_think_of_it():
         memory = recovery.moved(memory, rows((1.0, 0.0, 0.0)))
         told = Told([lambda poses: torch.zeros(poses.shape[:-1], dtype=torch.float64)], MAP)
         injection, memory = recovery.inject(
-            Weighed.of(belief, told, None), PRIOR, memory, torch.Generator().manual_seed(0)
+            WeightedBelief.of(belief, told, None), PRIOR, memory, torch.Generator().manual_seed(0)
         )
         masses.append(float(injection.log_weights.exp().sum()))
     assert masses[-1] == pytest.approx(0.01, rel=0.01)
@@ -102,7 +102,7 @@ def test_without_odometry_a_window_changes_nothing():
         memory = recovery.memory(2)
         for _ in range(6):
             memory = recovery.moved(memory, rows((1.0, 0.0, 0.0), (math.nan, 0.0, 0.0)))
-            step = Weighed.of(Belief.uniform(MAP[None].repeat(2, 1, 1)), told, None)
+            step = WeightedBelief.of(Belief.uniform(MAP[None].repeat(2, 1, 1)), told, None)
             injection, memory = recovery.inject(step, PRIOR, memory, torch.Generator().manual_seed(0))
         masses.append(injection.log_weights.logsumexp(1))
     torch.testing.assert_close(masses[0][1], masses[1][1])
@@ -122,7 +122,7 @@ def masses_of_restarts(steps, runs=1, window=4):
             memory = recovery.moved(memory, motion)
         if seen is None:
             continue
-        step = Weighed.of(Belief.uniform(MAP[None].repeat(runs, 1, 1)), Told([nothing] * runs, MAP), seen)
+        step = WeightedBelief.of(Belief.uniform(MAP[None].repeat(runs, 1, 1)), Told([nothing] * runs, MAP), seen)
         injection, memory = recovery.inject(step, PRIOR, memory, torch.Generator().manual_seed(0))
         masses.append([round(float(mass), 6) for mass in injection.log_weights.exp().sum(1)])
     return masses
@@ -156,7 +156,7 @@ def test_a_restart_that_has_no_likelihood_does_not_take_the_image_from_the_trail
 
     recovery = BayesRestart(0.01, 0.5, window=4)
     prior = MapPrior(MAP, (0.2, 0.2), 0.0)
-    step = Weighed.of(Belief.uniform(MAP[None].clone()), Told([partly], MAP), None)
+    step = WeightedBelief.of(Belief.uniform(MAP[None].clone()), Told([partly], MAP), None)
     injection, memory = recovery.inject(step, prior, recovery.memory(1), torch.Generator().manual_seed(0))
     assert (injection.log_weights == -math.inf).any()
     assert not injection.log_weights.isnan().any()
@@ -196,7 +196,7 @@ def test_restarts_weigh_in_the_mean_what_their_sum_over_the_map_is_worth(particl
     told = Told([looks] * runs, MAP)
     for _ in range(4):
         known = memory
-        weighed = Weighed.of(Belief.uniform(MAP[:1].repeat(runs, particles, 1)), told, None)
+        weighed = WeightedBelief.of(Belief.uniform(MAP[:1].repeat(runs, particles, 1)), told, None)
         injection, memory = recovery.inject(weighed, MapPrior(MAP, 0.0, 0.0), memory, chance)
         memory = recovery.moved(memory, rows((1.0, 0.0, 0.0)).repeat(runs, 1))
     worth = (told.over_map() + known.log_worth(MAP[None].repeat(runs, 1, 1))).exp().mean(1)

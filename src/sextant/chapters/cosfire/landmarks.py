@@ -13,7 +13,7 @@ from numpy import ndarray
 from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.chapters.cosfire.detector import ExampleDetector
 from sextant.chapters.cosfire.network_image import trained_features
-from sextant.chapters.places.kept_descriptor import named_baseline
+from sextant.chapters.places.saved_descriptor import named_baseline
 from sextant.errors import ArgumentError
 from sextant.runs.outputs_folder import default_outputs
 

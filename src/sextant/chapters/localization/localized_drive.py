@@ -17,7 +17,7 @@ from sextant.chapters.localization.written_poses import Moment, Replay, Row, dra
 from sextant.data.photo_files import nothing_usable
 from sextant.errors import UserError
 from sextant.localization import recognition
-from sextant.localization.foresight import LEAST
+from sextant.localization.innovation_test import LEAST
 from sextant.reporter import SILENT, Progress
 
 #: animation of the particles, if there is to be one

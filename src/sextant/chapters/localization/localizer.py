@@ -25,7 +25,6 @@ from torch import Tensor
 
 from sextant.applications.arguments import check_kind, check_whole, make_folder
 from sextant.applications.pixels import AnyImage, as_pixels, several_pixels
-from sextant.chapters.localization.kept_filter import usual_filter, usual_radius
 from sextant.chapters.localization.localizer_folder import (
     check_descriptor,
     checked_poses,
@@ -34,7 +33,8 @@ from sextant.chapters.localization.localizer_folder import (
     save_localizer,
 )
 from sextant.chapters.localization.map_pictures import map_pictures
-from sextant.chapters.places.kept_descriptor import Describes, KeptDescriptor
+from sextant.chapters.localization.saved_filter import usual_filter, usual_radius
+from sextant.chapters.places.saved_descriptor import Describes, SavedDescriptor
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
@@ -42,24 +42,24 @@ from sextant.geometry.planar import se2_compose
 from sextant.localization import recognition
 from sextant.localization.appearance_change import AppearanceChange
 from sextant.localization.belief import Belief
+from sextant.localization.constant_velocity import ConstantVelocity
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
 from sextant.localization.evidence_scale import USUAL_ODDS, EvidenceScale, ScaledEvidence
-from sextant.localization.foresight import Foresight, drawn_evenly, foreseen
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
+from sextant.localization.innovation_test import InnovationTest, drawn_evenly, foreseen
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.map_support import images_near, map_spacing
 from sextant.localization.motion import MotionModel, PacedMotion
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
+from sextant.localization.odometry_check import OdometryCheck
 from sextant.localization.odometry_scale import OdometryScale
-from sextant.localization.pace import Pace
 from sextant.localization.particle_filter import FilterState, ParticleFilter, way_moved
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
 from sextant.localization.smoothing import smoothed
-from sextant.localization.standstill import Standstill
 from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
 
@@ -104,12 +104,12 @@ class LocalizedPose:
         degenerate: no particle explained the image, which was dropped.
         foreseen: mean share of the map that recent images, some twenty, resembled less than the place where the robot
             was believed to be before each of them. 1/2 is chance, less than 0.65 is lost; nan before the fifth image.
-            See :mod:`~sextant.localization.foresight`.
+            See :mod:`~sextant.localization.innovation_test`.
         recognised: mean share, over recent images, of the map's own images that would look less like the map if it did
             not show their place. 1/2 is chance, less than 0.4 is lost; nan where the motion is known. See
             :mod:`~sextant.localization.recognition`.
         disbelieved: the motion was treated as unknown, since odometry reports that the robot stands still while its
-            images show that it moves. See :mod:`~sextant.localization.standstill`.
+            images show that it moves. See :mod:`~sextant.localization.odometry_check`.
     """
 
     pose: Float64[ndarray, "3"]
@@ -144,9 +144,9 @@ class Localizer:
         adapts: learn while driving how appearance has changed since the map was made
             (:class:`~sextant.localization.appearance_change.AppearanceChange`), the systematic error of odometry
             (:class:`~sextant.localization.odometry_scale.OdometryScale`), and the robot's speed where there is no
-            odometry (:class:`~sextant.localization.pace.Pace`) or where it reports that a moving robot stands still
-            (:class:`~sextant.localization.standstill.Standstill`); and weight images by how new they are. For a
-            likelihood that was not fitted to another drive.
+            odometry (:class:`~sextant.localization.constant_velocity.ConstantVelocity`) or where it reports that a
+            moving robot stands still (:class:`~sextant.localization.odometry_check.OdometryCheck`); and weight images
+            by how new they are. For a likelihood that was not fitted to another drive.
         odds: with ``adapts``, the scale of one image's evidence, as for
             :class:`~sextant.localization.evidence_scale.EvidenceScale`; None keeps that of the likelihood.
         start: where the particles are before the first image.
@@ -169,7 +169,7 @@ class Localizer:
         filter: ParticleFilter,
         *,
         radius: float,
-        descriptor: KeptDescriptor | None = None,
+        descriptor: SavedDescriptor | None = None,
         image_size: tuple[int, int, int] | None = None,
         unit: Literal["m", "frames"] = "m",
         particles: int = 1000,
@@ -184,7 +184,7 @@ class Localizer:
     ):
         _check_settings(radius, particles, start, lag, region_scale)
         self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
-        self.descriptor, self.image_size, self.unit = descriptor or KeptDescriptor(), image_size, unit
+        self.descriptor, self.image_size, self.unit = descriptor or SavedDescriptor(), image_size, unit
         self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
         self.lag, self.pictures, self.odds, self.region_scale = lag, pictures, odds, region_scale
         self._start = start if isinstance(start, Initialisation) else STARTS[start]()
@@ -210,16 +210,16 @@ class Localizer:
         check_whole("seed", self.seed, 0, "For example seed=1")
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
-        self._past: list[tuple[Belief, Tensor, MotionModel, Foresight, float]] = []
+        self._past: list[tuple[Belief, Tensor, MotionModel, InnovationTest, float]] = []
         self._change = AppearanceChange.none(self.model.map.dimension)
         self._counted, self._way = torch.empty(0), math.inf  # the last image that counted, and the way since
         self._scale = None if self.odds is None else EvidenceScale(self.odds)
-        self._foresight = Foresight()
+        self._foresight = InnovationTest()
         # counts one image of no evidence, so that the first alone does not decide
-        self._recognised, self._drive = Foresight(images=1.0), AppearanceChange.none(self.model.map.dimension)
+        self._recognised, self._drive = InnovationTest(images=1.0), AppearanceChange.none(self.model.map.dimension)
         self._odometry = OdometryScale()
-        self._standstill = Standstill()
-        self._pace = Pace()
+        self._standstill = OdometryCheck()
+        self._pace = ConstantVelocity()
         self._before: LocalizedPose | None = None
         self._sighted: LocalizedPose | None = None  # after the last image, and the steps since
         self._steps = 0
@@ -273,7 +273,7 @@ class Localizer:
         )
         if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
             before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
-            self._odometry = self._odometry.seen(moved, before, after, self._spacing)
+            self._odometry = self._odometry.updated(moved, before, after, self._spacing)
         self._before, self._steps = found, self._steps + 1
         if evidence is not None and not found.degenerate:
             self._pace = self._pace_with(found)
@@ -286,18 +286,18 @@ class Localizer:
             return moved, False
         self._standstill = self._standstill.moved(moved, self._spacing)
         if seen is not None:
-            self._standstill = self._standstill.seen(seen)
+            self._standstill = self._standstill.updated(seen)
         if not self._standstill.contradicted(self._anywhere):
             return moved, False
         return torch.full_like(moved, torch.nan), True
 
-    def _pace_with(self, found: LocalizedPose) -> Pace:
+    def _pace_with(self, found: LocalizedPose) -> ConstantVelocity:
         """The pace, updated with the way since the last image: between images a belief moves as it is expected to."""
         if self._sighted is None:
             return self._pace
         before, after = torch.from_numpy(self._sighted.pose), torch.from_numpy(found.pose)
         sure = self._sighted.mass * found.mass * (1 - found.off_map)
-        return self._pace.seen(before, after, sure, self._steps)
+        return self._pace.updated(before, after, sure, self._steps)
 
     @property
     def odometry_scale(self) -> float:
@@ -334,23 +334,23 @@ class Localizer:
     def _recognise(self, seen: Tensor | None, new: float) -> float:
         """How well recent images were recognised, with this one, where no motion says what should be seen."""
         if seen is not None and new > 0 and self._known_map is not None:
-            self._drive = self._drive.seen(seen, new)
+            self._drive = self._drive.updated(seen, new)
             centred = self._drive.centred(seen, self.model.map.mean)
-            self._recognised = self._recognised.seen(self._known_map.share(seen, centred), new)
+            self._recognised = self._recognised.updated(self._known_map.share(seen, centred), new)
         return self._recognised.mean if self._drive.images else math.nan
 
-    def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> Foresight:
+    def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> InnovationTest:
         """The foresight, updated with how well the belief before an image had foreseen it."""
         rows = drawn_evenly(belief.weights[0])
         poses, support = se2_compose(belief.poses[:, rows], moved[None, None]), self.filter.support
         on_map = 1.0 if support is None else float(support.share(poses).mean())
         found = foreseen(evidence.over_map()[0], self._near.nearest(poses[0]))
-        return self._foresight.seen(found, new * on_map)
+        return self._foresight.updated(found, new * on_map)
 
     def _told(
         self,
         belief: Belief,
-        foresight: Foresight,
+        foresight: InnovationTest,
         recognised: float,
         *,
         degenerate: bool = False,
@@ -427,7 +427,7 @@ class Localizer:
         if new < SAME:
             return None
         where, dimension = self.model.map, self.model.map.dimension
-        change = self._change.seen(seen, new)
+        change = self._change.updated(seen, new)
         residuals = self.model.residuals_over_map(change.centred(seen, where.mean)[None])
         if bool(residuals.squared.isfinite().all()):  # nothing can be learned from values that overflow
             self._change = change.exceeded(residuals, dimension, new)
@@ -435,7 +435,7 @@ class Localizer:
         evidence = self.model.observe(centred, self._change.likelihood(self.likelihood))
         over_map = evidence.over_map()
         if self._scale is not None:
-            self._scale = self._scale.seen(over_map[0], new)
+            self._scale = self._scale.updated(over_map[0], new)
         scale = self._scale.tempering if self._scale is not None and follows else 1.0
         return ScaledEvidence(evidence, over_map, scale * new)
 

@@ -13,11 +13,11 @@ from torch import Tensor
 
 from sextant.baselines import PlaceDescriptor, WhitenedPCA
 from sextant.chapters.localization.found_map import MAP, find_map
-from sextant.chapters.localization.kept_filter import filter_of, filter_values, usual_filter, usual_radius
 from sextant.chapters.localization.map_pictures import load_pictures, save_pictures
-from sextant.chapters.places.kept_descriptor import (
+from sextant.chapters.localization.saved_filter import filter_of, filter_values, usual_filter, usual_radius
+from sextant.chapters.places.saved_descriptor import (
     Describes,
-    KeptDescriptor,
+    SavedDescriptor,
     baseline_names,
     find_baseline,
     kept_baseline,
@@ -57,7 +57,7 @@ class Saveable(Protocol):
     odds: float | None
     region_scale: float
     image_size: tuple[int, int, int] | None
-    descriptor: KeptDescriptor
+    descriptor: SavedDescriptor
     facts: dict[str, Any]
     pictures: UInt8[ndarray, "n h w c"] | None
 
@@ -162,7 +162,7 @@ def _without_settings(
         "radius": usual_radius(filter.prior.poses),
         "adapts": (adapts := saved.likelihood.appearance_variance == 0),  # it was not fitted
         "odds": USUAL_ODDS if adapts else None,
-        "descriptor": KeptDescriptor(descriptor),
+        "descriptor": SavedDescriptor(descriptor),
         "facts": saved.facts,
     }
 
@@ -215,7 +215,7 @@ def check_descriptor(descriptor: Describes | str | Path | None) -> None:
 
 def described_map(
     images: UInt8[ndarray, "n h w c"], descriptor: Describes | str | Path | None
-) -> tuple[KeptDescriptor, Float32[ndarray, "n d"]]:
+) -> tuple[SavedDescriptor, Float32[ndarray, "n d"]]:
     """Describe the images of a map; returns the descriptor too, fitted to them if it learns.
 
     Args:
@@ -260,7 +260,7 @@ def described_map(
     return kept, np.ascontiguousarray(np.concatenate(parts), np.float32)
 
 
-def _require_run(kept: KeptDescriptor, run: Path | str, folder: Path) -> None:
+def _require_run(kept: SavedDescriptor, run: Path | str, folder: Path) -> None:
     found = resolve_run(str(run), default_outputs())
     if kept.facts.get("checkpoint_sha256") != found.identity:
         of = "of another run" if kept.facts["kind"] == "network" else f"no network's ({kept.facts['kind']})"

@@ -13,7 +13,7 @@ from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.map_pictures import map_pictures
 from sextant.chapters.localization.validation import protocol_of
 from sextant.chapters.places.descriptors import BaselineDescriber, LayerDescriber
-from sextant.chapters.places.kept_descriptor import KeptDescriptor, kept_baseline, kept_layer, kept_network
+from sextant.chapters.places.saved_descriptor import SavedDescriptor, kept_baseline, kept_layer, kept_network
 from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run
 
@@ -65,14 +65,14 @@ def run_localizer(
     )
 
 
-def _kept(data: "LocalizationDataModule", config: LocalizationConfig) -> KeptDescriptor:
+def _kept(data: "LocalizationDataModule", config: LocalizationConfig) -> SavedDescriptor:
     describer, images = data.describer, data.drives.fitted.images
     if (run := config.plain["descriptor"].get("run")) is not None:  # the descriptor is a trained run
         outputs = Path(config.paths.outputs)
         trained = resolve_run(run, outputs)
         return kept_network(trained.checkpoint, trust=trained.is_own(outputs))
     if not isinstance(describer, BaselineDescriber) or images is None:
-        return KeptDescriptor()
+        return SavedDescriptor()
     describer.fit(images)  # not yet fitted if all descriptors came from the cache
     if isinstance(describer, LayerDescriber):
         kept = kept_layer(describer.layer, describer.nodes)
@@ -85,7 +85,7 @@ def _kept(data: "LocalizationDataModule", config: LocalizationConfig) -> KeptDes
             f"the descriptors of the map in {data.cache} are not those that the descriptor gives now",
             f"They are of another version: delete {data.cache}/descriptors-*.npy and run again.",
         )
-    return kept if kept.facts["kind"] != "none" else KeptDescriptor()  # the user's own descriptors are not stored
+    return kept if kept.facts["kind"] != "none" else SavedDescriptor()  # the user's own descriptors are not stored
 
 
 def write_map(localizer: Localizer, folder: Path) -> None:

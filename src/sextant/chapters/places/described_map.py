@@ -17,10 +17,10 @@ from sextant.baselines import WhitenedPCA
 from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.chapters.places.data.tolerance import PlaceTolerance, Unit
 from sextant.chapters.places.describing import Described, DescribedPhotos, describe, joined, without_failed
-from sextant.chapters.places.kept_descriptor import Describes, KeptDescriptor, kept_baseline, named_baseline
 from sextant.chapters.places.known_places import same_place
 from sextant.chapters.places.matching import Matches, match
 from sextant.chapters.places.photo_folder import PhotoFolder, photo_folder
+from sextant.chapters.places.saved_descriptor import Describes, SavedDescriptor, kept_baseline, named_baseline
 from sextant.chapters.places.saved_map import TOLERANCES, MapFacts, Temperature, load_map, save_map
 from sextant.errors import ArgumentError, UserError
 from sextant.evaluation.positives import Positives
@@ -45,7 +45,7 @@ class DescribedMap:
 
     def __init__(
         self,
-        descriptor: Describes | KeptDescriptor | str,
+        descriptor: Describes | SavedDescriptor | str,
         size: ImageSize | None = None,
         *,
         temperature: Temperature | float | None = None,
@@ -57,7 +57,7 @@ class DescribedMap:
             raise ArgumentError(
                 "descriptor: WhitenedPCA learns from images, and has seen none", "Fit it: WhitenedPCA().fit(images)"
             )
-        self.descriptor = descriptor if isinstance(descriptor, KeptDescriptor) else kept_baseline(descriptor)
+        self.descriptor = descriptor if isinstance(descriptor, SavedDescriptor) else kept_baseline(descriptor)
         if self.descriptor.describer is None:
             raise ArgumentError("descriptor: it describes no images", "Give one of sextant.baselines, or a network.")
         self._describer = self.descriptor.describer

@@ -13,8 +13,8 @@ from jaxtyping import Float32, Float64, Int64, UInt8
 from numpy import ndarray
 
 from sextant.chapters.places.data.decoded_images import ImageSize
-from sextant.chapters.places.kept_descriptor import Describes
 from sextant.chapters.places.photo_folder import PhotoFolder
+from sextant.chapters.places.saved_descriptor import Describes
 from sextant.data import upright
 from sextant.data.image_files import decode_image
 from sextant.data.picture_files import UnreadableImageError, open_picture

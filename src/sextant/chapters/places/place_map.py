@@ -14,9 +14,9 @@ from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, failed_photo
 from sextant.chapters.places.describing import DescribedPhotos, describe
-from sextant.chapters.places.kept_descriptor import Describes, kept_network, load_descriptor
 from sextant.chapters.places.match_confidence import MatchConfidence
 from sextant.chapters.places.matching import Matches
+from sextant.chapters.places.saved_descriptor import Describes, kept_network, load_descriptor
 from sextant.chapters.places.saved_map import (
     FITTED,
     TOLERANCES,

@@ -60,7 +60,7 @@ def fitted_confidence(facts: Mapping[str, Any]) -> MatchConfidence | None:
     None for descriptors other than networks.
 
     Args:
-        facts: facts of the descriptor, as in :class:`~sextant.chapters.places.kept_descriptor.KeptDescriptor`.
+        facts: facts of the descriptor, as in :class:`~sextant.chapters.places.saved_descriptor.SavedDescriptor`.
     """
     if facts["kind"] != "network":
         return None

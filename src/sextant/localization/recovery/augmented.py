@@ -22,7 +22,7 @@ from torch import Tensor
 from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.recovery.recovery import Injection, Memory, Recovery, anywhere, check_share, whole_number
-from sextant.localization.weighed import Weighed
+from sextant.localization.weighted_belief import WeightedBelief
 
 Average = Literal["geometric", "arithmetic"]
 
@@ -50,7 +50,7 @@ class AugmentedMCL(Recovery):
         >>> recovery, prior, draws = AugmentedMCL(), MapPrior(line, 0.5, 0.1), torch.Generator()
         >>> memory, counts = recovery.memory(runs=1), []
         >>> for x in (10, 10, 0):  # where all particles are: two images fit, the third does not
-        ...     weighed = Weighed.of(Belief.uniform(line[x : x + 1].repeat(1, 100, 1)), AtTen(), None)
+        ...     weighed = WeightedBelief.of(Belief.uniform(line[x : x + 1].repeat(1, 100, 1)), AtTen(), None)
         ...     injection, memory = recovery.inject(weighed, prior, memory, draws)
         ...     counts.append(0 if injection is None else int(injection.count))
         >>> counts
@@ -79,7 +79,7 @@ class AugmentedMCL(Recovery):
         return torch.full((runs, 2), torch.nan, dtype=torch.float64, device=device)
 
     def inject(
-        self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
+        self, weighed: WeightedBelief, prior: MapPrior, memory: Memory, generator: torch.Generator
     ) -> tuple[Injection | None, Memory]:
         """Draw as many particles from the prior as the averages ask for."""
         before, now = memory, weighed.log_evidence[:, None]

@@ -37,7 +37,7 @@ from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
-from sextant.localization.weighed import Weighed
+from sextant.localization.weighted_belief import WeightedBelief
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Trail:
         unknown = ~known if self.unknown is None else self.unknown | ~known
         return Trail(tuple(one for one in passed if one.counts.any()), unknown)
 
-    def seen(
+    def updated(
         self, evidence: Evidence, log_evidence: Float64[Tensor, "r"], seen: Bool[Tensor, "r"], most: int
     ) -> "Trail":
         """The trail after one more observation; each run keeps its ``most`` latest."""
@@ -139,7 +139,7 @@ class BayesRestart(Recovery):
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
-        >>> weighed = Weighed.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
+        >>> weighed = WeightedBelief.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
         >>> recovery = BayesRestart(share=0.1)
         >>> injection, _ = recovery.inject(weighed, MapPrior(line, 0.1, 0.1), recovery.memory(1), torch.Generator())
         >>> int(injection.count), float(injection.poses[..., 0].mean().round())  # where the image says
@@ -166,7 +166,7 @@ class BayesRestart(Recovery):
         return memory.moved(motion)
 
     def inject(
-        self, weighed: Weighed, prior: MapPrior, memory: Trail, generator: torch.Generator
+        self, weighed: WeightedBelief, prior: MapPrior, memory: Trail, generator: torch.Generator
     ) -> tuple[Injection | None, Trail]:
         """Draw restarts from q with jitter."""
         injection = self._restarts(weighed, prior, memory, generator)
@@ -179,10 +179,10 @@ class BayesRestart(Recovery):
             foreseen = torch.where(
                 injection.count > 0, torch.logaddexp(foreseen + injection.log_kept, restarts), foreseen
             )
-        return injection, memory.seen(weighed.evidence, foreseen, weighed.seen, self.window)
+        return injection, memory.updated(weighed.evidence, foreseen, weighed.seen, self.window)
 
     def _restarts(
-        self, weighed: Weighed, prior: MapPrior, trail: Trail, generator: torch.Generator
+        self, weighed: WeightedBelief, prior: MapPrior, trail: Trail, generator: torch.Generator
     ) -> Injection | None:
         proposal = AppearanceProposal.of(weighed.evidence.over_map())
         count = whole_number(self.share, weighed.particles, generator)

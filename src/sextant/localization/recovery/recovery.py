@@ -10,7 +10,7 @@ from torch import Tensor
 
 from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.weighed import Weighed
+from sextant.localization.weighted_belief import WeightedBelief
 
 #: what a recovery remembers of all runs from step to step; only the recovery itself knows its type
 Memory = Any
@@ -22,7 +22,7 @@ class Injection:
 
     Attributes:
         poses: :math:`\tilde x_k`.
-        log_weights: :math:`v_k`, on the scale of :attr:`Weighed.log_weights`.
+        log_weights: :math:`v_k`, on the scale of :attr:`WeightedBelief.log_weights`.
         count: m of each run; entries beyond it are meaningless.
         log_kept: :math:`\kappa`, which is added to the log weights of the kept particles.
     """
@@ -57,7 +57,7 @@ class Recovery(ABC):
     @abstractmethod
     def inject(
         self,
-        weighed: Weighed,
+        weighed: WeightedBelief,
         prior: MapPrior,
         memory: Memory,
         generator: torch.Generator,
@@ -100,7 +100,7 @@ class NoRecovery(Recovery):
     """
 
     def inject(
-        self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
+        self, weighed: WeightedBelief, prior: MapPrior, memory: Memory, generator: torch.Generator
     ) -> tuple[Injection | None, Memory]:
         """Add nothing."""
         return None, memory
@@ -126,7 +126,7 @@ class UniformInjection(Recovery):
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
-        >>> weighed = Weighed.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
+        >>> weighed = WeightedBelief.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
         >>> injection, _ = UniformInjection(0.05).inject(weighed, MapPrior(line, 0.5, 0.1), None, torch.Generator())
         >>> mass = (injection.log_weights.logsumexp(1) - weighed.log_evidence).exp()
         >>> int(injection.count), float(mass.round(decimals=6))  # of 100 particles, and of the mass
@@ -139,7 +139,7 @@ class UniformInjection(Recovery):
         check_share("share", self.share)
 
     def inject(
-        self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
+        self, weighed: WeightedBelief, prior: MapPrior, memory: Memory, generator: torch.Generator
     ) -> tuple[Injection | None, Memory]:
         """Draw from the prior."""
         count = whole_number(self.share, weighed.particles, generator)
@@ -147,7 +147,7 @@ class UniformInjection(Recovery):
 
 
 def anywhere(
-    weighed: Weighed, prior: MapPrior, count: Int64[Tensor, "r"], generator: torch.Generator
+    weighed: WeightedBelief, prior: MapPrior, count: Int64[Tensor, "r"], generator: torch.Generator
 ) -> Injection | None:
     """``count`` draws from the prior with an average weight each, in place of an equal share of the posterior."""
     most = int(count.max())

@@ -12,7 +12,7 @@ from sextant.errors import ArgumentError
 from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.recovery.recovery import Injection, Memory, Recovery, check_share, whole_number
-from sextant.localization.weighed import Weighed
+from sextant.localization.weighted_belief import WeightedBelief
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class TopKInjection(Recovery):
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
-        >>> weighed = Weighed.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
+        >>> weighed = WeightedBelief.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
         >>> recovery = TopKInjection(share=0.1, top=1)
         >>> injection, _ = recovery.inject(weighed, MapPrior(line, 0.1, 0.1), None, torch.Generator())
         >>> int(injection.count), injection.poses[..., 0].round().unique().tolist()
@@ -49,7 +49,7 @@ class TopKInjection(Recovery):
             raise ArgumentError(f"top={self.top} must be at least 1", "For example top=10")
 
     def inject(
-        self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
+        self, weighed: WeightedBelief, prior: MapPrior, memory: Memory, generator: torch.Generator
     ) -> tuple[Injection | None, Memory]:
         """Draw from the best images with jitter, weighed by the same observation."""
         particles = weighed.particles

@@ -23,7 +23,7 @@ from sextant.chapters.localization.localized_drive import ReplayKind, localize_d
 from sextant.chapters.localization.localizer import Localizer, Start
 from sextant.chapters.localization.localizer_folder import check_descriptor
 from sextant.chapters.localization.written_poses import refuse_to_replace_poses
-from sextant.chapters.places.kept_descriptor import Describes
+from sextant.chapters.places.saved_descriptor import Describes
 from sextant.data.photos import Pinhole, read_photo
 from sextant.errors import ArgumentError, UserError
 from sextant.reporter import SILENT, Progress

@@ -11,7 +11,7 @@ from sextant.localization.observation.evidence import Evidence
 
 
 @dataclass(frozen=True)
-class Weighed:
+class WeightedBelief:
     r"""Particles before and after one observation in each run.
 
     Attributes:
@@ -27,7 +27,7 @@ class Weighed:
     evidence: Evidence
 
     @classmethod
-    def of(cls, belief: Belief, evidence: Evidence, seen: Bool[Tensor, "r"] | None) -> "Weighed":
+    def of(cls, belief: Belief, evidence: Evidence, seen: Bool[Tensor, "r"] | None) -> "WeightedBelief":
         """Evaluate the evidence at every particle; ``seen`` None means all runs."""
         runs = len(belief.log_weights)
         seen = torch.ones(runs, dtype=torch.bool, device=belief.poses.device) if seen is None else seen

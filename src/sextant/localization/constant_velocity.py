@@ -32,7 +32,7 @@ ENOUGH = 5
 
 
 @dataclass(frozen=True)
-class Pace:
+class ConstantVelocity:
     """The displacement from one step to the next.
 
     Attributes:
@@ -40,9 +40,9 @@ class Pace:
 
     Example:
         >>> import torch
-        >>> pace, here = Pace(), torch.zeros(3, dtype=torch.float64)
+        >>> pace, here = ConstantVelocity(), torch.zeros(3, dtype=torch.float64)
         >>> for way in (2.0, 2.1, -40.0, 1.9, 2.0):
-        ...     pace = pace.seen(here, torch.tensor([way, 0.0, 0.0], dtype=torch.float64), 1.0)
+        ...     pace = pace.updated(here, torch.tensor([way, 0.0, 0.0], dtype=torch.float64), 1.0)
         >>> pace.along(spacing=1.0)
         2.0
     """
@@ -61,7 +61,7 @@ class Pace:
         first, middle, last = np.quantile(ways, [0.25, 0.5, 0.75], weights=weights, method="inverted_cdf")
         return float(middle) if last - first <= AGREE * spacing + abs(middle) else None
 
-    def seen(self, before: Float64[Tensor, "3"], after: Float64[Tensor, "3"], weight: float, steps: int = 1) -> Self:
+    def updated(self, before: Float64[Tensor, "3"], after: Float64[Tensor, "3"], weight: float, steps: int = 1) -> Self:
         """The pace with the displacement between two estimated poses added.
 
         Args:

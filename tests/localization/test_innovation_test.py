@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from sextant.localization.foresight import ASKED, LOOKED_AT, Foresight, drawn_evenly, foreseen
+from sextant.localization.innovation_test import ASKED, LOOKED_AT, InnovationTest, drawn_evenly, foreseen
 
 
 def random_map(count, seed=0):
@@ -36,29 +36,29 @@ def test_of_values_that_are_no_numbers_it_says_what_it_can():
     assert foreseen(over_map, torch.tensor([4])) == 1.0
     assert foreseen(over_map, torch.tensor([1, 3])) == 0.0
     assert math.isnan(foreseen(torch.zeros(1, dtype=torch.float64), torch.tensor([0])))
-    assert Foresight().seen(math.nan, 1.0) == Foresight()
+    assert InnovationTest().updated(math.nan, 1.0) == InnovationTest()
 
 
 def test_it_says_nothing_before_the_fifth_image_and_forgets_all_but_twenty():
-    foresight = Foresight()
+    foresight = InnovationTest()
     for count in range(1, 5):
-        foresight = foresight.seen(0.1, 1.0)
+        foresight = foresight.updated(0.1, 1.0)
         assert math.isnan(foresight.told), count
         assert not foresight.failed
-    assert foresight.seen(0.1, 1.0).failed
+    assert foresight.updated(0.1, 1.0).failed
     for _ in range(200):
-        foresight = foresight.seen(0.9, 1.0)
+        foresight = foresight.updated(0.9, 1.0)
     assert foresight.told == pytest.approx(0.9, abs=1e-3)
     assert foresight.images == 20
 
 
 def test_two_halves_of_an_image_count_as_one():
-    whole, halves = Foresight().seen(0.2, 1.0).seen(0.8, 1.0), Foresight()
+    whole, halves = InnovationTest().updated(0.2, 1.0).updated(0.8, 1.0), InnovationTest()
     for value in (0.2, 0.2, 0.8, 0.8):
-        halves = halves.seen(value, 0.5)
+        halves = halves.updated(value, 0.5)
     assert halves.mean == pytest.approx(whole.mean)
     assert halves.images == whole.images
-    assert whole.seen(0.0, 0.0) == whole
+    assert whole.updated(0.0, 0.0) == whole
 
 
 def test_particles_are_asked_as_often_as_they_weigh():

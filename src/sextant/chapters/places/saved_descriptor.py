@@ -42,7 +42,7 @@ class Describes(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class KeptDescriptor:
+class SavedDescriptor:
     """A descriptor with all that is needed to recreate it.
 
     Attributes:
@@ -89,28 +89,28 @@ class KeptDescriptor:
         write_json(folder / HEADER, {"format": FORMAT, "version": VERSION, **marks, "facts": self.facts})
 
 
-def kept_baseline(descriptor: Describes) -> KeptDescriptor:
+def kept_baseline(descriptor: Describes) -> SavedDescriptor:
     """A training-free descriptor, fitted to the map; or a user-defined one, which cannot be saved."""
     name = type(descriptor).__name__
     if BASELINES.get(name) is not type(descriptor):
-        return KeptDescriptor(descriptor)
+        return SavedDescriptor(descriptor)
     arguments = {key: getattr(descriptor, key) for key in inspect.signature(type(descriptor)).parameters}
     arrays: dict[str, Tensor] = {}
     if isinstance(descriptor, WhitenedPCA):
         arrays = {key: torch.from_numpy(np.array(getattr(descriptor.pca_, key), order="C")) for key in COMPONENTS}
         descriptor = copy.copy(descriptor)  # in the same memory layout as when loaded, so that sums round alike
         descriptor.pca_ = _pca(arrays)
-    return KeptDescriptor(descriptor, {"kind": "baseline", "class": name, "arguments": arguments}, arrays)
+    return SavedDescriptor(descriptor, {"kind": "baseline", "class": name, "arguments": arguments}, arrays)
 
 
-def kept_layer(layer: NetworkLayer, nodes: Mapping[str, Any]) -> KeptDescriptor:
+def kept_layer(layer: NetworkLayer, nodes: Mapping[str, Any]) -> SavedDescriptor:
     """A network as it is, fitted to the map, with the parts that it was built from."""
     arrays = {f"{WEIGHTS}{name}": value for name, value in layer.features.state_dict().items()}
     if layer.dimensions is not None:
         arrays |= {key: torch.from_numpy(np.array(getattr(layer.pca_, key), order="C")) for key in COMPONENTS}
         layer = copy.copy(layer)  # as above
         layer.pca_ = _pca(arrays)
-    return KeptDescriptor(layer, {"kind": "layer", "nodes": dict(nodes)}, arrays)
+    return SavedDescriptor(layer, {"kind": "layer", "nodes": dict(nodes)}, arrays)
 
 
 def baseline_names() -> str:
@@ -136,7 +136,7 @@ def named_baseline(name: str) -> PlaceDescriptor:
     return kind()
 
 
-def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, trust: bool = False) -> KeptDescriptor:
+def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, trust: bool = False) -> SavedDescriptor:
     """The network of a place-recognition run.
 
     Args:
@@ -158,8 +158,8 @@ def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, 
     )
 
 
-def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
-    """Load what :meth:`KeptDescriptor.save` wrote.
+def load_descriptor(folder: Path, *, trust: bool = False) -> SavedDescriptor:
+    """Load what :meth:`SavedDescriptor.save` wrote.
 
     Raises:
         UserError: a file is missing or damaged, or the network needs user-defined code and ``trust`` is false.
@@ -179,26 +179,26 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
         arrays = load(packed)
         whitener = arrays.pop(WHITENER, None)
         if facts["kind"] == "none":
-            return KeptDescriptor(None, facts, arrays, whitener)
+            return SavedDescriptor(None, facts, arrays, whitener)
         if facts["kind"] == "network":
             return replace(_network(facts, arrays, folder / ARRAYS, trust), whitener=whitener)
         if facts["kind"] == "layer":
-            return KeptDescriptor(_layer(facts["nodes"], arrays, trust), facts, arrays, whitener)
+            return SavedDescriptor(_layer(facts["nodes"], arrays, trust), facts, arrays, whitener)
         descriptor = BASELINES[facts["class"]](**facts["arguments"])
         if isinstance(descriptor, WhitenedPCA):
             descriptor.pca_ = _pca(arrays)
-        return KeptDescriptor(descriptor, facts, arrays, whitener)
+        return SavedDescriptor(descriptor, facts, arrays, whitener)
     except (OSError, KeyError, TypeError, ValueError, SafetensorError) as error:
         raise _damaged(folder, f"{HEADER} and {ARRAYS} do not make a descriptor: {error}") from error
 
 
-def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], file: Path, trust: bool) -> KeptDescriptor:
+def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], file: Path, trust: bool) -> SavedDescriptor:
     from sextant.chapters.places.network import trained_place_network
     from sextant.runs.checkpoint import KEY
 
     content = {KEY: facts, "state_dict": weights}
     network = trained_place_network(content, file, facts["checkpoint_sha256"], trust=trust)
-    return KeptDescriptor(network, facts, dict(weights))
+    return SavedDescriptor(network, facts, dict(weights))
 
 
 def _layer(nodes: Mapping[str, Any], arrays: Mapping[str, Tensor], trust: bool) -> NetworkLayer:

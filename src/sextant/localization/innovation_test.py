@@ -1,8 +1,9 @@
 r"""Whether images look like the places where the robot was believed to be before they were taken.
 
 A filter that is sure of itself may follow wrong odometry, or images of another world: some place of the map always
-looks most alike. Foresight, however, does not come by chance. Let F_i be the share of the map's images that an image
-resembles less than it resembles image i, and i(x) the map image nearest to a pose. The belief then foresaw the image by
+looks most alike. To be foreseen, however, does not come by chance. Let F_i be the share of the map's images that an
+image resembles less than it resembles image i, and i(x) the map image nearest to a pose. The belief then foresaw the
+image by
 
 .. math:: f_t = \sum_k W_{t-1}^k \, F_{i(x_{t-1}^k \circ u_t)} :
 
@@ -35,7 +36,7 @@ LOOKED_AT, ASKED = 4096, 128
 
 
 @dataclass(frozen=True)
-class Foresight:
+class InnovationTest:
     r"""How well recent images were foreseen.
 
     Attributes:
@@ -43,9 +44,9 @@ class Foresight:
         images: sum of the images' weights, at most n.
 
     Example:
-        >>> foresight, over_map = Foresight(), torch.arange(10.0).double()  # each image looks most like the tenth
+        >>> foresight, over_map = InnovationTest(), torch.arange(10.0).double()  # each image looks most like the tenth
         >>> for _ in range(5):
-        ...     foresight = foresight.seen(foreseen(over_map, torch.tensor([2])), 1.0)  # the third was expected
+        ...     foresight = foresight.updated(foreseen(over_map, torch.tensor([2])), 1.0)  # the third was expected
         >>> round(foresight.told, 2), foresight.failed
         (0.22, True)
     """
@@ -53,7 +54,7 @@ class Foresight:
     mean: float = 0.5
     images: float = 0.0
 
-    def seen(self, foreseen: float, weight: float) -> Self:
+    def updated(self, foreseen: float, weight: float) -> Self:
         """The state after one more image; a value that is not a number is ignored."""
         if weight <= 0 or not math.isfinite(foreseen):
             return self

@@ -3,15 +3,15 @@ import math
 import pytest
 import torch
 
-from sextant.localization.standstill import COMPARED, STANDS, TURNS, Standstill
+from sextant.localization.odometry_check import COMPARED, STANDS, TURNS, OdometryCheck
 
 NOWHERE = torch.zeros(3, dtype=torch.float64)
 
 
 def told(images, motion=NOWHERE, spacing=1.0):
-    still = Standstill()
+    still = OdometryCheck()
     for image in images:
-        still = still.moved(motion, spacing).seen(image)
+        still = still.moved(motion, spacing).updated(image)
     return still
 
 
@@ -52,9 +52,9 @@ def test_only_a_robot_that_is_said_to_stand_is_contradicted(motion, said_to_stan
 
 
 def test_steps_to_and_fro_are_not_a_stand():
-    images, still = of_places(12), Standstill()
+    images, still = of_places(12), OdometryCheck()
     for turn, image in enumerate(images):
-        still = still.moved(torch.tensor([(-1.0) ** turn, 0.0, 0.0], dtype=torch.float64), 1.0).seen(image)
+        still = still.moved(torch.tensor([(-1.0) ** turn, 0.0, 0.0], dtype=torch.float64), 1.0).updated(image)
     assert not still.contradicted(1.0)
 
 

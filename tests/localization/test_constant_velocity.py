@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.localization.pace import ENOUGH, MOST, Pace
+from sextant.localization.constant_velocity import ENOUGH, MOST, ConstantVelocity
 
 HERE = torch.tensor([3.0, -2.0, 0.7], dtype=torch.float64)
 
 
 def driven(ways, weight=1.0, pace=None):
-    pace = Pace() if pace is None else pace
+    pace = ConstantVelocity() if pace is None else pace
     for way in ways:
         ahead = torch.tensor([way * np.cos(0.7), way * np.sin(0.7), 0.0], dtype=torch.float64)
-        pace = pace.seen(HERE, HERE + ahead, weight)
+        pace = pace.updated(HERE, HERE + ahead, weight)
     return pace
 
 
@@ -24,9 +24,9 @@ def test_it_is_the_way_along_the_heading_once_there_are_enough():
 
 
 def test_a_way_of_several_steps_is_shared_out():
-    pace, there = Pace(), HERE + torch.tensor([6 * np.cos(0.7), 6 * np.sin(0.7), 0.0], dtype=torch.float64)
+    pace, there = ConstantVelocity(), HERE + torch.tensor([6 * np.cos(0.7), 6 * np.sin(0.7), 0.0], dtype=torch.float64)
     for _ in range(ENOUGH):
-        pace = pace.seen(HERE, there, 1.0, steps=3)
+        pace = pace.updated(HERE, there, 1.0, steps=3)
     assert pace.along(1.0) == pytest.approx(2.0)
 
 
@@ -52,5 +52,5 @@ def test_it_outlasts_estimates_that_are_not_sure_and_follows_those_that_are():
 
 @pytest.mark.parametrize("weight", [0.0, float("nan")])
 def test_what_is_off_the_map_or_no_number_teaches_nothing(weight):
-    assert driven([2.0] * 10, weight) == Pace()
-    assert driven([float("nan"), float("inf")] * 10) == Pace()
+    assert driven([2.0] * 10, weight) == ConstantVelocity()
+    assert driven([float("nan"), float("inf")] * 10) == ConstantVelocity()

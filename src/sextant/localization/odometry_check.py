@@ -32,16 +32,16 @@ ALIKE = 0.2
 
 
 @dataclass(frozen=True)
-class Standstill:
+class OdometryCheck:
     """The images taken while odometry says that the robot stands still.
 
     Attributes:
         images: at most the last six, each with the reported motion since then.
 
     Example:
-        >>> still, nowhere = Standstill(), torch.zeros(3, dtype=torch.float64)
+        >>> still, nowhere = OdometryCheck(), torch.zeros(3, dtype=torch.float64)
         >>> for image in torch.eye(6):  # no two of them alike
-        ...     still = still.moved(nowhere, spacing=1.0).seen(image)
+        ...     still = still.moved(nowhere, spacing=1.0).updated(image)
         >>> still.contradicted(apart=2.0), still.contradicted(apart=20.0)
         (True, False)
     """
@@ -58,7 +58,7 @@ class Standstill:
         told = ((se2_compose(since, motion), image) for since, image in self.images)
         return type(self)(tuple(each for each in told if float(way_moved(each[0], STANDS * spacing, TURNS)) < 1))
 
-    def seen(self, image: Float[Tensor, " d"]) -> Self:
+    def updated(self, image: Float[Tensor, " d"]) -> Self:
         """The state after one more image, given by its descriptor."""
         here = torch.zeros(3, dtype=torch.float64)
         return type(self)((*self.images[-(COMPARED - 1) :], (here, image)))
