@@ -5,6 +5,7 @@ out; a *package* is a folder in ``src/sextant``, or one chapter in ``src/sextant
 """
 
 import ast
+import os
 import re
 import statistics
 import subprocess
@@ -162,10 +163,23 @@ def loaded() -> int:
     return int(done.stdout.split()[-1])
 
 
+def cpu_of(*words: str, times: int = 3) -> float:
+    """The least CPU time in seconds of a Python process, of so many."""
+    found = []
+    for _ in range(times):
+        before = os.times()
+        subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, check=True)
+        after = os.times()
+        found.append(after.children_user + after.children_system - before.children_user - before.children_system)
+    return min(found)
+
+
 def run() -> list[tuple[str, str, str, str, str]]:
     """Rows for the table of benchmarks."""
     lines = [len(path.read_text(encoding="utf-8").splitlines()) for path in modules()]
     touched, naming = replayed(), naming_tasks()
+    hydra = cpu_of("-c", "import hydra")
+    light = [cpu_of("train.py", *words) / hydra for words in (["--help"], ["--cfg", "job"])]
     short = sum(count < SHORT for count in lines) / len(lines)
     folders = "; ".join(str(len(folders_of(words))) for words in CHAPTERS.values())
     one = sum(count == 1 for count in touched) / len(touched)
@@ -183,6 +197,7 @@ def run() -> list[tuple[str, str, str, str, str]]:
         ("modules that name tasks", str(len(naming)), "1"),
         ("modules loaded for task=calibration", str(loaded()), "<= 170"),
         ("layers; circles", f"{layers()}; {len(circles())}", "<= 9; 0"),
+        ("--help; --cfg job, CPU time of import hydra", "; ".join(f"{ratio:.1f}x" for ratio in light), "<= 5x; <= 4x"),
         ("test functions", f"{tests:,}", ""),
     )
     return [(name, measured, "", "", aim) for name, measured, aim in facts]

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 import hydra
 from omegaconf import DictConfig
 
-from sextant.cli.terminal import TERMINAL
-from sextant.composing.compose import compose, register_resolvers, to_plain
+from sextant.composing.compose import compose, register_resolvers, run_help, shown, to_plain
 from sextant.composing.config_files import folders, own_configs, without_folder
 from sextant.composing.overrides import literal
 from sextant.console.console import reporting_mistakes
@@ -34,6 +33,9 @@ def main(arguments: Sequence[str]) -> None:
         _sweep(words, folder)
         return
     with own_configs(folder):
+        if (text := _printed(words)) is not None:
+            print(text)
+            return
         _check(words)
         sys.argv = [sys.argv[0], *map(literal, words)]
         if folder is not None:
@@ -57,13 +59,32 @@ def _sweep(words: Sequence[str], folder: str | None) -> None:
         (show_dry_run if DRY_RUN in words else run_sweep)(overrides)
 
 
+def _printed(words: Sequence[str]) -> str | None:
+    """What the flags ``--help`` and ``--cfg job`` print; None for other flags, or none."""
+    rest = [word for word in words if not is_override(word)]
+    overrides = [word for word in words if is_override(word)]
+    if rest in (["--help"], ["-h"]):
+        return run_help(overrides)
+    if rest in (["--cfg", "job"], ["-c", "job"], ["--cfg=job"]):
+        config = compose(overrides)
+        checked(to_plain(config))
+        return shown(config).rstrip("\n")
+    return None
+
+
+def is_override(word: str) -> bool:
+    """Whether a word of the command line sets or deletes a key, and is no flag."""
+    return ("=" in word or "~" in word) and not word.startswith("-")
+
+
 def _check(arguments: Sequence[str]) -> None:
     """Find mistakes in the arguments before anything heavy is imported."""
     if not any(argument.split("=")[0] in ONLY_PRINT for argument in arguments):
+        from sextant.cli.terminal import TERMINAL
+
         preflight([argument for argument in arguments if not argument.startswith("-")], TERMINAL)
     elif any(argument.split("=")[0] in PRINT_CONFIG for argument in arguments):
-        overrides = [word for word in arguments if ("=" in word or "~" in word) and not word.startswith("-")]
-        checked(to_plain(compose(overrides)))
+        checked(to_plain(compose([word for word in arguments if is_override(word)])))
 
 
 def run_config(config: DictConfig) -> None:
@@ -71,6 +92,7 @@ def run_config(config: DictConfig) -> None:
     from hydra.core.hydra_config import HydraConfig
 
     from sextant.cli.show import show_next, show_result
+    from sextant.cli.terminal import TERMINAL
     from sextant.lifecycle.execute import execute
 
     with reporting_mistakes("train"):

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from copy import deepcopy
+from string import Template
 from typing import Any
 
 import yaml
@@ -31,8 +32,8 @@ def register_resolvers() -> None:
     OmegaConf.register_new_resolver("sextant.outputs", lambda: str(default_outputs()), replace=True)
 
 
-def compose(overrides: Sequence[str], name: str = "train") -> DictConfig:
-    """Compose the config ``name`` with ``overrides``.
+def compose(overrides: Sequence[str], name: str = "train", *, with_hydra: bool = False) -> DictConfig:
+    """Compose the config ``name`` with ``overrides``, and ``with_hydra`` its own node too.
 
     Raises:
         UserError: an override is not understood, or a config file cannot be read. The message names it and, for an
@@ -42,7 +43,8 @@ def compose(overrides: Sequence[str], name: str = "train") -> DictConfig:
     inside_hydra = GlobalHydra.instance().is_initialized()
     with nullcontext() if inside_hydra else initialize_config_dir(str(conf_dir()), version_base="1.3"):
         try:
-            return _composed([*map(literal, overrides), *search_path()], name)
+            words = [*map(literal, overrides), *search_path()]
+            return hydra_compose(name, words, return_hydra_config=True) if with_hydra else _composed(words, name)
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise unreadable_config_file(chosen(overrides), error) or UserError(
                 f"a config file cannot be read: {error}"
@@ -77,6 +79,22 @@ def _composed(overrides: Sequence[str], name: str) -> DictConfig:
     config = deepcopy(kept[key])
     ConfigLoaderImpl._apply_overrides_to_config([each.parsed for each in values], config)
     return config
+
+
+def run_help(overrides: Sequence[str]) -> str:
+    """The help of a run as Hydra would print it: every group with its options, and the config of these overrides.
+
+    Hydra copies its configuration once for each group, which takes longer than everything else.
+    """
+    config = compose(overrides, with_hydra=True)
+    listed = "".join(f"{name}: {', '.join(sorted(options))}\n" for name, options in sorted(groups().items()))
+    template = Template(config.hydra.help.template)
+    return template.substitute(APP_CONFIG_GROUPS=listed, CONFIG=shown(config))
+
+
+def shown(config: DictConfig) -> str:
+    """A composed config as YAML, without Hydra's own node."""
+    return OmegaConf.to_yaml(OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"]))
 
 
 def to_plain(config: DictConfig) -> dict[str, Any]:
