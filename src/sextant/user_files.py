@@ -2,14 +2,12 @@
 
 import csv
 import difflib
-import json
 import math
 import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from sextant.errors import UserError
 
@@ -202,15 +200,3 @@ def _float(word: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def read_foreign_json(path: Path, fix: str) -> Any:
-    """Read the content of a file that may hold anything.
-
-    Raises:
-        UserError: it cannot be read, or is not JSON.
-    """
-    try:
-        return json.loads(read_text(path, fix))
-    except (ValueError, RecursionError) as error:
-        raise UserError(f"{path} is no JSON: {str(error)[:80]}", fix) from None

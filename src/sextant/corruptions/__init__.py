@@ -5,7 +5,7 @@ from sextant.corruptions.benchmark_suite import BenchmarkSuite, benchmark_set, c
 from sextant.corruptions.corrupt import corrupt
 from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.noise import ContrastPoisson, GaussianNoise
-from sextant.corruptions.perturbations import PerturbationSuite
+from sextant.corruptions.perturbation_suite import PerturbationSuite
 from sextant.corruptions.pixels import eight_bit, to_bytes
 from sextant.corruptions.stored_suite import StoredSuite
 from sextant.corruptions.suite import Condition, CorruptionSuite, Protocol

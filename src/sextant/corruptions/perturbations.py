@@ -31,15 +31,12 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from sextant.corruptions.contract import Indices
 from sextant.corruptions.corruption import Corruption, generators, image_seeds
 from sextant.corruptions.filtering import bilinear, motion_blur
 from sextant.corruptions.noise import ClippedGaussianNoise, ShotNoise
 from sextant.corruptions.pixels import eight_bit
 from sextant.corruptions.shapes import affine_warp
-from sextant.corruptions.suite import Condition, CorruptionSuite
 from sextant.corruptions.weather import Brightness, Snow, SnowDraw
-from sextant.errors import ArgumentError
 
 Images = Float[Tensor, "b c h w"]
 NOISE_FRAMES = 30
@@ -152,37 +149,3 @@ def _tilted(images: Images, angle: float) -> Images:
     points = torch.stack([columns, rows, torch.ones_like(rows)], -1) @ back.T
     sources = (points[..., :2] / points[..., 2:]).to(images).expand(len(images), -1, -1, -1)
     return eight_bit(bilinear(images, sources[..., 1], sources[..., 0], "zero"), "corrected")
-
-
-class PerturbationSuite(CorruptionSuite):
-    """The frames of the perturbation sequences of CIFAR-10-P, in 8 bits as its files hold them.
-
-    >>> len(PerturbationSuite(["rotate"]).sequence("rotate"))
-    31
-
-    Args:
-        names: names of the perturbations; ``None`` for all ten.
-        seed: seed of all random draws.
-
-    Raises:
-        ArgumentError: ``names`` is empty, or holds one that is not a perturbation.
-    """
-
-    def __init__(self, names: Sequence[str] | None = None, seed: int = 0):
-        there = cifar10_p()
-        if names is not None and (not names or not set(names) <= set(there)):
-            given = "[" + ", ".join(names) + "]"
-            raise ArgumentError(f"names={given} must list some perturbations", f"There are: {', '.join(there)}.")
-        super().__init__({name: made for name, made in there.items() if names is None or name in names}, seed)
-
-    def corrupt(
-        self, images: Float[Tensor, "b c h w"], indices: Indices, condition: Condition
-    ) -> Float[Tensor, "b c h w"]:
-        """The frame ``condition`` of ``images``, which are in [0, 1] and at positions ``indices`` of their dataset."""
-        frame = super().corrupt(images, indices, condition)
-        return frame if condition.corruption is None else eight_bit(frame, "faithful")
-
-    def sequence(self, name: str) -> list[Condition]:
-        """The frames of a perturbation in order; those with noise start with the clean image."""
-        frames = [Condition(name, level) for level in self.corruptions[name].levels]
-        return [Condition(), *frames] if name.endswith("noise") else frames

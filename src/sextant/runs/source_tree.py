@@ -7,7 +7,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import sextant
+from sextant.registry import CHAPTERS
 
+#: modules of a chapter that show results
+SHOWS = ("figures", "measure")
 #: Parts of the package that show or store results but compute none.
 NOT_COMPUTING = (
     "reports/",
@@ -22,6 +25,9 @@ NOT_COMPUTING = (
     "cli/progress",
     "lifecycle/results",
     "lifecycle/run_reporter",
+    "kit/measure",
+    "tables",
+    *(f"{package.partition('.')[2].replace('.', '/')}/{name}" for package in CHAPTERS.values() for name in SHOWS),
 )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from sextant.data.reconstructions.json_file import read_foreign_json
 from sextant.data.reconstructions.reconstruction import (
     ROTATION_TOLERANCE,
     Lens,
@@ -23,7 +24,6 @@ from sextant.data.reconstructions.reconstruction import (
     unusable,
 )
 from sextant.errors import UserError
-from sextant.user_files import read_foreign_json
 
 FIX = "It is the transforms.json that ns-process-data or instant-ngp's colmap2nerf.py wrote."
 #: camera of OpenGL -> camera here

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from sextant.data.reconstructions.json_file import read_foreign_json
 from sextant.data.reconstructions.reconstruction import (
     Lens,
     PosedImage,
@@ -22,7 +23,6 @@ from sextant.data.reconstructions.reconstruction import (
     unusable,
 )
 from sextant.errors import UserError
-from sextant.user_files import read_foreign_json
 
 FIX = "It is the reconstruction.json that opensfm reconstruct or align_submodels wrote."
 

@@ -15,9 +15,9 @@ import shapely
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.data.positions import geocentric, local_axes
+from sextant.data.geodesy import geocentric, local_axes
+from sextant.data.reconstructions.json_file import read_foreign_json
 from sextant.errors import UserError
-from sextant.user_files import read_foreign_json
 from sextant.worlds.blocks import Ground
 from sextant.worlds.footprints import LEAST_M2, Footprint, fit_footprints
 from sextant.worlds.given_streets import given_streets

@@ -18,8 +18,9 @@ from sextant.chapters.places.data.pose_files import read_pose_table
 from sextant.data.name_matching import match_names
 from sextant.data.photo_files import reason_alone
 from sextant.data.reconstructions import NAMED_FORMATS, named_format, read_reconstruction
+from sextant.data.reconstructions.json_file import read_foreign_json
 from sextant.errors import UserError
-from sextant.user_files import read_foreign_json, table_header
+from sextant.user_files import table_header
 from sextant.worlds.trajectories import load_cold
 
 PosesFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "cold"]

@@ -19,7 +19,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.chapters.places.data.pose_files import Pose
-from sextant.data.positions import geocentric, local_axes
+from sextant.data.geodesy import geocentric, local_axes
 from sextant.errors import ArgumentError, problem_list
 
 if TYPE_CHECKING:
