@@ -9,8 +9,10 @@ from importlib import import_module
 from typing import Any
 
 from sextant.errors import naming_extras
+from sextant.moved import keep_old_paths
 
 __version__ = "0.1.0"
+keep_old_paths()
 APPLICATIONS = ("ExampleDetector", "ImageClassifier", "Localizer", "PhotoCalibrator", "PlaceMap")
 #: what is imported on first use, and from where
 LAZY = {

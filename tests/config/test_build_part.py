@@ -10,9 +10,9 @@ from hydra.utils import instantiate
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.config.building import build_part, named
-from sextant.config.names import FIRST, MOVED, present_name, with_first_names, with_present_names
 from sextant.config.schema.parts import known_targets
 from sextant.config.validate import config_classes
+from sextant.moved import FIRST, MOVED, present_name, with_first_names, with_present_names
 
 PARTS = [(group, option) for group in ("pooling", "backbone", "inhibition") for option in sorted(groups()[group])]
 IMAGES = {"in_channels": 3, "image_size": (96, 128), "num_classes": 8}

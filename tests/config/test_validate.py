@@ -123,3 +123,19 @@ def test_a_group_that_holds_no_keys_is_told_as_a_mistake(composed, value):
     for group in composed:
         if group not in ("seed", "init_from", "reuse"):
             assert mistake(composed, group, value).startswith(f"{group}=")
+
+
+@pytest.mark.parametrize("name", [["a", "b"], {"a": 1}, 3, None])
+def test_a_task_that_is_none_is_told_with_those_there_are(composed, name):
+    with pytest.raises(UserError, match="task=calibration"):
+        validate({**composed, "task": {**composed["task"], "name": name}})
+
+
+def test_an_unknown_key_without_a_value_is_told_too(composed):
+    assert "backbon: unknown key. Did you mean backbone" in mistake({**composed, "backbon": None}, "seed", 0)
+
+
+def test_a_part_of_another_group_is_no_part_of_ones_own(composed):
+    assert "is not one of task=classification" in mistake(
+        composed, "backbone", {"_target_": "sextant.losses.BearingLoss"}
+    )

@@ -26,10 +26,10 @@ from sextant import cli
 from sextant.composing.compose import compose, composing_many, to_plain
 from sextant.composing.config_files import groups
 from sextant.config import digest, validate
-from sextant.config.names import with_first_names
 from sextant.errors import UserError
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design
+from sextant.moved import with_first_names
 
 HERE = Path(__file__).parent
 #: folders that no machine has, in place of its own

@@ -13,7 +13,6 @@ import sextant
 from sextant.atomic_files import read_json
 from sextant.config import digest, validate
 from sextant.config.building import named
-from sextant.config.names import present_name
 from sextant.runs.directory import all_runs
 from sextant.runs.sweep_directory import read_plans
 
@@ -47,26 +46,33 @@ def test_what_was_refused_as_the_value_of_a_key_is_refused():
     assert differing == {}
 
 
-def is_there(name):
-    """Whether a name is one of its package, or a module in it."""
-    package, _, own = present_name(name).rpartition(".")
-    return hasattr(import_module(package), own) or find_spec(f"{package}.{own}") is not None
-
-
-#: what chapters and their kit have replaced; settings of a task are in its chapter's ``config``
-REPLACED = (
-    "sextant.recipes",
-    "sextant.trained",
+#: internal names that chapters and their kit have replaced
+REPLACED = {
+    *("sextant.trained", "sextant.recipes.RECIPES", "sextant.recipes.Recipe", "sextant.recipes.Source"),
+    "sextant.recipes.recipe_of",
     *(f"sextant.config.schema.{task}Task" for task in ("Calibration", "Classification", "Cosfire", "Localization")),
     "sextant.config.schema.PlaceRecognitionTask",
-)
+}
 
 
 def test_what_was_public_can_be_imported():
     frozen = freeze.read("names.json")
-    names = [f"{package}.{name}" for package, names in frozen["public"].items() for name in names]
-    gone = [name for name in names if not name.startswith(REPLACED) and not is_there(name)]
-    assert gone == []
+    gone = {
+        f"{package}.{name}"
+        for package, names in frozen["public"].items()
+        for name in names
+        if not hasattr(import_module(package), name) and find_spec(f"{package}.{name}") is None
+    }
+    assert gone == REPLACED
+
+
+def test_registered_models_of_before_find_what_they_import():
+    module = import_module("sextant.recipes.photo_predictors")
+    assert module.photo_predictor is import_module("sextant.lifecycle.offered").photo_predictor
+
+
+def test_every_target_that_a_config_named_is_there():
+    frozen = freeze.read("names.json")
     for target in frozen["targets"]:
         assert callable(named(target))
 

@@ -16,7 +16,7 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
-from sextant.composing.config_files import groups, search_path, unreadable_config_file
+from sextant.composing.config_files import NO_GROUPS, folders, groups, search_path, unreadable_config_file
 from sextant.composing.override_mistakes import COMPOSING, chosen, explain
 from sextant.composing.overrides import literal, parse
 from sextant.errors import UserError
@@ -87,7 +87,15 @@ def run_help(overrides: Sequence[str]) -> str:
     Hydra copies its configuration once for each group, which takes longer than everything else.
     """
     config = compose(overrides, with_hydra=True)
-    listed = "".join(f"{name}: {', '.join(sorted(options))}\n" for name, options in sorted(groups().items()))
+    options: dict[str, set[str]] = {}
+    for folder in folders():
+        for path in folder.glob("*/**/*.yaml"):
+            options.setdefault(path.parent.relative_to(folder).as_posix(), set()).add(path.stem)
+    listed = "".join(
+        f"{name}: {', '.join(sorted(found))}\n"
+        for name, found in sorted(options.items())
+        if name.split("/")[0] not in (*NO_GROUPS, "hydra")
+    )
     template = Template(config.hydra.help.template)
     return template.substitute(APP_CONFIG_GROUPS=listed, CONFIG=shown(config))
 

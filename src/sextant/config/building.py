@@ -6,8 +6,8 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-from sextant.config.names import TARGET, present_name
 from sextant.errors import ArgumentError, UserError
+from sextant.moved import TARGET, present_name
 
 PARTIAL = "_partial_"
 #: modules whose functions no config may call, whatever path leads to them

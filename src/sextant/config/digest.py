@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from sextant.config.names import with_first_names
+from sextant.moved import with_first_names
 
 #: Keys that do not change the result: where it is computed and kept, how it is shown, how many processes load data.
 NUISANCE = ("seed", "paths", "tracking", "sweep", "launcher", "reuse", "hydra")

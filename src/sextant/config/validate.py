@@ -44,7 +44,7 @@ def config_class(config: Mapping[str, Any]) -> type[Config]:
     """
     kinds, task = config_classes(), config.get("task")
     name = task.get("name") if isinstance(task, Mapping) else None
-    if name not in kinds:
+    if not isinstance(name, str) or name not in kinds:
         given = "task is missing" if task is None else f"task.name={name}: no such task"
         if not isinstance(task, Mapping | type(None)):
             given = f"task={_shown(task)}: must hold keys, not one value"
@@ -55,7 +55,11 @@ def config_class(config: Mapping[str, Any]) -> type[Config]:
 @cache
 def config_classes() -> dict[str, type[Config]]:
     """The classes of the configs of all chapters. Any of their data sets may stand in any of them."""
-    return {task: import_module(f"{package}.config").CONFIG for task, package in CHAPTERS.items()}
+    kinds = {task: import_module(f"{package}.config").CONFIG for task, package in CHAPTERS.items()}
+    for kind in kinds.values():
+        if kind.__pydantic_complete__:  # used by itself, before all data sets were known
+            kind.model_rebuild(force=True)
+    return kinds
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str | None:

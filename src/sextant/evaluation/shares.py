@@ -77,3 +77,14 @@ def share_interval_of(
     effective *= (stats.norm.ppf(tail) / stats.t.ppf(tail, seeds - 1)) ** 2
     low, high = proportion_confint(mean * effective, effective, alpha=1 - confidence, method="beta")
     return (0.0 if mean <= 0 else float(low), 1.0 if mean >= 1 else float(high))  # for none or all, one end is nan
+
+
+def median_error(errors: Float[ndarray, "n"]) -> float:
+    """The median; nan counts as an infinite error.
+
+    >>> median_error(np.array([1.0, 2.0, np.nan]))
+    2.0
+    """
+    ordered = np.sort(np.where(np.isnan(errors), np.inf, errors))
+    low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
+    return float(low if low == high else (low + high) / 2)  # infinite errors have no difference, but a mean

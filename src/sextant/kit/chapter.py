@@ -213,7 +213,7 @@ class Chapter(ABC, Generic[Kind]):
         raise NotImplementedError
 
     def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
-        """The network of a loaded checkpoint, for other programs, where the model is one; see ``kit.exports``.
+        """The network of a loaded checkpoint, for other programs, where the model is one; see ``kit.offers``.
 
         Raises:
             UserError: it cannot be exported.
@@ -221,5 +221,5 @@ class Chapter(ABC, Generic[Kind]):
         raise NotImplementedError
 
     def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
-        """Answers of a loaded checkpoint to single photos, where it has any; see ``kit.photo_predictors``."""
+        """Answers of a loaded checkpoint to single photos, where it has any; see ``kit.offers``."""
         raise NotImplementedError

@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from sextant.errors import UserError
 from sextant.evaluation import BENCHMARK_15, CorruptionErrors, mean_interval, share_interval
+from sextant.evaluation.shares import median_error
 
 CLEAN = "clean"
 
@@ -22,7 +23,6 @@ class SharedSet:
     A run states its set as ``protocol`` in its ``metrics.json`` (:class:`~sextant.corruptions.Protocol`). A sweep is
     reported as errors under a set if every tested run has a protocol and they share a corruption. Runs tested under
     custom conditions are reported as accuracies.
-
 
     Attributes:
         tested: the distinct test sets, as pairs of key and description of how their images were made; more than one if
@@ -201,17 +201,6 @@ class RunValues:
     by_condition: dict[str, Images]
     errors: CorruptionErrors | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
-
-
-def median_error(errors: Float[ndarray, "n"]) -> float:
-    """The median; nan counts as an infinite error.
-
-    >>> median_error(np.array([1.0, 2.0, np.nan]))
-    2.0
-    """
-    ordered = np.sort(np.where(np.isnan(errors), np.inf, errors))
-    low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
-    return float(low if low == high else (low + high) / 2)  # infinite errors have no difference, but a mean
 
 
 def require_answers(arrays: Mapping[str, ndarray], reads: str) -> None:

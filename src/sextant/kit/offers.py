@@ -1,4 +1,4 @@
-"""Networks of trained models in a form for other programs: from tensors to tensors, with push-pull layers folded."""
+"""What trained models offer other programs: a network from tensors to tensors, answers to single photos."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

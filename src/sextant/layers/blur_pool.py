@@ -92,7 +92,6 @@ class AntiAliasing:
 
     Source: R. Zhang, "Making convolutional networks shift-invariant again", ICML 2019, section 3.2.
 
-
     >>> AntiAliasing(taps=5)(nn.Sequential(nn.Conv2d(1, 4, 3), nn.MaxPool2d(2)))[1][1]
     BlurPool2d(taps=5, stride=(2, 2), padding_mode=reflect)
 

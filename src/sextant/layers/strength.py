@@ -1,4 +1,4 @@
-"""The strength α of inhibition: one number, one per channel, or trained; and how to introduce it gradually."""
+"""The pull: its kernel, stretched from the push's, and its strength α, one number, one per channel, or trained."""
 
 import math
 from collections.abc import Sequence
@@ -13,21 +13,7 @@ from torch import Tensor, nn
 
 
 def pull_kernel_size(size: int, scale: float) -> int:
-    r"""Side of the pull kernel: ``size * scale`` rounded down, plus one if that is even.
-
-    Stretching is linear and separable. With corners aligned, a kernel of :math:`s` rows becomes one of :math:`K` rows
-    by the matrix :math:`A` (:math:`K \times s`) of hat functions, :math:`A_{ti} = \max(0, 1 - |t (s-1)/(K-1) - i|)`, so
-    that
-
-    .. math:: U(W) = A_v \, W \, A_h^\top .
-
-    For :math:`s = 3, K = 7` the columns of A are (1, 2/3, 1/3, 0, 0, 0, 0), (0, 1/3, 2/3, 1, 2/3, 1/3, 0) and the
-    mirror of the first: whole hats inside, half hats at both ends.
-
-    Source: N. Strisciuglio, M. Lopez-Antequera, N. Petkov, "Enhanced robustness of convolutional networks with a
-    push-pull inhibition layer", Neural Computing and Applications 32, 2020, section 3.1; the matrix form follows from
-    it.
-
+    """Side of the pull kernel: ``size * scale`` rounded down, plus one if that is even.
 
     ``K = floor(s h) + 1 - (floor(s h) mod 2)``; for ``h = 2`` sizes 3, 5, 7 give 7, 11, 15. ``h = 1`` keeps the size,
     and a 1x1 kernel has no pattern to stretch: ``h = 2`` makes it a 3x3 box.
@@ -64,7 +50,20 @@ def hats(size: int, pull_size: int) -> Float[np.ndarray, "K s"]:
 
 
 def upsample_kernel(weight: Float[Tensor, "o c kh kw"], scale: float) -> Float[Tensor, "o c KH KW"]:
-    """The pull kernel ``k ↑ h`` before its sign is flipped: ``weight`` stretched bilinearly with its corners aligned.
+    r"""The pull kernel ``k ↑ h`` before its sign is flipped: ``weight`` stretched bilinearly with its corners aligned.
+
+    Stretching is linear and separable. With corners aligned, a kernel of :math:`s` rows becomes one of :math:`K` rows
+    by the matrix :math:`A` (:math:`K \times s`) of hat functions, :math:`A_{ti} = \max(0, 1 - |t (s-1)/(K-1) - i|)`, so
+    that
+
+    .. math:: U(W) = A_v \, W \, A_h^\top .
+
+    For :math:`s = 3, K = 7` the columns of A are (1, 2/3, 1/3, 0, 0, 0, 0), (0, 1/3, 2/3, 1, 2/3, 1/3, 0) and the
+    mirror of the first: whole hats inside, half hats at both ends.
+
+    Source: N. Strisciuglio, M. Lopez-Antequera, N. Petkov, "Enhanced robustness of convolutional networks with a
+    push-pull inhibition layer", Neural Computing and Applications 32, 2020, section 3.1; the matrix form follows from
+    it.
 
     There is no renormalisation, as in the paper's code: the L1 norm grows about 3.9 times for size 3 and ``h = 2``.
 

@@ -314,7 +314,6 @@ def field_loss(believed: BelievedField, true: PerspectiveField, seen: Bool[Tenso
 
     smallest where each expected error is the mean size of the actual ones.
 
-
     >>> true = PerspectiveField(torch.zeros(1, 4), torch.tensor([[0.0, -1.0]]).expand(1, 4, 2))
     >>> sure, unsure = (BelievedField(true, torch.full((1, 2, 4), x), torch.ones(1, 4)) for x in (-2.0, 0.0))
     >>> [field_loss(each, true, torch.ones(1, 4, dtype=torch.bool)).item() for each in (sure, unsure)]

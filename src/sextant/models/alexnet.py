@@ -100,7 +100,6 @@ class CaffeNet(nn.Module):
     Source: Y. Jia et al., "Caffe: convolutional architecture for fast feature embedding", 2014,
         bvlc_reference_caffenet.
 
-
     Args:
         in_channels: channels of the image.
         image_size: height and width of the image in pixels, at least 19 each, 39 for all of its layers;

@@ -1,4 +1,4 @@
-"""The conversion of a task's images to the inputs that a pretrained network was trained on."""
+"""Pretrained trunks: the weights of ImageNet, and the conversion of images to the inputs that they were trained on."""
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -27,7 +27,7 @@ ROUNDING = 1e-4
 
 
 class Measured(Protocol):
-    """Function that derives values from the arrays of a run; see ``sextant.kit.Chapter.measured``."""
+    """Function that derives values from the arrays of a run; see ``sextant.kit.chapter.Chapter.measured``."""
 
     def __call__(
         self, arrays: Mapping[str, ndarray], shared: SharedSet | None = None, reads: str | None = None

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from sextant.moved import TARGET, present_name
 from sextant.runs.directory import RunDirectory, all_runs
 
 NOTHING = "–"
@@ -63,10 +64,16 @@ def compare_runs(first: RunDirectory, second: RunDirectory, outputs: Path) -> Ru
     shared = [name for name in values[0] if name in values[1]]
     metrics = [MetricDifference(name, values[0][name], values[1][name], *_reach(name, groups)) for name in shared]
     return RunComparison(
-        _different(*(dict(state.get("params", {})) for state in states)),
+        _different(*(_params(state) for state in states)),
         _different(*(_origin(state) for state in states)),
         metrics,
     )
+
+
+def _params(state: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters of a run, its parts by their present import paths."""
+    params = dict(state.get("params", {}))
+    return {key: present_name(str(of)) if key.endswith(TARGET) else of for key, of in params.items()}
 
 
 def _reach(name: str, groups: Sequence[Sequence[Mapping[str, float]]]) -> tuple[float, int]:

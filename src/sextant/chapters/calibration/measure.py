@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from numpy import ndarray
 
 from sextant.chapters.calibration.metrics.summary import KIND, failures
-from sextant.kit.measure import BEARINGS, Measure, RunValues, median_error
+from sextant.evaluation.shares import median_error
+from sextant.kit.measure import BEARINGS, Measure, RunValues
 
 CALIBRATION = Measure(
     "Median errors on the test split",

@@ -18,8 +18,8 @@ from sextant.chapters.calibration.metrics.summary import KIND, failures, methods
 from sextant.chapters.calibration.network import CalibrationPrediction, reported
 from sextant.chapters.calibration.task import Calibration
 from sextant.evaluation.conformal import TABLE_LEVELS, coverage
+from sextant.evaluation.shares import median_error
 from sextant.geometry import CameraParameters
-from sextant.kit.measure import median_error
 from sextant.reporter import Advance
 
 if TYPE_CHECKING:

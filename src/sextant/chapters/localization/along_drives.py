@@ -155,7 +155,7 @@ def nll_along(
 
 LEVEL = 0.95
 #: number of runs along each validation drive: few would not show a filter that is only rarely sure of something wrong
-RUNS = 8
+REGION_RUNS = 8
 #: number of steps below which nothing is learnt, and the largest scale
 FEWEST, WIDEST = 50, 10.0
 
@@ -175,7 +175,6 @@ def region_scale(nees: Float64[ndarray, " k"], dof: int) -> float:
     World", 2005). Steps of a drive are not exchangeable, so its guarantee does not hold, and coverage has to be
     measured on other drives. The filter's estimates, and when it is lost, do not change, and regions are never made
     narrower.
-
 
     Args:
         nees: NEES of the steps from convergence on; inf where the filter was sure of something wrong.
@@ -201,7 +200,7 @@ def scale_along(
 ) -> float:
     """The :func:`region_scale` of the validation drives; arguments as for ``along_drives``."""
     where = for_validation(drives)
-    outcomes = outcomes_along(drives, settings, make_observers, kernel, RUNS, progress)
+    outcomes = outcomes_along(drives, settings, make_observers, kernel, REGION_RUNS, progress)
     found = [judge(outcome, where).nees for outcome in outcomes]
     return region_scale(np.concatenate(found), len(axes_of(where)))
 

@@ -22,6 +22,7 @@ from sextant.data.photo_files import walk_folder
 from sextant.data.picture_files import open_picture, why_unreadable
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
+from sextant.moved import with_first_names
 from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
@@ -304,5 +305,5 @@ def describer(config: DescribingConfig) -> Describer | DescriptorFiles:
         return found
     if isinstance(found, TrainedDescriptor):
         return found.describer(Path(config.paths.outputs))
-    identity = descriptor_identity(config.plain["descriptor"], Path(config.paths.outputs))
+    identity = with_first_names(descriptor_identity(config.plain["descriptor"], Path(config.paths.outputs)))
     return BaselineDescriber(found, str(sorted(identity.items())))

@@ -1,4 +1,5 @@
-"""Recall@1 for each pair of conditions, and as a function of one appearance factor."""
+"""What counts in place recognition: recall@1 by conditions and by one appearance factor, precision against recall, and
+the recall that no descriptor of single images exceeds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,7 +42,6 @@ class PrecisionRecall:
       lower in between. The interpolated precision :math:`\max_{r' \ge r} P(r')` gives the same value.
     - ``extended_precision`` is the mean of the precision at the lowest recall above 0 and of the recall at precision 1
       (M. Zaffar et al., "VPR-Bench", IJCV 2021); here the lowest recall is that of the first threshold.
-
 
     Attributes:
         precision, recall: at each threshold; the first is precision 1 at recall 0.
@@ -170,7 +170,6 @@ def picture_runs(like_before: Bool[ndarray, "n"]) -> Int64[ndarray, "n"]:
     where :math:`P_i` are the positives of query i and m is the number of queries. This is the expectation for a perfect
     descriptor, not a bound for every method: images of a run differ by noise, and sequences hold more information than
     single images.
-
 
     The first frame always starts a run.
 

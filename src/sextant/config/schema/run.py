@@ -1,4 +1,4 @@
-"""The config of a whole run: the groups of all tasks, and the rules across them."""
+"""What the configs of all tasks have, and the rules across their groups."""
 
 from collections.abc import Mapping
 from typing import Any, Literal, Self
@@ -13,12 +13,12 @@ from pydantic import (
     model_validator,
 )
 
-from sextant.config.names import with_present_names
 from sextant.config.schema.images import Dataset, TestConditions
 from sextant.config.schema.launchers import AnyLauncher, LocalLauncher
 from sextant.config.schema.parts import Choice, CustomPart, Node, Seed, known_targets, named_targets
 from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.training import Optimizer, Paths, Schedule, Tracking, Trainer
+from sextant.moved import with_present_names
 
 #: groups that every config listed when digests were first taken, those of other tasks as null
 LISTED = (
@@ -67,9 +67,7 @@ class Config(Node):
         values = with_present_names(values)
         if not isinstance(values, Mapping):
             return handler(values)
-        config = handler(
-            {key: value for key, value in values.items() if value is not None or key in Config.model_fields}
-        )
+        config = handler({key: value for key, value in values.items() if value is not None or key not in LISTED})
         config._plain = values
         return config
 

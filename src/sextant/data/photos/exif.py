@@ -1,4 +1,4 @@
-r"""What a photo's metadata says about its focal length.
+r"""What a photo's metadata says about its focal length and about gravity.
 
 With the 35-mm equivalent focal length :math:`f_{35}` of the EXIF block, which compares diagonals,
 :math:`f = f_{35} \sqrt{W^2 + H^2} / \sqrt{36^2 + 24^2}` pixels. Source: CIPA DCG-001, "Guideline for noting

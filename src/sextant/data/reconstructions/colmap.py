@@ -1,4 +1,4 @@
-"""The camera models of COLMAP: their numbers, names and parameters.
+"""Images with poses by COLMAP, from text and from binary files, and its camera models.
 
 Source: COLMAP 4.2, ``src/colmap/sensor/models.h``; the first parameter is a focal length in pixels, except for a
 panorama (EQUIRECTANGULAR), whose parameters are its sides.
@@ -34,7 +34,6 @@ def read_colmap_text(path: Path) -> Reconstruction:
     may be empty, and programs that write poses alone leave it out: it is recognised by its content. A camera is a line
     ``CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]``. Lines that start with # are comments. Source: COLMAP's documentation,
     "Output Format".
-
 
     Raises:
         UserError: a file cannot be read, or a line is not of this format; the message names it.
@@ -84,7 +83,7 @@ def _are_points(words: Sequence[str]) -> bool:
     return len(words) != 9 or rotation_of(numbers[1:5]) is None
 
 
-FIX = "Copy the model again, or write it as text: colmap model_converter --output_type TXT"
+BINARY_FIX = "Copy the model again, or write it as text: colmap model_converter --output_type TXT"
 POINT_BYTES = 24
 
 
@@ -97,7 +96,7 @@ class _Bytes:
             self.content = path.read_bytes()
         except OSError as error:
             problem = f"{path} cannot be read: {error.strerror}" if path.exists() else absent(path)
-            raise UserError(problem, FIX) from None
+            raise UserError(problem, BINARY_FIX) from None
 
     def take(self, layout: str) -> tuple[float, ...]:
         """Read numbers in a layout of :mod:`struct`."""
@@ -125,7 +124,7 @@ class _Bytes:
 
     def truncated(self) -> UserError:
         """The error for a file that ends too early."""
-        return UserError(f"{self.path} is truncated, or no file of COLMAP ({len(self.content):,} bytes)", FIX)
+        return UserError(f"{self.path} is truncated, or no file of COLMAP ({len(self.content):,} bytes)", BINARY_FIX)
 
 
 def read_colmap_binary(path: Path) -> Reconstruction:
@@ -135,7 +134,6 @@ def read_colmap_binary(path: Path) -> Reconstruction:
     ``camera_from_world``, uint32 camera, a name that ends in a zero byte, a uint64 count of points and 24 bytes for
     each. ``cameras.bin``: a uint64 count, then uint32 id, int32 model, uint64 width and height, and the model's
     parameters as doubles. Source: COLMAP, ``src/colmap/scene/reconstruction_io_binary.cc``.
-
 
     Raises:
         UserError: a file cannot be read, is truncated, or has an invalid pose; the message names it.
@@ -156,7 +154,7 @@ def read_colmap_binary(path: Path) -> Reconstruction:
         else:
             images.append(PosedImage(name, inverted(rotation, numbers[4:]), lenses.get(int(camera))))
     if problems:
-        raise unusable(path, problems, FIX)
+        raise unusable(path, problems, BINARY_FIX)
     return reconstruction_of(path, images)
 
 
@@ -169,7 +167,7 @@ def _binary_lenses(path: Path) -> dict[int, Lens]:
             raise UserError(
                 f"{path}: camera {number} has the model {model}, which is not known here; known are "
                 f"{', '.join(name for name, _ in MODELS.values())}",
-                FIX,
+                BINARY_FIX,
             )
         name, count = MODELS[model]
         found[number] = lens_of(name, width, height, float(file.take(f"{count}d")[0]))

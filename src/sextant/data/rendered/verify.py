@@ -1,4 +1,4 @@
-"""Checking every byte of a store against its journal and its manifest."""
+"""Checking every byte of a store against its journal and its manifest, and mending and finding stores."""
 
 import hashlib
 from collections.abc import Iterable, Iterator

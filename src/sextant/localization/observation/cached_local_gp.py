@@ -49,7 +49,6 @@ def blending_weights(squared: Float64[Tensor, "n k"], m: int) -> Float64[Tensor,
     and so has the one that joins them. The weights are discontinuous only where all m + 1 are equally far; there they
     are all equal.
 
-
     Args:
         squared: squared distances of the nearest places, ascending: m + 1 of them, or m if there are no more.
         m: number of places with a weight.

@@ -51,7 +51,6 @@ class Passed:
 
     .. math:: T(x) = \sum_{\tau=t-n}^{t} \prod_{k=\tau}^{t-1} \frac{e^{l(z_k \mid x_k)}}{C_k}.
 
-
     Attributes:
         evidence: what was seen.
         log_evidence: :math:`\log C_k` of the belief then.

@@ -53,7 +53,6 @@ class Variate:
 
     Truncation is exact: a uniform number is mapped to the part of the distribution inside the interval.
 
-
     ======================= ==================================================================
     ``constant``            always ``value``
     ``uniform``             evenly between ``low`` and ``high``

@@ -49,7 +49,6 @@ def panorama_points(  # type: ignore[no-untyped-def]
     a polynomial of eight terms, fitted here to an error of 4e-8. Overall, a pixel's place in a panorama 8192 columns
     wide is accurate to 0.001 pixels.
 
-
     Args:
         lens: ``(4,)`` half width and half height of the image in focal lengths, k1, k2.
         rotation: ``(9,)`` panorama from camera, row by row.

@@ -25,7 +25,7 @@ from numpy import ndarray
 
 from sextant.evaluation.conformal import cluster_resamples
 from sextant.evaluation.protocols import CALIBRATION_FAILURE_DEG
-from sextant.kit.measure import median_error
+from sextant.evaluation.shares import median_error
 
 FULL_BELOW = 1.0  # degrees: GeoCalib's ``min_error``
 AUC_DEG = (1, 5, 10)

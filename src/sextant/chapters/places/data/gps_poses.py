@@ -1,6 +1,6 @@
 r"""Where images were taken, from GPS in their EXIF blocks: metres in a local frame, x to the east and y to the north.
 
-Geocentric positions (`sextant.data.positions`) relative to the first image are resolved along its axes east, north and
+Geocentric positions (`sextant.data.geodesy`) relative to the first image are resolved along its axes east, north and
 up; only east and north are kept. Heights are those of the EXIF block, 0 if it has none.
 
 A heading is the viewing direction in the block, taken as relative to true north even if it is a compass direction. If

@@ -32,7 +32,6 @@ def within_distance(
     proposes candidates. Source of the tree: J. L. Bentley, "Multidimensional binary search trees used for associative
     searching", CACM 18(9), 1975.
 
-
     Args:
         queries: positions.
         references: positions.

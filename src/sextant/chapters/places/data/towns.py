@@ -1,4 +1,4 @@
-"""A rendered city as places: what a map of all directions and drives through it show of each other."""
+"""Rendered towns as places, by season; and a rendered city, by a map of all directions and drives through it."""
 
 from typing import Literal
 

@@ -1,21 +1,31 @@
-"""Import paths of parts that have moved: what configs named them first, and what they are now.
+"""Import paths that have moved: what they were first, and what they are now.
 
 A config may name a part by either path. What is validated and built has the present one; digests are taken with the
-first one, so that a run, sweep or checkpoint of an earlier release stays the experiment that it was.
+first one, so that a run, sweep or checkpoint of an earlier release stays the experiment that it was. A program
+may import a module by its old path, too.
 
 Example:
     >>> with_present_names({"_target_": "sextant.data.places.PlaceFolders", "folder": "photos"})
     {'_target_': 'sextant.chapters.places.data.PlaceFolders', 'folder': 'photos'}
 """
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import spec_from_loader
+from types import ModuleType
 from typing import Any
 
 TARGET = "_target_"
 #: present path of a module, package or part by each that it had; of several, its first one comes first
 MOVED = {
     "sextant.applications.classification": "sextant.chapters.classification.classifier",
+    "sextant.applications.classification.classifier": "sextant.chapters.classification.classifier",
     "sextant.applications.detection": "sextant.chapters.cosfire",
+    "sextant.applications.detection.network": "sextant.chapters.cosfire.network_image",
+    "sextant.applications.detection.options": "sextant.chapters.cosfire.detector_options",
     "sextant.applications.inspection": "sextant.tools.inspection",
     "sextant.cli.descriptors": "sextant.chapters.places.descriptors",
     "sextant.data.calibration": "sextant.chapters.calibration.data",
@@ -59,3 +69,31 @@ def _renamed(node: Any, names: Mapping[str, str]) -> Any:
         target = changed.get(TARGET)
         return {**changed, TARGET: _moved(target, names)} if isinstance(target, str) else changed
     return [_renamed(value, names) for value in node] if isinstance(node, list) else node
+
+
+class _Present(Loader):
+    """Loads the module at the present path as the one at an old path."""
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        module = import_module(present_name(spec.name))
+        self.own = module.__spec__
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        module.__spec__ = self.own  # the import system has just put that of the old path there
+
+
+class OldPaths(MetaPathFinder):
+    """Finds modules by the paths that they had in earlier releases; asked last."""
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """The module that has moved away from this path; None if none has."""
+        return spec_from_loader(name, _Present()) if present_name(name) != name else None
+
+
+def keep_old_paths() -> None:
+    """Let old paths be imported in this process."""
+    if not any(isinstance(finder, OldPaths) for finder in sys.meta_path):
+        sys.meta_path.append(OldPaths())
