@@ -31,10 +31,11 @@ test-cluster: $(READY) ## sweeps on a SLURM of two nodes, on Ray, with PostgreSQ
 	  else echo "Install them first: sudo apt-get install --no-install-recommends slurm-wlm postgresql"; exit 1; fi
 	$(BIN)/python -m pytest -n 0 -m cluster --durations=0
 
-lint: $(READY) ## style, types of the functional core, layers
+lint: $(READY) ## style, types of the functional core, layers, length of the manual
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	@sh docs/ceiling.sh
 
 sweep-demo: $(READY) ## a small sweep with its report: push-pull against convolution, 8 seeds, about 3 minutes
 	$(BIN)/python train.py -m sweep=demo
@@ -52,13 +53,13 @@ dashboard: $(READY) ## bring the MLflow store up to date and open it on this mac
 bench: $(READY) ## timings against what a user would pick instead, as ratios
 	$(BIN)/python -m benchmarks
 
-gpu-check: $(READY) ## tests and timings on a CUDA device, at most 8 minutes, written to docs/benchmarks_gpu.md
+gpu-check: $(READY) ## tests and timings on a CUDA device, at most 8 minutes, written to results/benchmarks_gpu.md
 	$(BIN)/python -m benchmarks.gpu_check
 
 gpu-claims: $(READY) ## what a GPU would add to the board of claims, with its minutes; BLOCK=1 runs the first block
 	@$(BIN)/python -m benchmarks.gpu_claims $(BLOCK)
 
-docs: $(READY) ## docs/ as a site with the API reference: outputs/site/index.html
+docs: $(READY) ## docs/ and results/ as a site with the API reference: outputs/site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 notebooks: $(READY) ## run the notebooks and store what they show, about two minutes

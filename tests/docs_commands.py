@@ -42,7 +42,10 @@ from sextant.reports.stored_cells import is_stored
 from sextant.zoo import PREFIX, model_file, names, read_card
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "tutorials").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    *(page for folder in ("docs", "docs/tutorials", "results") for page in sorted((ROOT / folder).glob("*.md"))),
+]
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r"`((?:python|sextant|make) [^`]+)`")
 PLACEHOLDER = re.compile(r"<[^<>]*>")
@@ -55,7 +58,7 @@ MODELS = {
     "places.md": ("task=place_recognition",),
     "corruptions.md": ("dataset=cifar10", "backbone=resnet20"),
     "push_pull.md": ("dataset=cifar10", "backbone=resnet20"),
-    "zoo.md": ("task=localization",),
+    "models.md": ("task=localization",),
 }
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from sextant.errors import naming_extras
 from sextant.moved import keep_old_paths
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 keep_old_paths()
 APPLICATIONS = ("ExampleDetector", "ImageClassifier", "Localizer", "PhotoCalibrator", "PlaceMap")
 #: what is imported on first use, and from where

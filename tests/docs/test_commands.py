@@ -15,7 +15,7 @@ COMMANDS = documented()
 
 def test_there_are_commands_on_the_pages():
     assert len(COMMANDS) > 90
-    assert {command.page for command in COMMANDS} >= {"README.md", "guide.md", "places.md", "localization.md"}
+    assert {command.page for command in COMMANDS} >= {"README.md", "guide.md", "places.md", "localization.md", "benchmarks.md"}
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=str)

@@ -55,7 +55,7 @@ def names(tmp_path, monkeypatch):
     """What the pages take for granted: names, and files in the working directory."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path / "outputs"))
-    for folder in ("docs", "examples"):
+    for folder in ("docs", "results", "examples"):
         (tmp_path / folder).symlink_to(ROOT / folder)
     drawn(tmp_path / "photo.jpg", (400, 300), glyphs=((310, 190),))
     for k in range(4):

@@ -75,7 +75,8 @@ def test_links_to_notebooks_lead_to_their_files_where_the_site_is_not_built():
     """The site leads them to its pages, and is built strictly."""
     links = [
         (page, target)
-        for page in (ROOT / "docs").rglob("*.md")
+        for shelf in ("docs", "results")
+        for page in (ROOT / shelf).rglob("*.md")
         for target in re.findall(r"\]\(([^)]*notebooks/[^)]*)\)", page.read_text())
     ]
     assert len(links) >= 2 * len(NOTEBOOKS)

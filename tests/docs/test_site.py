@@ -52,7 +52,7 @@ def test_the_front_page_shows_its_pictures_and_asks_no_other_host(address, tmp_p
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
 def test_what_is_wider_than_a_page_is_scrolled_by_keys(address, tmp_path):
     with chromium(tmp_path) as tab:
-        tab.open(f"{address}push_pull/digits_weather/report.html")
+        tab.open(f"{address}results/push_pull/digits_weather/report.html")
         tab.run("new Promise((then) => setTimeout(then, 500))")
         wide = "[...document.querySelectorAll('.md-typeset__scrollwrap')].filter((t) => t.scrollWidth > t.clientWidth)"
         assert tab.run(f"{wide}.length") > 0

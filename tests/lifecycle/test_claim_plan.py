@@ -16,7 +16,7 @@ from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.claim_plan import plan_claims
 from sextant.lifecycle.claims import BEGUN, DIGESTS, Tables, decide_claims, design_arguments, renew_digests
 
-DOCS = Path(__file__).parents[2] / "docs"
+RESULTS = Path(__file__).parents[2] / "results"
 CLAIMS = read_claims()
 DATE, BEFORE, AFTER = (f"2026-11-28T{hour}:00:00+00:00" for hour in ("12", "11", "13"))
 CLAIM = {
@@ -85,7 +85,7 @@ def test_the_detectable_effect_of_a_simulated_design_is_detected_four_times_in_f
 
 @pytest.mark.parametrize("name", [name for name, claim in CLAIMS.items() if claim.design is not None])
 def test_a_committed_design_can_be_composed_and_is_of_enough_replicates(name):
-    (plan,) = plan_claims({name: CLAIMS[name]}, Tables(DOCS))
+    (plan,) = plan_claims({name: CLAIMS[name]}, Tables(RESULTS))
     parse(design_arguments(CLAIMS[name]))
     assert plan.number >= (3 if CLAIMS[name].design.replicate == "worlds" else 8)
     assert 0 < plan.core_hours < 16
@@ -93,7 +93,7 @@ def test_a_committed_design_can_be_composed_and_is_of_enough_replicates(name):
 
 
 def test_every_claim_that_is_estimated_has_a_design():
-    estimated = {decided.name for decided in decide_claims(CLAIMS, Tables(DOCS)) if not decided.counted}
+    estimated = {decided.name for decided in decide_claims(CLAIMS, Tables(RESULTS)) if not decided.counted}
     assert {name for name, claim in CLAIMS.items() if claim.design is not None} == estimated
 
 

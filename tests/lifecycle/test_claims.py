@@ -35,10 +35,10 @@ from sextant.lifecycle.sweep_plan import read_design
 from sextant.reports.claims_board import NOT_YET, Comparison, advice, replicates_told
 from sextant.runs.outputs_folder import conf_dir
 
-DOCS = Path(__file__).parents[2] / "docs"
+RESULTS = Path(__file__).parents[2] / "results"
 CLAIMS = read_claims()
-RECORDED = list(csv.DictReader((DOCS / "claims" / "recorded.csv").open(encoding="utf-8")))
-SEEDS = ("docs/calibration/main_job.csv", "docs/places/town_seeds.csv", "docs/places/railway_seeds.csv")
+RECORDED = list(csv.DictReader((RESULTS / "claims" / "recorded.csv").open(encoding="utf-8")))
+SEEDS = ("results/calibration/main_job.csv", "results/places/town_seeds.csv", "results/places/railway_seeds.csv")
 OF_SEEDS = [row for row in RECORDED if row["source"].startswith(SEEDS)]
 OF_PAGES = [row for row in RECORDED if row not in OF_SEEDS]
 QUICK = sorted(
@@ -64,8 +64,8 @@ DEMO = {
 }
 
 
-def decided(docs=DOCS, **claims):
-    return decide_claims(claims or CLAIMS, Tables(docs))
+def decided(results=RESULTS, **claims):
+    return decide_claims(claims or CLAIMS, Tables(results))
 
 
 def demo(**changes):
@@ -90,18 +90,18 @@ def test_the_board_is_written_again_byte_for_byte(tmp_path, capsys):
         *(Path("claims") / f"{name}.svg" for name in CLAIMS),
     }
     for name in written:
-        assert (tmp_path / name).read_bytes() == (DOCS / name).read_bytes(), f"{name}: run sextant claims"
+        assert (tmp_path / name).read_bytes() == (RESULTS / name).read_bytes(), f"{name}: run sextant claims"
     assert "push_pull_clean" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("claim", decided(), ids=lambda claim: claim.name)
 def test_a_chapters_page_says_the_verdict_of_the_board(claim):
-    said = re.findall(rf"\[([^\]]*)\]\(claims\.md#{claim.name}\)", (DOCS / claim.page).read_text(encoding="utf-8"))
+    said = re.findall(rf"\[([^\]]*)\]\(claims\.md#{claim.name}\)", (RESULTS / claim.page).read_text(encoding="utf-8"))
     assert set(said) == {claim.verdict}
-    assert f'<a name="{claim.name}"></a>' in (DOCS / "claims.md").read_text(encoding="utf-8")
+    assert f'<a name="{claim.name}"></a>' in (RESULTS / "claims.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.relative_to(DOCS).as_posix())
+@pytest.mark.parametrize("page", sorted(RESULTS.rglob("*.md")), ids=lambda page: page.relative_to(RESULTS).as_posix())
 def test_no_page_says_another_verdict_than_the_board(page):
     verdicts = {claim.name: claim.verdict for claim in decided()}
     for said, name in re.findall(r"\[([^\]]*)\]\([./]*claims\.md#(\w+)\)", page.read_text(encoding="utf-8")):
@@ -111,7 +111,7 @@ def test_no_page_says_another_verdict_than_the_board(page):
 @pytest.mark.parametrize("row", OF_PAGES, ids=itemgetter("name"))
 def test_what_is_recorded_stands_where_it_says(row):
     page, _, _ = row["source"].partition(": ")
-    text = " ".join((DOCS.parent / page).read_text(encoding="utf-8").replace("**", "").split())
+    text = " ".join((RESULTS.parent / page).read_text(encoding="utf-8").replace("**", "").split())
     wanted = [row[key] for key in ("mean", "low", "high") if row[key] not in ("", "0")]
     if row["name"] == "compact/bytes":
         wanted = ["512 bytes per descriptor"]
@@ -121,7 +121,7 @@ def test_what_is_recorded_stands_where_it_says(row):
 @pytest.mark.parametrize("row", OF_SEEDS, ids=itemgetter("name"))
 def test_what_is_recorded_of_seeds_is_their_t_interval(row):
     path, _, columns = row["source"].partition(": ")
-    seeds = list(csv.DictReader((DOCS.parent / path).open(encoding="utf-8")))
+    seeds = list(csv.DictReader((RESULTS.parent / path).open(encoding="utf-8")))
     ours, how, other = columns.split()
     first, second = (np.array([float(seed[name]) for seed in seeds]) for name in (ours, other))
     values = {"less": first - second, "of": 100 * first / second, "against": first}[how]
@@ -145,22 +145,22 @@ def test_the_nearest_pose_of_a_thinned_map_is_as_far_as_recorded():
 
 
 def test_changed_results_are_refused(tmp_path):
-    docs = shutil.copytree(DOCS, tmp_path / "docs")
-    check_digests(CLAIMS, docs)
-    path = docs / "places" / "loss" / "contrasts.csv"
+    results = shutil.copytree(RESULTS, tmp_path / "results")
+    check_digests(CLAIMS, results)
+    path = results / "places" / "loss" / "contrasts.csv"
     path.write_text(path.read_text().replace("-3.421875", "+3.421875"))
     with pytest.raises(UserError, match=r"places/loss/contrasts\.csv does not match its digest"):
-        check_digests(CLAIMS, docs)
+        check_digests(CLAIMS, results)
     path.unlink()
     with pytest.raises(UserError, match=r"places/loss/contrasts\.csv is not there"):
-        check_digests(CLAIMS, docs)
+        check_digests(CLAIMS, results)
 
 
 def test_a_stored_table_of_short_runs_that_is_missing_is_refused(tmp_path):
-    shutil.copytree(DOCS, tmp_path / "docs", ignore=shutil.ignore_patterns("*.png", "*.jpg", "*.svg"))
-    (tmp_path / "docs" / "claims" / "quick" / "recovery" / "seeds.csv").unlink()
+    shutil.copytree(RESULTS, tmp_path / "results", ignore=shutil.ignore_patterns("*.png", "*.jpg", "*.svg"))
+    (tmp_path / "results" / "claims" / "quick" / "recovery" / "seeds.csv").unlink()
     with pytest.raises(UserError, match=r"quick/recovery/seeds.csv is not there"):
-        check_digests(CLAIMS, tmp_path / "docs")
+        check_digests(CLAIMS, tmp_path / "results")
 
 
 def test_one_claim_is_told_in_the_singular(tmp_path):
@@ -237,7 +237,7 @@ def test_digests_are_renewed_once_all_is_there_and_decides(tmp_path):
 @pytest.mark.parametrize("key", ["html", "output"])
 @pytest.mark.parametrize("folder", ["README.md", "README.md/x", "/proc/foo"])
 def test_a_folder_that_cannot_be_made_is_told_first(key, folder, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(DOCS.parent)
+    monkeypatch.chdir(RESULTS.parent)
     monkeypatch.setattr(life, "stored_results", lambda: pytest.fail("it was begun"))
     with pytest.raises(SystemExit, match="2"):
         cli.run("claims", [f"{key}={folder}"])
@@ -342,7 +342,7 @@ def test_a_preset_runs_what_is_missing_and_decides_from_it(tmp_path, monkeypatch
     definition = {**life._definition("demo"), "quick": [*small, "backbone=lenet_a", "sweep.seeds=1"]}
     monkeypatch.setattr(life, "_definition", lambda sweep: definition)
     claims = {"demo": demo()}
-    tables = run_claims(claims, "quick", DOCS, ["launcher=local"])
+    tables = run_claims(claims, "quick", RESULTS, ["launcher=local"])
     (claim,) = decide_claims(claims, tables)
     assert (claim.verdict, tables.left_out) == ("undecided", {})
     (page,) = life.write_board(claims, tables, "sextant claims preset=quick", tmp_path / "board")
@@ -353,7 +353,7 @@ def test_a_preset_runs_what_is_missing_and_decides_from_it(tmp_path, monkeypatch
 @pytest.mark.slow
 def test_a_preset_says_what_it_cannot_run(tmp_path):
     claims = {"cosfire_mnist_9949": CLAIMS["cosfire_mnist_9949"]}
-    tables = run_claims(claims, "quick", DOCS)
+    tables = run_claims(claims, "quick", RESULTS)
     assert decide_claims(claims, tables) == []
     page, _ = life.write_board(claims, tables, "sextant claims preset=quick", tmp_path, tmp_path / "html")
     assert "`cosfire_mnist_9949`: sweep=cosfire_mnist_full has no quick form" in page.read_text()
@@ -396,7 +396,7 @@ def test_what_does_not_go_together_is_refused_before_anything_runs(words, said, 
 
 def test_claims_whose_comparisons_have_no_run_yet_are_planned():
     """Seen through the decision: what is not run stays so, whatever else is noted of an estimate."""
-    decided = {claim.name: claim for claim in decide_claims(CLAIMS, Tables(DOCS))}
+    decided = {claim.name: claim for claim in decide_claims(CLAIMS, Tables(RESULTS))}
     waiting = {name for name, claim in decided.items() if any(not each.estimate.run for each in claim.counting)}
     planned = {name for name, claim in decided.items() if all(not each.estimate.run for each in claim.counting)}
     assert {name for name, claim in decided.items() if claim.status == "planned"} == planned
@@ -409,4 +409,4 @@ def test_arms_that_await_the_winners_of_a_search_have_no_stored_results():
     for path in (conf_dir() / "sweep").glob("*.yaml"):
         if "searches have not been run" in path.read_text():
             stored = {part.stored for claim in CLAIMS.values() for part in claim.parts if part.sweep == path.stem}
-            assert not [each for each in stored if (DOCS / each).exists()]
+            assert not [each for each in stored if (RESULTS / each).exists()]

@@ -1,4 +1,4 @@
-"""The stored reports in ``docs``: what their tables say follows from their files, and can be read."""
+"""The stored reports in ``results``: what their tables say follows from their files, and can be read."""
 
 import csv
 import statistics
@@ -15,13 +15,13 @@ from sextant.reports.stored_cells import join_cells
 from sextant.reports.sweep_report import write_report
 from sextant.runs.outputs_folder import conf_dir
 
-DOCS = Path(__file__).parents[2] / "docs"
-REPORTS = sorted(DOCS.glob("*/**/report.md"))
+RESULTS = Path(__file__).parents[2] / "results"
+REPORTS = sorted(RESULTS.glob("*/**/report.md"))
 #: reports whose intervals of shares are Korn and Graubard's; those of the others are t intervals, as they say
 OF_SHARES = [path.parent for path in REPORTS if "Korn and Graubard's" in path.read_text(encoding="utf-8")]
-POOLED = sorted(path.parent for path in DOCS.glob("*/**/pooled.csv"))
+POOLED = sorted(path.parent for path in RESULTS.glob("*/**/pooled.csv"))
 #: reports of which each run's values are stored
-BY_SEED = sorted(path.parent for path in DOCS.glob("*/**/seeds.csv"))
+BY_SEED = sorted(path.parent for path in RESULTS.glob("*/**/seeds.csv"))
 SWEEPS = {
     "butterflies": "cosfire_butterflies",
     "ablation": "calibration_ablation",
@@ -56,7 +56,7 @@ def sweep_of(folder):
 
 
 def named(paths):
-    return pytest.mark.parametrize("folder", paths, ids=lambda path: path.relative_to(DOCS).as_posix())
+    return pytest.mark.parametrize("folder", paths, ids=lambda path: path.relative_to(RESULTS).as_posix())
 
 
 @named([path.parent for path in REPORTS if (path.parent / "cells.csv").exists()])
@@ -68,7 +68,7 @@ def test_no_share_leaves_its_range_and_no_table_has_too_many_columns(folder):
         assert all(end != end or 0 <= end <= 100 for end in ends)
 
 
-@named(sorted(path.parent for path in DOCS.glob("*/**/tasks.csv")))
+@named(sorted(path.parent for path in RESULTS.glob("*/**/tasks.csv")))
 def test_figures_and_losses_of_tasks_follow_from_the_values_of_each_run(folder):
     runs = defaultdict(dict)
     for row in rows_of(folder / "task_seeds.csv"):
@@ -132,7 +132,7 @@ def test_pooled_controls_follow_from_the_cells(folder):
 
 
 def test_what_is_certain_of_19_corruptions_holds_under_holm():
-    rows = [row for row in rows_of(DOCS / "push_pull/cifar/corruption_contrasts.csv") if row["corruption"] != "mean"]
+    rows = [row for row in rows_of(RESULTS / "push_pull/cifar/corruption_contrasts.csv") if row["corruption"] != "mean"]
     raw = []
     for row in rows:
         difference, low, high = (float(row[key]) for key in ("difference", "low", "high"))
@@ -147,7 +147,7 @@ def test_what_is_certain_of_19_corruptions_holds_under_holm():
 
 
 @pytest.mark.slow
-@named(sorted(path.parents[1] for path in DOCS.glob("*/**/cells/block.json")))
+@named(sorted(path.parents[1] for path in RESULTS.glob("*/**/cells/block.json")))
 def test_a_stored_report_is_made_again_from_its_cells_byte_for_byte(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(sweep_report, "save_figure", lambda *_, **__: [])
     report = write_report(join_cells([folder / "cells"], tmp_path))[0].parent

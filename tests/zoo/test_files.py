@@ -52,7 +52,7 @@ def test_altered_weights_are_refused(shelf):
     data = bytearray(path.read_bytes())
     data[-1] ^= 1
     path.write_bytes(data)
-    with pytest.raises(UserError, match="SHA-256 is not the one of its card") as raised:
+    with pytest.raises(UserError, match="SHA-256 differs from that of its card") as raised:
         read_trained(path)
     assert "pip install" in raised.value.fix
 
@@ -98,5 +98,5 @@ def test_tensors_that_share_their_memory_and_those_of_double_precision_are_writt
 
 
 def test_the_page_of_the_models_has_each():
-    page = (Path(__file__).parents[2] / "docs" / "zoo.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "models.md").read_text()
     assert [name for name in names() if f"`zoo:{name}`" not in page] == []

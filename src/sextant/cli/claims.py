@@ -29,7 +29,7 @@ class ClaimsOptions(Options):
     workers: int | None = Field(None, ge=1, examples=[2])
     """processes on this machine for the sweeps of a preset; launcher.* and tracking.* are passed on to the sweeps"""
     output: UserPath | None = None
-    """folder for claims.md and its pictures (default for all claims: docs, or outputs/claims/<preset> with a preset)"""
+    """folder for claims.md and its pictures (default for all claims: results, or outputs/claims/<preset> with a preset)"""
     html: UserPath | None = None
     """folder for claims.html: the board as one page with charts, without server or network"""
     digests: Literal["check", "renew"] = "check"
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str]) -> None:
         console.print(f"not run: {sweep}: {why}", markup=False)
     if not decided:
         raise UserError(f"none of {len(claims)} claims could be decided: none of their sweeps was run, as said above")
-    chosen = options.output or (output if options.claim == "all" else None)  # the board in docs covers all claims
+    chosen = options.output or (output if options.claim == "all" else None)  # the board in results covers all claims
     pages = life.write_board(claims, tables, command, chosen, options.html)
     table = Table("claim", "verdict", "runs", "effect in its favour, 95 %", "asked", "rests on", "to decide")
     for claim in decided:

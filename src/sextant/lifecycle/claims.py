@@ -52,10 +52,10 @@ class Tables:
 
 
 def stored_results() -> Path:
-    """The folder of stored reports: ``docs`` of the checkout."""
-    folder = conf_dir().parent / "docs"
+    """The folder of stored reports: ``results`` of the checkout."""
+    folder = conf_dir().parent / "results"
     if not (folder / DIGESTS).is_file():
-        raise UserError("the stored results are not there", "They come with the repository, in docs.")
+        raise UserError("the stored results are not there", "They come with the repository, in results.")
     return folder
 
 

@@ -1,4 +1,4 @@
-"""Models of the zoo as files: found by name, checked and read. Nothing in them is executed."""
+"""The files of the zoo's models: found by name, verified and read. Nothing in them is executed."""
 
 import hashlib
 import json
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 PREFIX = "zoo:"
 FOLDER = Path(__file__).parent
 WEIGHTS, CARD = ".safetensors", ".json"
-#: of a card: what builds the network and what belongs to it, as in a checkpoint
+#: keys of a card that build the network, as in a checkpoint
 MODEL = "model"
 NEEDED = {"task", "config", "spec"}
 REINSTALL = "Install Sextant again: pip install --force-reinstall --no-deps sextant-vision"
 
 
 def names(folder: Path = FOLDER) -> list[str]:
-    """The models there are.
+    """The names of all models.
 
     >>> "calibration" in names()
     True
@@ -32,10 +32,10 @@ def names(folder: Path = FOLDER) -> list[str]:
 
 
 def model_file(reference: str, folder: Path = FOLDER) -> Path:
-    """The weights that ``zoo:<name>`` names.
+    """The weights file of ``zoo:<name>``.
 
     Raises:
-        UserError: there is no model of that name, or a file of it is missing.
+        UserError: there is no model of that name, or one of its files is missing.
 
     >>> model_file("zoo:digits").name
     'digits.safetensors'
@@ -43,7 +43,7 @@ def model_file(reference: str, folder: Path = FOLDER) -> Path:
     name = reference.removeprefix(PREFIX)
     if name not in names(folder):
         raise UserError(
-            f"{reference}: no such model", f"Models there are: {', '.join(PREFIX + n for n in names(folder))}"
+            f"{reference}: no such model", f"Available models: {', '.join(PREFIX + n for n in names(folder))}"
         )
     path = folder / f"{name}{WEIGHTS}"
     if not path.is_file():
@@ -55,10 +55,10 @@ def read_card(path: Path) -> dict[str, Any]:
     """The card of a model.
 
     Args:
-        path: of its weights.
+        path: its weights file.
 
     Raises:
-        UserError: there is none beside them, or it is damaged.
+        UserError: there is no card beside it, or it is damaged.
 
     >>> card = read_card(model_file("zoo:digits"))
     >>> card["bytes"] == model_file("zoo:digits").stat().st_size
@@ -70,10 +70,10 @@ def read_card(path: Path) -> dict[str, Any]:
         if isinstance(found, dict) and isinstance(found.get("sha256"), str) and set(found.get(MODEL) or ()) >= NEEDED:
             return found
     except FileNotFoundError:
-        raise UserError(f"{path} has no card beside it, {card.name}, which says how it is built", REINSTALL) from None
+        raise UserError(f"{path} needs a card {card.name} beside it, which is missing", REINSTALL) from None
     except (OSError, ValueError):
         pass
-    raise UserError(f"{card} is damaged: it is no card of a model", REINSTALL)
+    raise UserError(f"{card} is damaged: it is not the card of a model", REINSTALL)
 
 
 def card_of(checkpoint: Path) -> dict[str, Any]:
@@ -82,13 +82,13 @@ def card_of(checkpoint: Path) -> dict[str, Any]:
 
 
 def read_model(path: Path) -> tuple[dict[str, Any], "dict[str, Tensor]"]:
-    """What a model is built by, and its weights in single precision.
+    """The plain values that build a model, and its weights in single precision.
 
     Args:
-        path: of its weights, with its card beside it.
+        path: its weights file, with its card beside it.
 
     Raises:
-        UserError: a file is missing or damaged, or the weights are not those that the card belongs to.
+        UserError: a file is missing or damaged, or the weights do not match the card.
 
     >>> built_by, weights = read_model(model_file("zoo:digits"))
     >>> built_by["task"]
@@ -99,9 +99,9 @@ def read_model(path: Path) -> tuple[dict[str, Any], "dict[str, Tensor]"]:
     from safetensors.torch import load
 
     card = read_card(path)
-    data = path.read_bytes()  # what is verified is what is read
+    data = path.read_bytes()  # read once, so that the verified bytes are the ones used
     if hashlib.sha256(data).hexdigest() != card["sha256"]:
-        raise UserError(f"{path} was altered or is damaged: its SHA-256 is not the one of its card", REINSTALL)
+        raise UserError(f"{path} was altered or is damaged: its SHA-256 differs from that of its card", REINSTALL)
     try:
         stored = load(data)
     except (SafetensorError, ValueError) as error:
@@ -116,17 +116,17 @@ def write_model(
     facts: Mapping[str, Any],
     folder: Path = FOLDER,
 ) -> Path:
-    """Write a model and its card; its parameters are stored in half precision where they fit it.
+    """Write a model and its card; large parameters are stored in half precision.
 
     Args:
-        name: of the model.
-        model: what builds it: plain values, as a checkpoint has them.
-        weights: its state dict.
-        facts: of the card: data, licences, command, metrics, seeds, hardware, date.
-        folder: of models.
+        name: name of the model.
+        model: the plain values that build it, as in a checkpoint.
+        weights: state dict.
+        facts: facts for the card: data, licences, command, metrics, seeds, hardware, date.
+        folder: folder of models.
 
     Returns:
-        The file of the weights.
+        The weights file.
 
     >>> import torch
     >>> from tempfile import TemporaryDirectory
@@ -154,8 +154,8 @@ def _readable(card: Mapping[str, Any]) -> str:
 
 
 def _halved(tensor: "Tensor") -> "Tensor":
-    """What has two dimensions or more in half precision; vectors, such as biases and statistics, and what was fitted in
-    double precision as they are. A copy: a file has no tensors that share their memory.
+    """A copy, in half precision for two dimensions or more; vectors, such as biases and statistics, and tensors fitted in
+    double precision keep theirs. Tensors in a file must not share memory, hence the copy.
     """
     single = tensor.is_floating_point() and tensor.element_size() <= 4
     fits = single and tensor.ndim > 1 and bool((tensor.abs() < 6e4).all())

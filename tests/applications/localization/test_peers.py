@@ -74,10 +74,10 @@ def test_all_methods_are_measured_on_the_same_walk(world):
 
 def test_the_table_of_the_docs_is_that_of_the_stored_seeds_with_the_default_descriptor():
     """What the page says of offices, made again from the stored values; these are of what is taken by default."""
-    with (ROOT / "docs" / "localization" / "peers" / "office.csv").open() as file:
+    with (ROOT / "results" / "localization" / "peers" / "office.csv").open() as file:
         rows = [{**row, **{name: float(row[name]) for name in MEASURES}} for row in csv.DictReader(file)]
     assert {row["descriptor"] for row in rows} == {"network"}
-    page = (ROOT / "docs" / "localization_change.md").read_text().partition("The same (without a laser)")[0]
+    page = (ROOT / "results" / "localization_change.md").read_text().partition("The same (without a laser)")[0]
     for line in summary(rows):
         day = "summer" in line[0]
         name = "ours, " + line[2].removeprefix("particles, ") + " particles" if "particles, " in line[2] else line[2]
