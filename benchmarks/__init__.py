@@ -1,1 +1,1 @@
-"""Timings against what a user would pick instead, as ratios in one run: ``python -m benchmarks [name ...]``."""
+"""Timings against common alternatives, as ratios within one run: ``python -m benchmarks [name ...]``."""

@@ -1,12 +1,11 @@
 """A default localizer on real walks in a changed world: ``python -m benchmarks.changed_walks seeds=8``.
 
-Maps are one image a metre along a line; odometry errs by a tenth. Judged from the sixtieth step on, each seed once.
-With ``odometry=none`` the default alone without odometry, beside the nearest image of the map.
-With ``odometry=true`` the default alone: where odometry errs alike in each step, where there is none, while it stands
-still for the last forty steps, where odometry is broken, and on a drive through another world, where every frame that
-is not *lost* counts as *sure and wrong*.
+Maps have one image per metre along a line; odometry has an error of a tenth. Evaluated from the sixtieth step on,
+once per seed. ``odometry=none`` tests the default without odometry, and the nearest image of the map. ``odometry=true``
+tests the default with a constant bias of odometry, without odometry, standing still for the last forty steps, with
+broken odometry, and on a drive through another world, where every frame that is not *lost* counts as *sure and wrong*.
 IE Tower's walks lead through clips of its floors, one after the other; every fifth frame is not in the map. ESSEX3IN1
-is no walk, but pairs of photos of places, taken here as if one followed the other.
+is not a walk but pairs of photos of places, treated here as a sequence.
 """
 
 import csv
@@ -33,12 +32,12 @@ from sextant.localization.recovery import BayesRestart
 from sextant.retrieval.flat_index import FlatIndex
 
 KEYS = {
-    "seeds": "how many; 8 unless given",
-    "walks": "those whose names begin so; all unless given",
-    "rows": "shrink all images to so many, and compare descriptors alone",
-    "odometry": "true: the default alone, under odometry that is worse than it was told; none: without any",
+    "seeds": "their number; 8 by default",
+    "walks": "those whose names begin with this; all by default",
+    "rows": "shrink all images to this many rows, and compare descriptors alone",
+    "odometry": "true: the default alone, with odometry worse than specified; none: without odometry",
 }
-CHI2_95 = 5.991  # of two dimensions
+CHI2_95 = 5.991  # in two dimensions
 JUDGED_FROM = 60
 #: map, query and their stretch of images
 WALKS = {
@@ -53,7 +52,7 @@ WALKS = {
     "IE Tower, frames 1000 to 1999": ("ie_tower", "ie_tower", 1000, 2000),
     "ESSEX3IN1": ("essex3in1/reference", "essex3in1/query", 0, 210),
 }
-#: where none of their maps was made
+#: drives in worlds other than that of the map
 ELSEWHERE = {
     "Gardens Point": "nordland/winter", "Nordland": "gardens_point/night_right", "IE Tower": "nordland/winter",
     "ESSEX3IN1": "nordland/winter",
@@ -65,9 +64,9 @@ COLUMNS = (
 
 
 def photos(folder: Path, split: str, first: int, last: int, rows: int | None) -> tuple[ndarray, ndarray]:
-    """Images in the order of their names or of ``labels.csv``, of which ``split`` is taken, and their places, m.
+    """Images in the order of their names, or those of ``split`` in ``labels.csv``, and their places in m.
 
-    They are shrunk to so many ``rows``, and have the size of the first of them.
+    They are shrunk to ``rows`` rows, and have the size of the first.
     """
     paths = sorted(folder.iterdir())
     at = np.arange(len(paths))
@@ -86,13 +85,13 @@ def photos(folder: Path, split: str, first: int, last: int, rows: int | None) ->
 
 
 def descriptors(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]:
-    """With the network of the package, and with pixels."""
+    """Localizers with the package's network, and with pixels."""
     yield "zoo:places", Localizer.from_images(images, poses, "zoo:places")
     yield "whitened PCA", Localizer.from_images(images, poses, WhitenedPCA(32, 48, min(128, len(images) // 2)))
 
 
 def variants(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]:
-    """The default, what it is without each of its parts, and with another descriptor where it is the network's."""
+    """The default, the default without each of its parts, and with pixels if its descriptor is the network's."""
     made = Localizer.from_images(images, poses)
     if made.descriptor.facts["kind"] == "network":
         yield "whitened PCA", Localizer.from_images(images, poses, WhitenedPCA(32, 48, min(128, len(images) // 2)))
@@ -116,7 +115,7 @@ def variants(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]
 
 
 def worse_odometry(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer, float | None, int]]:
-    """The default, with the share of the way that odometry reports and the steps that the robot stands at the end."""
+    """The default, with the share of the motion reported by odometry and the number of steps standing at the end."""
     made = Localizer.from_images(images, poses)
     for name, scale, stands in (
         ("right in the mean", 1.0, 0),
@@ -134,12 +133,12 @@ def worse_odometry(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Local
 
 
 def without_odometry(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer, float | None, int]]:
-    """The default, told nothing of how the robot moves."""
+    """The default without odometry."""
     yield "no odometry", Localizer.from_images(images, poses), None, 0
 
 
 def nearest(localizer: Localizer, seen: list[ndarray], places: ndarray, at: ndarray) -> float:
-    """How many of the same images find a place within two of their own by the nearest descriptor of the map, %."""
+    """Share of the images, %, whose nearest map descriptor is within two images of their own place."""
     found = FlatIndex(np.asarray(localizer.model.map.descriptors), "euclidean").search(np.stack(seen), 1).indices[:, 0]
     return float(100 * (np.abs(places[found] - at) <= 2)[20 + JUDGED_FROM :].mean())
 
@@ -149,8 +148,8 @@ def drive(
 ) -> ndarray:
     """The columns, for one seed; ``seen`` are descriptors.
 
-    Odometry reports ``scale`` of the way, nothing but zeros where it is 0; None for none at all. In the last so many
-    steps the robot ``stands``.
+    Odometry reports ``scale`` times the motion (0: always zero motion; None: no odometry). The robot ``stands`` still
+    for that many last steps.
     """
     localizer.reset(seed)
     rng, rows = np.random.default_rng(seed), []
@@ -173,7 +172,7 @@ def drive(
 
 
 def elsewhere(localizer: Localizer, data: Path, walk: str) -> tuple[list[ndarray], ndarray]:
-    """Descriptors of a drive through another world, and places that are never those of the map."""
+    """Descriptors of a drive through another world, and places far from those of the map."""
     folder = next(folder for name, folder in ELSEWHERE.items() if walk.startswith(name))
     images, at = photos(data / folder, "query", 0, 200, None)
     return [localizer.describe(image) for image in images], at - 1e6

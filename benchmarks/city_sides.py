@@ -1,11 +1,11 @@
-"""How deep the true place lies among a city's images on the map's side of the street, and on the other.
+"""The rank of the true place among a city's images, on the map's side of the street and on the other.
 
 ``python -m benchmarks.city_sides run=<run of task=place_recognition, or zoo:streets>``
 
 The rank of the best image within 9 m and 30 degrees of the truth, by descriptors, for the frames of the validation
-drives of ``dataset=town_city``, which is rendered first if need be, in the size that the network takes. The map is in
-one lane: a frame up to 3.5 m from an image is counted on its side, so that some midway between two images are counted
-on the other. Descriptors are kept where those of runs are.
+drives of ``dataset=town_city``, rendered first if necessary, at the network's input size. The map is in one lane:
+a frame up to 3.5 m from an image counts as on its side, so that some midway between two images count as on the other.
+Descriptors are cached with those of runs.
 """
 
 import math
@@ -26,12 +26,12 @@ from sextant.errors import UserError
 from sextant.registry import chapter_of
 
 USAGE = "python -m benchmarks.city_sides run=<run>"
-KEYS = {"run": "of place recognition, or zoo:places or zoo:streets"}
+KEYS = {"run": "a run of place recognition, zoo:places or zoo:streets"}
 NEAR_M, TURN, SAME_SIDE_M = 9.0, math.radians(30), 3.5
 
 
 def ranks(seen: ndarray, at: ndarray, mapped: ndarray, places: ndarray, tree: cKDTree) -> ndarray:
-    """How many images of the map are more like each frame than the best of its own place."""
+    """The number of map images that are more similar to each frame than the best of its own place."""
     found = np.zeros(len(seen))
     for row, (vector, pose) in enumerate(zip(seen, at, strict=True)):
         near = np.array(tree.query_ball_point(pose[:2], NEAR_M), dtype=int)
@@ -42,10 +42,10 @@ def ranks(seen: ndarray, at: ndarray, mapped: ndarray, places: ndarray, tree: cK
 
 
 def main() -> None:
-    """Describe the city and look for all frames."""
+    """Describe the city and rank all frames."""
     given = parse_arguments(sys.argv[1:], KEYS, USAGE)
     if "run" not in given:
-        raise UserError("run= is not given: it names what describes the images", USAGE)
+        raise UserError("run= is missing: it names the network that describes the images", USAGE)
     run = given["run"]
     size = PlaceMap.load(run).size
     pictures = [f"dataset.width={size.width}", f"dataset.height={size.height}"]

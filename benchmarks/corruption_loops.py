@@ -1,8 +1,8 @@
-"""The corruptions of CIFAR-10-C and ImageNet-C, one picture in and one out: what the engine is timed against.
+"""The corruptions of CIFAR-10-C and ImageNet-C, one picture at a time: the baseline for timings of the engine.
 
-Written from the definitions as a user would, with the libraries that the benchmark's authors take: NumPy, SciPy,
-OpenCV, scikit-image and Pillow (no ImageMagick). What does not depend on the picture (textures of frost) is kept in
-memory. Where other calls of these libraries are faster, :mod:`benchmarks.tuned_loops` has them.
+Written straight from the definitions, with the libraries of the benchmark's authors: NumPy, SciPy, OpenCV, scikit-image
+and Pillow (no ImageMagick). Arrays that do not depend on the picture (textures of frost) are kept in memory. Faster
+calls of these libraries, where they exist, are in :mod:`benchmarks.tuned_loops`.
 """
 
 from collections.abc import Callable

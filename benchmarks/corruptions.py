@@ -1,9 +1,9 @@
-"""Corrupted images a second on one thread: the engine on a batch against loops over images.
+"""Corrupted images per second on one thread: the engine on a batch against loops over images.
 
-Three sets at the sizes they were published for, every corruption at all the severities of its set, draws included.
-The loops (:mod:`benchmarks.corruption_loops`, :mod:`benchmarks.shape_loops`) make what the engine makes, image by
-image, with the libraries of the benchmarks' authors; where we know a faster way, :mod:`benchmarks.tuned_loops` is timed
-as well. Before anything is timed, all are checked to do the same to the pictures.
+Three sets at the sizes they were published for, every corruption at all severities of its set, random draws included.
+The loops (:mod:`benchmarks.corruption_loops`, :mod:`benchmarks.shape_loops`) do the same image by image, with
+the libraries of the benchmarks' authors; where we know a faster implementation, :mod:`benchmarks.tuned_loops` is timed
+as well. All are first checked to have the same effect on the pictures.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,7 +19,7 @@ from benchmarks.push_pull_timing import fastest
 from sextant.corruptions import BenchmarkCorruption, cifar10_c, imagenet_c, mnist_c
 
 Row = tuple[str, str, str, str, str]
-Times = Mapping[str, float]  # seconds an image and severity
+Times = Mapping[str, float]  # seconds per image and severity
 Corruptions = Mapping[str, BenchmarkCorruption[Any, Any]]
 AUTHORS = {**corruption_loops.LOOPS, **shape_loops.LOOPS}
 KINDS = {"loop": AUTHORS, "tuned": tuned_loops.LOOPS}
@@ -57,7 +57,7 @@ def digits(count: int) -> torch.Tensor:
 def compare(
     title: str, corruptions: Corruptions, images: torch.Tensor, singles: int, repeats: int, tolerance: float
 ) -> list[Row]:
-    """Times an image and severity for each corruption, and of the set as a whole."""
+    """Times per image and severity for each corruption and for the whole set."""
     rows, measured = [], []
     for name, corruption in corruptions.items():
         loops = {kind: table[name] for kind, table in KINDS.items() if name in table}
@@ -105,7 +105,7 @@ def _check_same(
     theirs: list[list[np.ndarray]],
     tolerance: float,
 ) -> None:
-    """A ratio of times means something if both sides do the same.
+    """Check that both sides do the same, without which a ratio of times is meaningless.
 
     Raises:
         RuntimeError: without randomness, engine and loop differ by more than 0.01 in root mean square; with it, the

@@ -1,7 +1,7 @@
-"""COSFIRE with shared maps against loops that share nothing, and against the cached maps of a plain NumPy program.
+"""COSFIRE with shared maps against loops without sharing, and against a NumPy program with cached maps.
 
-Loops use the same convolutions and blurs as the layer, so that ratios tell what sharing is worth. That all agree is
-checked first; everything runs in one thread.
+Loops use the same convolutions and blurs as the layer, so that ratios measure the gain by sharing. Agreement is checked
+first; everything runs in one thread.
 """
 
 import os
@@ -159,7 +159,7 @@ def whole(offset: float) -> int:
 
 
 def vessel_image() -> ndarray:
-    """A retina of DRIVE, inverted, where SEXTANT_DATA has it; otherwise bright lines that wander over noise."""
+    """A retina of DRIVE, inverted, where SEXTANT_DATA has it; otherwise bright curves on noise."""
     file = Path(os.environ.get("SEXTANT_DATA", "."), "cosfire_oracle", "01_test.tif")
     if file.is_file():
         return np.asarray((255 - np.asarray(Image.open(file))[..., 1].astype(float)) / 255)

@@ -1,4 +1,4 @@
-"""Crops a second on one thread: against remapping with ready maps, and against py360convert doing the same crops."""
+"""Crops per second on one thread: against remapping with ready maps, and against py360convert doing the same crops."""
 
 import math
 import time
@@ -25,7 +25,7 @@ LOPEZ = CameraDistribution(
 
 
 def _rates(works: dict[str, Callable[[], object]], repeats: int = REPEATS) -> dict[str, float]:
-    """Crops a second of each work of ``COUNT`` crops: the works take turns, so that all see the same load."""
+    """Crops per second of each task of ``COUNT`` crops: tasks alternate, so that all run under the same load."""
     seconds: dict[str, list[float]] = {name: [] for name in works}
     for work in works.values():
         work()
@@ -49,7 +49,7 @@ def _panorama() -> np.ndarray:
 def _ready(
     panorama: np.ndarray, draw: CameraDraw, width: int, height: int, side: int
 ) -> dict[str, Callable[[], object]]:
-    """Remapping alone with maps worked out before: of three channels by the quickest maps there are, and of four."""
+    """Remapping alone, with precomputed maps: three channels with the fastest maps, and four."""
     rays = Rays.of(draw, "lopez")
     level = Panoramas([panorama], ["a"]).level(0, 0)
     three = np.ascontiguousarray(level[..., :3])
@@ -81,7 +81,7 @@ def _py360convert(panorama: np.ndarray, draw: CameraDraw, size: int) -> Callable
     turn = iter(range(10**6))
 
     def work() -> object:
-        shift = 0.01 * next(turn)  # it keeps the maps of views it has seen
+        shift = 0.01 * next(turn)  # it caches the maps of earlier views
         return [py360convert.e2p(panorama, (f, f), y + shift, t, (size, size), r) for f, y, t, r in views]
 
     return work

@@ -1,8 +1,8 @@
-"""How long ``sextant demo`` takes: ``python -m benchmarks.demo``.
+"""The times of ``sextant demo``: ``python -m benchmarks.demo``.
 
-A server is started as a user does, and asked what its page asks: from the command to the page, the first answer to each
-question, for which models are loaded, and the median of five more. Photos are scikit-learn's, 640 x 427 pixels, and one
-of them enlarged to 12 megapixels.
+A server is started by the command, and receives the page's requests. Times are from the command to the page, of the
+first answer to each question, which includes loading models, and the median of five more. Photos are scikit-learn's,
+640 x 427 pixels, and one of them enlarged to 12 megapixels.
 """
 
 import io

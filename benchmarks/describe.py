@@ -1,8 +1,8 @@
-"""Describing an image for place recognition: our default network against what a user would take instead.
+"""Describing an image for place recognition: our default network against common alternatives.
 
-One thread, float32, inference mode. The peers' descriptors stand on a ResNet-18 (G. Berton et al., "Deep visual
-geo-localization benchmark", CVPR 2022, among others), of which the layers alone are timed, on the same image and on one
-of 480x640 as they use it. The works take turns, so that all see the same load; ratios are of medians of one run.
+One thread, float32, inference mode. The peers' descriptors use a ResNet-18 (G. Berton et al., "Deep visual
+geo-localization benchmark", CVPR 2022, among others), whose layers alone are timed, on the same image and on one of
+480x640, their usual size. Tasks alternate, so that all run under the same load; ratios are of medians of one run.
 """
 
 import time

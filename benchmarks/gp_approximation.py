@@ -1,20 +1,20 @@
-"""Approximations of a Gaussian process over one floor: how far each is from the exact one, and what it costs.
+"""Approximations of a Gaussian process over one floor: their differences from the exact one and their costs.
 
 ``python -m benchmarks.gp_approximation [csv=<file>] [<key>=<value> ...]``
 
 Keys are those of ``train.py task=localization``; the floor is ``office_walk`` with every fourth of its frames, rendered
-once into ``paths.outputs``. The kernel is trained on the map as there, then each observation model is fitted to the
-same map with it. Poses are 1,000 drawn about those of the test drives. In the table
+once into ``paths.outputs``. The kernel is trained on the map as in that task, then each observation model is fitted to
+the same map with it. Poses are 1,000 draws about those of the test drives. In the table
 
-- *mean* is the RMS difference of a model's means to the exact ones in the exact standard deviation of a number,
-- *KL* the mean divergence of its Gaussian from the exact one in nats a number of the descriptor, *KL max* the greatest,
-- *NLL* that of the test drives' images at their true poses in nats a number, under the appearance noise that the
-  validation drives give for that model, without tempering; the test drives are under other conditions than the map,
-- *tau* Kendall's between the weights of 1,000 particles about the true pose and the exact ones', mean over images,
-- *us* a particle's share of weighing 1,000 of them, the image being compared with the map already (*observe*),
-- *MB* what a fitted model keeps beside the map and what predictions at the map's own poses take once they are asked.
+- *mean* is the RMS difference of a model's means from the exact ones, in exact standard deviations of a component,
+- *KL* the mean divergence of its Gaussian from the exact one in nats per descriptor component, *KL max* the largest,
+- *NLL* the negative log-likelihood of the test drives' images at their true poses in nats per component, with the
+  appearance noise of the validation drives, without tempering; test drives have other conditions than the map,
+- *tau* Kendall's tau between the weights of 1,000 particles about the true pose and the exact ones, mean over images,
+- *us* the time per particle of weighting 1,000, after the image has been compared with the map (*observe*),
+- *MB* the memory of a fitted model beside the map, with its cached predictions at the map's own poses.
 
-A sum of kernels is no Gaussian process: its means and variances are those of its nearest images, its weights its own.
+A sum of kernels is not a Gaussian process: its means and variances are those of its nearest images.
 """
 
 import math
@@ -64,14 +64,14 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Floor:
-    """What all models are fitted to and judged by.
+    """The data that all models are fitted to and evaluated on.
 
     Attributes:
-        map: of one floor.
-        kernel: trained on it.
+        map: map of one floor.
+        kernel: kernel trained on the map.
         validation: images of validation drives and their poses, which noise is fitted on.
         test: images under other conditions and their poses.
-        conditions: of the test drives.
+        conditions: conditions of the test drives.
     """
 
     map: DescriptorMap
@@ -83,7 +83,7 @@ class Floor:
 
 @dataclass(frozen=True)
 class Judged:
-    """One model; see the module's description."""
+    """The results of one model; see the module's description."""
 
     model: str
     size: str
@@ -180,7 +180,7 @@ def _descriptors(data: LocalizationDataModule, drive: Drive) -> torch.Tensor:
 
 
 def judge_all(floor: Floor) -> Iterator[Judged]:
-    """Every model against the first."""
+    """Every model compared with the first."""
     asked = about(floor.test[1][_spread(len(floor.test[1]), PARTICLES)], 1)[:, 0]
     _fitted(partial(SGPR, inducing=2), floor)  # imports what the models need
     exact: Prediction | None = None
@@ -207,7 +207,7 @@ def judge_all(floor: Floor) -> Iterator[Judged]:
 
 
 def kl(exact: Prediction, other: Prediction) -> torch.Tensor:
-    """Divergence of the other Gaussian from the exact one, in nats a number of the descriptor."""
+    """Divergence of the other Gaussian from the exact one, in nats per descriptor component."""
     squared = (other.mean - exact.mean).square().mean(1)
     ratio = exact.variance / other.variance
     return 0.5 * (squared / other.variance + ratio - 1 - ratio.log())
@@ -221,7 +221,7 @@ def noise_of(model: ObservationModel, floor: Floor) -> float:
 
 
 def nll(model: ObservationModel, floor: Floor) -> float:
-    """Of test images at their true poses, in nats a number."""
+    """Negative log-likelihood of test images at their true poses, in nats per component."""
     descriptors, poses = floor.test
     found = model.residuals(descriptors, poses[:, None])
     told = Likelihood(appearance_variance=noise_of(model, floor)).log_prob(
@@ -239,7 +239,7 @@ def weigh(model: ObservationModel, floor: Floor, likelihood: Likelihood) -> torc
 
 
 def cost(model: ObservationModel, floor: Floor, likelihood: Likelihood) -> tuple[float, float]:
-    """Microseconds a particle and milliseconds an image, medians."""
+    """Microseconds per particle and milliseconds per image, medians."""
     image, poses = floor.test[0][:1], about(floor.test[1][:1], PARTICLES)
     weighing, observing = [], []
     for _ in range(REPEATS + 1):
@@ -257,7 +257,7 @@ def about(poses: torch.Tensor, count: int) -> torch.Tensor:
 
 
 def kept_bytes(model: ObservationModel) -> int:
-    """Of the tensors of its state, and of what it keeps of the map's own poses."""
+    """Bytes of its state and of its cached predictions at the map's own poses."""
     tensors = [*model.state().values(), *(model._over_map or ())]
     return sum(tensor.numel() * tensor.element_size() for tensor in tensors)
 

@@ -1,6 +1,6 @@
-"""Training steps a second on a GPU: by precision and ``torch.compile``, against float32 on the CPU.
+"""Training steps per second on a GPU: by precision and ``torch.compile``, against float32 on the CPU.
 
-Images lie on the device: what is timed is the network, its loss and the optimiser, not the reading of data.
+Images are on the device: the network, its loss and the optimiser are timed, without reading data.
 """
 
 import time
@@ -9,13 +9,13 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor, nn
 
-#: seconds that each is timed for, after as many steps as warm up kernels and the compiler
+#: seconds of timing for each, after steps that warm up kernels and the compiler
 TIMED_S, WARM_STEPS = 2.0, 5
 PRECISIONS = {"32": None, "bf16": torch.bfloat16, "16": torch.float16}
 
 
 def networks() -> dict[str, tuple[Callable[[], nn.Module], tuple[int, ...], bool]]:
-    """By name: what builds a network, the shape of its batch, and whether it knows classes rather than numbers."""
+    """By name: the constructor of a network, its batch shape, and whether it classifies rather than regresses."""
     from sextant.layers import PushPullConv2d
     from sextant.models import EfficientNetLite0, ResNetCifar, SmallVGG, StridedCNN
 
@@ -38,7 +38,7 @@ def networks() -> dict[str, tuple[Callable[[], nn.Module], tuple[int, ...], bool
 
 
 def steps_per_s(network: nn.Module, images: Tensor, *, classes: bool, half: torch.dtype | None) -> float:
-    """Training steps a second."""
+    """Training steps per second."""
     optimizer = torch.optim.SGD(network.parameters(), lr=1e-3)
     scaler = torch.amp.GradScaler(images.device.type, enabled=half is torch.float16)
     labels = torch.zeros(len(images), dtype=torch.int64, device=images.device)

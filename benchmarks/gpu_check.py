@@ -1,6 +1,6 @@
-"""``make gpu-check``: the tests that need a GPU and timings on it, written to ``docs/benchmarks_gpu.md``.
+"""``make gpu-check``: the tests that need a GPU and timings on it, written to ``results/benchmarks_gpu.md``.
 
-Takes at most eight minutes, whatever it is done with by then. Without a CUDA device it says so and exits with 2.
+Stops after at most eight minutes, with the results so far. Without a CUDA device it exits with status 2.
 """
 
 import json
@@ -16,7 +16,7 @@ from benchmarks.machine import describe_machine, run_for
 
 LIMIT_S, TESTS_S = 480, 300
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "benchmarks_gpu.md"
+PAGE = ROOT / "results" / "benchmarks_gpu.md"
 
 
 def main() -> None:
@@ -33,11 +33,11 @@ def main() -> None:
 
 
 def run_tests(chosen: str = "gpu", seconds: float = TESTS_S) -> list[tuple[str, str, str]]:
-    """Name, outcome and seconds of each test that needs a GPU; those that time did not suffice for are missing.
+    """Name, outcome and seconds of each test that needs a GPU, without those that time did not suffice for.
 
     Args:
         chosen: the marker of the tests, or a file of them.
-        seconds: that they are given.
+        seconds: time limit.
     """
     which = [chosen] if chosen.endswith(".py") else ["-m", chosen]
     with tempfile.TemporaryDirectory() as folder:
@@ -48,7 +48,7 @@ def run_tests(chosen: str = "gpu", seconds: float = TESTS_S) -> list[tuple[str, 
 
 
 def device() -> str:
-    """The GPU and what drives it."""
+    """The GPU and its software."""
     found = torch.cuda.get_device_properties(0)
     memory = f"{found.total_memory / 2**30:.0f} GiB"
     return f"{found.name}, {memory}, CUDA {torch.version.cuda}, cuDNN {torch.backends.cudnn.version()}"

@@ -1,9 +1,9 @@
-"""``make gpu-claims``: what a GPU would add to the board of claims, in blocks of at most eight minutes.
+"""``make gpu-claims``: runs on a GPU for the board of claims, in blocks of at most eight minutes.
 
 Without an argument it lists the blocks: the plans of chapter 7's claims, whose ResNet-20 trains on images in memory,
 and its named ablations of that network. Other chapters are left out, as rendering their worlds and cutting their crops
 on the CPU takes longer than their networks. With the number of a block it runs that block. Finished runs are kept, and
-an interrupted one goes on from its last checkpoint: the same command again takes it up.
+the same command resumes an interrupted run from its last checkpoint.
 """
 
 import math
@@ -23,7 +23,7 @@ from sextant.lifecycle.sweep_plan import read_design
 ROOT = Path(__file__).parents[1]
 LIMIT_S = 480
 #: core-minutes of an AMD EPYC that a minute of an NVIDIA H100 with 16 cores and 16 runs at once replaces: 16 runs of 60
-#: epochs took 8 minutes there (docs/push_pull.md), and 0.6 core-hours each here
+#: epochs took 8 minutes there (results/push_pull.md), and 0.6 core-hours each here
 CORE_MINUTES = 16 * 0.6 * 60 / 8
 #: minutes that blocks are planned for, so that their start fits in as well
 PLANNED = 7.0
@@ -37,9 +37,9 @@ class Block:
     """Some runs of a design.
 
     Attributes:
-        name: the claims or the sweep that they are of.
-        arguments: of ``train.py``.
-        minutes: that they take, estimated.
+        name: their claims or sweep.
+        arguments: arguments of ``train.py``.
+        minutes: estimated duration.
     """
 
     name: str
@@ -83,10 +83,10 @@ def main(arguments: list[str]) -> None:
 
 
 def run(words: list[str], seconds: float = LIMIT_S) -> int:
-    """Run a command for at most so long; its exit status, or 124 if it was interrupted."""
+    """Run a command for at most ``seconds``; its exit status, or 124 if it was interrupted."""
     status = run_for(seconds, words, ROOT)
     if status == 124:
-        print(f"stopped after {seconds:.0f} s; the same command again takes it up", file=sys.stderr)
+        print(f"stopped after {seconds:.0f} s; the same command resumes it", file=sys.stderr)
     return status
 
 

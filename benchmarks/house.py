@@ -1,6 +1,6 @@
-"""How much of the package someone has to hold in mind: files, folders of a chapter, imports, and what a commit touches.
+"""Measures of the package's structure: files, folders of a chapter, imports, and packages that a commit touches.
 
-``python -m benchmarks.house`` counts what the files say, in a minute of one core. Files named ``__init__.py`` are left
+``python -m benchmarks.house`` counts in the files, in a minute of one core. Files named ``__init__.py`` are left
 out; a *package* is a folder in ``src/sextant``, or one chapter in ``src/sextant/chapters``.
 """
 
@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[1]
 SRC = ROOT / "src" / "sextant"
 SHORT = 60
 COMMITS = 300
-#: a commit of more files is a renaming, or a move
+#: a commit of more files counts as a renaming or move
 MOST_FILES = 40
 #: words by which a path belongs to a chapter
 CHAPTERS = {
@@ -158,13 +158,13 @@ def layers() -> int:
 
 
 def loaded() -> int:
-    """Modules of the package that ``train task=calibration`` has loaded once its data set is there, unread."""
+    """Modules of the package loaded by ``train task=calibration`` once its data set is built but not read."""
     done = subprocess.run([sys.executable, "-c", TRAIN], cwd=ROOT, capture_output=True, text=True, check=True)
     return int(done.stdout.split()[-1])
 
 
 def cpu_of(*words: str, times: int = 3) -> float:
-    """The least CPU time in seconds of a Python process, of so many."""
+    """The least CPU time in seconds of ``times`` runs of a Python process."""
     found = []
     for _ in range(times):
         before = os.times()

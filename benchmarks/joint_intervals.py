@@ -1,10 +1,10 @@
 """Errors, intervals and verdicts on all photos of known cameras: ``python -m benchmarks.joint_intervals [run=<run>]``.
 
-Lines, the network and both on the sets of ``SEXTANT_DATA``, of panoramas on those that the network was not trained on:
-two crops each of cameras of ``lopez_4x3``. Three tables: errors; how often the intervals of the joint camera hold the
-truth, with multiples of its standard errors that were chosen on all sources but the one that is tested; verdicts. Last
-the multiples by all sources, which ``chapters/calibration/jointly.py`` has. What is measured here has chosen these
-multiples and other constants of the joint method, so that only what leaves a source out is a test of them.
+Lines, the network and both on the sets of ``SEXTANT_DATA``; panoramas are those that the network was not trained on,
+with two crops each of cameras of ``lopez_4x3``. Three tables: errors; the coverage of the joint camera's intervals,
+with multiples of its standard errors chosen on all sources but the tested one; verdicts. Last, the multiples by all
+sources, which ``chapters/calibration/jointly.py`` uses. These multiples and other constants of the joint method were
+chosen on these data, so only the leave-one-source-out results test them.
 """
 
 import os
@@ -25,8 +25,8 @@ from sextant.console.arguments import parse_arguments
 from sextant.lifecycle.photo_benchmark import PhotoBenchmark, benchmark_calibration
 from sextant.zoo import model_file, read_card
 
-KEYS = {"run": "of calibration: zoo:calibration unless given"}
-#: of a set: its folders
+KEYS = {"run": "a run of calibration; zoo:calibration by default"}
+#: the folders of each set
 SETS = {
     "York Urban": ["york_urban"],
     "panoramas": ["panoramas", "panoramas_more"],
@@ -36,17 +36,17 @@ SETS = {
     "castle": ["photos/sceaux_castle"],
     "street": ["photos/lund"],
 }
-CUTS = 2  # of a panorama
+CUTS = 2  # per panorama
 SCENES = ("zind", "jameskuk")  # one house and one school: each is a source, as is each set
 LEVELS = {"68": 0.68, "95": 0.95}
 NUMBERS = ("tilt", "roll", "vfov", "k1/f²")
-#: a good camera whose focal length is farther off, per cent, or its tilt or roll, degrees, is wrong: twice what is good
+#: errors of focal length, per cent, and of tilt and roll, degrees, above which a good camera is wrong: twice the limits
 WRONG = {"focal_percent": 20.0, "tilt_deg": 6.0, "roll_deg": 4.0}
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A set: what each method says of its photos, and the sources these are of."""
+    """A set: the estimates of each method for its photos, and their sources."""
 
     name: str
     truth: Truth
@@ -107,7 +107,7 @@ def off_and_sigma(of: Measured) -> tuple[Float64[ndarray, "n 4"], Float64[ndarra
 
 
 def multiples(ratios: Float64[ndarray, "n 4"], sources: ndarray, level: float) -> Float64[ndarray, "4"]:
-    """Multiples that hold a share of the truths, each source weighing as much as the root of its photos."""
+    """Multiples for a coverage of ``level``; a source is weighted by the square root of its number of photos."""
     chosen = []
     for column in ratios.T:
         known = np.isfinite(column)
@@ -122,7 +122,7 @@ def multiples(ratios: Float64[ndarray, "n 4"], sources: ndarray, level: float) -
 
 
 def interval_rows(sets: list[Measured]) -> list[list[str]]:
-    """By set and source: shares of truths within intervals by multiples chosen without the source."""
+    """By set and source: coverage of intervals with multiples chosen without the source."""
     off, sigma = (np.concatenate(parts) for parts in zip(*map(off_and_sigma, sets), strict=True))
     ratios, sources = off / sigma, np.array([source for each in sets for source in each.sources])
     rows, inside = [], {level: np.full(ratios.shape, np.nan) for level in LEVELS}
@@ -156,7 +156,7 @@ def _percent(held: Float64[ndarray, "n"]) -> str:
 
 
 def verdict_row(of: Measured) -> list[str]:
-    """How many photos have each verdict, and how many good ones are wrong."""
+    """Numbers of photos with each verdict, and of wrong ones among the good."""
     verdicts = np.array(of.methods["joint"].verdicts)
     errors = of.truth.errors(of.methods["joint"].cameras)
     good = verdicts == "good"

@@ -1,6 +1,6 @@
-"""Landmarks that somebody pointed at, as evidence of where a robot is: ``python -m benchmarks.landmarks``.
+"""Hand-picked landmarks as evidence for localization: ``python -m benchmarks.landmarks``.
 
-Each seed is an office with a map drive by day and a drive by day and by night. Clicks are imitated: the corners of
+Each seed is an office with a map drive by day and a drive by day and by night. Clicks are simulated by the corners of
 image regions that differ most from their surroundings (Shi and Tomasi), three on one photo of the map or on each of
 eight. Shares are means over seeds with Korn and Graubard's intervals, differences paired, with t intervals.
 """
@@ -32,9 +32,9 @@ from sextant.figures.style import COLOURS, new_figure, save_figure
 from sextant.localization.motion import ExponentialMotion
 
 KEYS = {
-    "seeds": "how many; 8 unless given",
+    "seeds": "their number; 8 by default",
     "csv": "a file for the result of each seed",
-    "figure": "a picture of three landmarks of the first seed and their answers along its drives; nothing is measured",
+    "figure": "draw three landmarks of the first seed and their responses along its drives; nothing is measured",
 }
 CLICKS, PHOTOS, JUDGED_FROM = 3, 8, 20
 #: of the drive's frames; its first ones are for validation in a run
@@ -52,7 +52,7 @@ def office(seed: int, folder: Path, beams: int = 8):
 
 
 def clicks(image: ndarray) -> list[tuple[float, float]]:
-    """Where somebody might point at; nowhere on a bare wall."""
+    """Simulated clicks; none on a bare wall."""
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     inside = np.zeros_like(grey)
     inside[12:-12, 12:-12] = 255
@@ -61,7 +61,7 @@ def clicks(image: ndarray) -> list[tuple[float, float]]:
 
 
 def has_landmarks(image: ndarray) -> bool:
-    """Whether there is something to point at, strong enough for filters."""
+    """Whether there is a click at which filters can be configured."""
     try:
         return Landmarks(image, clicks(image), None).responses(image[None]).size > 0
     except UserError:
@@ -69,7 +69,7 @@ def has_landmarks(image: ndarray) -> bool:
 
 
 def landmarks(images: ndarray, photos: int, beside: str | None) -> Landmarks:
-    """Those of some photos, evenly taken; the next one that has landmarks stands in for one that has none."""
+    """Landmarks of evenly spaced photos; a photo without any is replaced by the next that has some."""
     evenly = [round(at) for at in (np.arange(photos) + 0.5) / photos * (len(images) - 1)]
     first, *others = (next(filter(has_landmarks, np.roll(images, -at, axis=0))) for at in evenly)
     made = Landmarks(first, clicks(first), beside)
@@ -79,7 +79,7 @@ def landmarks(images: ndarray, photos: int, beside: str | None) -> Landmarks:
 
 
 def descriptors(images: ndarray) -> dict:
-    """What is compared."""
+    """The descriptors that are compared."""
     return {
         "whitened PCA": named_baseline("whitened_pca"),
         "3 landmarks alone": landmarks(images, 1, None),
@@ -90,7 +90,7 @@ def descriptors(images: ndarray) -> dict:
 
 
 def within(found: ndarray, poses: ndarray) -> ndarray:
-    """Which are near enough."""
+    """Which estimates are close enough."""
     turn = np.abs((found[:, 2] - poses[:, 2] + np.pi) % (2 * np.pi) - np.pi)
     limit = OFFICE_LOCALIZATION
     return (np.hypot(*(found - poses)[:, :2].T) <= limit.position) & (turn <= math.radians(limit.heading_deg))

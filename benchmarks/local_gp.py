@@ -1,8 +1,8 @@
-"""The local Gaussian process: one solve a particle by scikit-learn against ours, and a whole observation in a city.
+"""The local Gaussian process: one solve per particle by scikit-learn against ours, and a whole observation in a city.
 
-A city of 172,000 images at street level: panoramas along streets, each cut into images of several headings. The works
-take turns, so that all see the same load, and ratios are of the medians of one run. That ours and theirs agree is
-checked first.
+A city of 172,000 images at street level: panoramas along streets, each cut into images of several headings. Tasks
+alternate, so that all run under the same load, and ratios are of the medians of one run. Agreement of both is checked
+first.
 """
 
 import time
@@ -21,7 +21,7 @@ from sextant.localization.observation.local_gp import LocalGP
 from sextant.localization.pose_kernel import PoseKernel
 
 COUNT, DIMENSION, NEIGHBOURS, PARTICLES, REPEATS = 172_000, 128, 16, 1000, 31
-#: Particles that the peer is given: it needs milliseconds for each.
+#: Number of particles for the peer, which needs milliseconds for each.
 PEERS_PARTICLES = 20
 HEADINGS = 12
 KERNEL = PoseKernel("rbf", (5.0, 5.0), 0.7, signal_variance=1 / DIMENSION, noise_variance=0.3 / DIMENSION)
@@ -91,7 +91,7 @@ def run(count: int = COUNT, repeats: int = REPEATS) -> list[Row]:
 
 
 def whole(model: CachedLocalGP, image: torch.Tensor, poses: torch.Tensor) -> None:
-    """What a filter with restarts asks for in one step."""
+    """The evaluations of one step of a filter with restarts."""
     evidence = model.observe(image, LIKELIHOOD)
     evidence.log_likelihood(poses)
     evidence.over_map()
@@ -109,7 +109,7 @@ def city(count: int) -> DescriptorMap:
 
 
 def around(known: DescriptorMap, particles: int, places: int | None = None) -> torch.Tensor:
-    """Particles anywhere in the map, as after a start without knowledge, the hardest on the memory; or around a few."""
+    """Particles anywhere in the map, as after a global start, with the least cache locality; or around a few places."""
     random = np.random.default_rng(2)
     near = known.poses[random.integers(0, len(known), places or particles)].expand(particles, 3).numpy()
     return torch.from_numpy(near + random.normal(0, 1, near.shape) * (2.0, 2.0, 0.3))[None]

@@ -1,11 +1,11 @@
 """A whole step of the particle filter in a city of 172,000 images: motion, image, restart, resampling, estimate.
 
-Everything that a step does once the image is described is timed: its product with the map, the particles' likelihoods,
+The whole step after the image is described is timed: its product with the map, the particles' likelihoods,
 the evidence over the map that restarts are drawn from, thinning, resampling and the estimate. The city is streets on a
 grid with images of eight headings, and its descriptors are a smooth random function of the pose, so that restarts and
-weights are those of a filter that works. Particles are anywhere in the city, as after a start without knowledge, which
-is the hardest on the memory; or around one place, as when tracking. The works take turns, so that all see the same
-load, each goes round several clouds and images, and ratios are of the medians of one run on one thread.
+weights are those of a filter that works. Particles are anywhere in the city, as after a global start, with the least
+cache locality; or around one place, as when tracking. Tasks alternate, so that all run under the same load, each cycles
+through several clouds and images, and ratios are of the medians of one run on one thread.
 """
 
 import math
@@ -39,7 +39,7 @@ ALONG, BLOCK, HEADINGS = 10.0, 80.0, 8
 LENGTH, HEADING_LENGTH, NOISE_SHARE = 8.0, 0.7, 0.2
 KERNEL = PoseKernel("rbf", (LENGTH, LENGTH), HEADING_LENGTH, (1 - NOISE_SHARE) / DIMENSION, NOISE_SHARE / DIMENSION)
 LIKELIHOOD = Likelihood(tempering=0.25)
-#: Clouds of particles, each with an image, that a work goes round.
+#: Clouds of particles, each with an image, that a task cycles through.
 CLOUDS, RADIUS = 4, 5.0
 WAVES = 256
 
@@ -111,14 +111,14 @@ def _run(count: int, repeats: int) -> list[Row]:
 def step(
     model: CachedLocalGP, particles: int, recovery: Recovery | None = None, *, spread: bool = True, given: bool = False
 ) -> Callable[[], object]:
-    """One step from one cloud after the other, with weights that make it resample.
+    """One step from each cloud in turn, with weights that cause resampling.
 
     Args:
-        model: of the city.
-        particles: of the cloud.
-        recovery: restarts if it is not told.
+        model: model of the city.
+        particles: size of the cloud.
+        recovery: restarts by default.
         spread: particles anywhere in the city, not around the place of the image.
-        given: the product with the map is done already.
+        given: the product with the map is precomputed.
     """
     rng, motion = _generator(), torch.tensor([[0.5, 0.0, 0.02]], dtype=torch.float64)
     everywhere = MapPrior(model.map.poses, 2.0, 0.1)
@@ -148,7 +148,7 @@ def step(
 
 
 def observing(model: CachedLocalGP) -> Callable[[], CachedEvidence]:
-    """What an image costs whatever the number of particles."""
+    """The cost of an image that does not depend on the particles."""
     image = model.map.descriptors[:1].clone()
     return lambda: model.observe(image, LIKELIHOOD)
 
@@ -200,7 +200,7 @@ def smooth(random: np.random.Generator) -> Callable[[torch.Tensor], torch.Tensor
 
 
 def _linear(seconds: dict[str, float]) -> Row:
-    """How straight the line of time against particles is."""
+    """The linearity of time in the number of particles."""
     particles = np.array(PARTICLES, float)
     times = np.array([seconds[f"means {number}"] for number in PARTICLES])
     slope, level = np.polyfit(particles, times, 1)

@@ -1,12 +1,12 @@
 """Peers of the particle filter on the same walks: ``python -m benchmarks.localization_peers seeds=8 csv=walks.csv``.
 
-All have the descriptors that ``Localizer.from_images`` takes unless one is named, and the same odometry. Those without
-a filter of ours see them less the running mean of the walk (our filter takes away its own). A real walk is a hundred
-steps from a place that the seed chooses, odometry errs by a tenth; *uneven*: for ten steps at a time the camera stands
-still, moves at the map's pace, or at twice that. An office is another one for each seed. Judged from the twentieth
-frame on. Shares have Korn and Graubard's 95 % intervals over seeds; differences from our filter are paired, with t
-intervals, and so are the ratios of median errors, in logarithms. Parameters of peers are those of their authors, or the
-map's spacing; none was fitted to a walk. The laser has AMCL's likelihood field; it starts about the poses of the map,
+All use the default descriptors of ``Localizer.from_images`` and the same odometry. Peers without our filter get
+descriptors less the running mean of the walk (our filter subtracts its own). A real walk is a hundred steps from a
+place chosen by the seed, with an odometry error of a tenth; *uneven*: for ten steps at a time the camera stands still,
+moves at the map's pace, or at twice that. Each seed has another office. Evaluated from the twentieth frame on.
+Shares have Korn and Graubard's 95 % intervals over seeds; differences from our filter are paired, with t intervals, and
+so are the ratios of median errors, in logarithms. Parameters of peers are those of their authors, or the map's spacing;
+none was fitted to a walk. The laser has AMCL's likelihood field; it starts about the poses of the map,
 and its augmented injection averages likelihoods geometrically, which is better here than AMCL's arithmetic mean.
 """
 
@@ -47,13 +47,13 @@ from sextant.retrieval.without_mean import centred
 from sextant.worlds.occupancy import occupancy_from_scans
 
 KEYS = {
-    "seeds": "how many; 8 unless given",
-    "walks": "those whose names begin so; all unless given",
+    "seeds": "their number; 8 by default",
+    "walks": "those whose names begin with this; all by default",
     "csv": "a file for the result of each seed",
 }
 USAGE = "python -m benchmarks.localization_peers seeds=8 csv=walks.csv"
 FRAMES, JUDGED_FROM, PACE_KEPT, BEAMS = 100, 20, 10, 60
-#: metres: two images of the real walks, which have one a metre, and what a corridor's are judged by
+#: metres: two images of the real walks, which have one per metre, and the limit for a corridor
 LIMITS = {"line": 2.0, "office": 0.9}
 LINES = ("Gardens Point, day", "Gardens Point, night", "Nordland, winter, 0 to 299",
          "Nordland, winter, 300 to 599", "Nordland, winter, 600 to 899")  # fmt: skip
@@ -63,7 +63,7 @@ MEASURES = ("within", "median_error", "cpu_us_a_frame")
 
 @dataclass(frozen=True)
 class Walk:
-    """What all methods get: the map, and of each frame the descriptor, odometry and truth."""
+    """The input of all methods: the map, and for each frame the descriptor, odometry and truth."""
 
     poses: ndarray
     known: ndarray
@@ -82,17 +82,17 @@ Method = Callable[[Walk, int], ndarray]
 
 
 def nearest(walk: Walk, seed: int) -> ndarray:
-    """Those of the most alike images."""
+    """The poses of the most similar images."""
     return walk.poses[walk.similarities().argmax(axis=1)]
 
 
 def sequences(walk: Walk, seed: int, contrast: int | None) -> ndarray:
-    """Those of the images that the best lines through the last ten frames end at."""
+    """The poses of the images at the ends of the best lines through the last ten frames."""
     return walk.poses[match_sequences(walk.similarities(), contrast_window=contrast).indices[:, 0]]
 
 
 def topological(walk: Walk, seed: int) -> ndarray:
-    """Those of the likeliest images by Bayes' filter over images."""
+    """The poses of the likeliest images by a Bayes filter over images."""
     filter = TopologicalFilter.of(torch.from_numpy(walk.poses))
     distances = torch.from_numpy(np.sqrt(np.clip(2 - 2 * walk.similarities().astype(np.float64), 0, None)))
     rate, belief, best = likelihood_rate(distances[0]), filter.uniform(), []
@@ -122,7 +122,7 @@ def amcl(walk: Walk, seed: int, localizer: Localizer, laser: Laser) -> ndarray:
 
 
 def methods(localizer: Localizer) -> dict[str, Method]:
-    """All of images."""
+    """All methods that use images."""
     return {
         "nearest image": nearest,
         "sequences": partial(sequences, contrast=None),
@@ -193,7 +193,7 @@ def in_office(seed: int, folder: Path) -> Iterator[dict]:
 
 
 def described_by(localizer: Localizer) -> str:
-    """The descriptor that was taken."""
+    """The descriptor that was used."""
     facts = localizer.descriptor.facts
     return str(facts.get("class", facts["kind"]))
 
@@ -219,7 +219,7 @@ def summary(rows: list[dict]) -> list[list[str]]:
         low, high = mean_interval(less)
         same = method == OURS
         cells.append("" if same else f"{100 * less.mean():+.0f} [{100 * low:+.0f}, {100 * high:+.0f}]")
-        error = "" if same else "–"  # an image of the map may be right to the metre
+        error = "" if same else "–"  # an image of the map may have no error at all
         if not same and min(values[:, 1].min(), own[:, 1].min()) > 0:
             times = np.log(values[:, 1] / own[:, 1])
             middle, low, high = np.exp([times.mean(), *mean_interval(times)])
@@ -230,7 +230,7 @@ def summary(rows: list[dict]) -> list[list[str]]:
 
 
 def all_walks(begins: str, seeds: range) -> Iterator[dict]:
-    """The rows of walks whose names begin so."""
+    """The rows of walks whose names begin with ``begins``."""
     if begins.startswith("office") or not begins:
         with tempfile.TemporaryDirectory() as folder:
             for seed in seeds:
@@ -249,9 +249,9 @@ def main() -> None:
     begins = given.get("walks", "")
     known = [name for name in ("office", *LINES) if name.startswith(begins) or begins.startswith(name)]
     if not known:
-        raise SystemExit(f"walks={begins}: none begins so; there are: office, {', '.join(LINES)}")
+        raise SystemExit(f"walks={begins}: no walk begins with this; choose among office, {', '.join(LINES)}")
     if set(known) & set(LINES) and "SEXTANT_DATA" not in os.environ:
-        raise SystemExit(f"SEXTANT_DATA is not set, and {known[-1]} lies there; walks=office needs none")
+        raise SystemExit(f"SEXTANT_DATA is not set, and {known[-1]} is read from there; walks=office needs none")
     with ExitStack() as stack:
         file = stack.enter_context(Path(given["csv"]).open("w", newline="")) if "csv" in given else None
         for row in all_walks(begins, range(int(given.get("seeds", 8)))):

@@ -1,4 +1,4 @@
-"""What the figures were measured on, and for how long."""
+"""The machine of the measurements, and runs with a time limit."""
 
 import os
 import signal
@@ -20,10 +20,10 @@ def describe_machine() -> str:
 
 
 def run_for(seconds: float, words: Sequence[str], folder: Path, **environment: str) -> int:
-    """Run a command for at most so long; its exit status, or 124 if time was up.
+    """Run a command for at most ``seconds``; its exit status, or 124 if time was up.
 
-    It is interrupted as Ctrl-C would, so that it can keep what it has. Half a minute later what is left of it is ended,
-    with all processes that it started.
+    It is interrupted as by Ctrl-C, so that it can save its state. Half a minute later it is killed, with all processes
+    that it started.
     """
     process = subprocess.Popen(words, cwd=folder, env={**os.environ, **environment}, start_new_session=True)
     try:

@@ -1,10 +1,10 @@
-"""A map in files, larger than the memory it is localized with: what stays resident.
+"""The resident memory of localization with a map in files that is larger than memory.
 
-The map is made of a stream of images in one process, :class:`~sextant.localization.tiled_map.TiledMapBuilder`, and
-localized in another, so that each one's memory is its own. A filter that knows about where it is asks only the tiles of
-the files that its particles' neighbourhoods lie in. *Anonymous* memory cannot be given back; *mapped* pages are the
-files', which the system drops when memory is short: while the map is made they are dropped whenever they exceed a
-budget, which shows that nothing needs more of them at a time.
+The map is built from a stream of images in one process, :class:`~sextant.localization.tiled_map.TiledMapBuilder`, and
+used in another, so that their memory is measured separately. A filter with a concentrated belief reads only the tiles
+with its particles' neighbourhoods. *Anonymous* memory cannot be reclaimed; *mapped* pages belong to the files, and the
+system drops them when memory is short: while the map is built they are dropped whenever they exceed a budget, which
+shows that this many suffice.
 """
 
 import ctypes
@@ -38,7 +38,7 @@ BUDGET_MB, PARTICLES, STEPS = 128, 1000, 100
 
 
 def show_mapped(folder: Path, images: int, console: Console) -> None:
-    """Make the map in one process, localize in it in another, and tell what they needed."""
+    """Build the map in one process, localize with it in another, and print the memory of both."""
     for stage in ("make", "localize"):
         done = subprocess.run(
             [sys.executable, "-m", "benchmarks.mapped_map", stage, str(folder), str(images)],
@@ -51,7 +51,7 @@ def show_mapped(folder: Path, images: int, console: Console) -> None:
 
 
 def make(folder: Path, images: int) -> dict[str, float]:
-    """Add images in chunks, in no order, and finish the map."""
+    """Add images in chunks of random order, and finish the map."""
     poses = city_poses(images)
     poses = poses[torch.randperm(len(poses), generator=torch.Generator().manual_seed(0))]
     began, before = time.perf_counter(), memory(folder)
@@ -81,7 +81,7 @@ def make(folder: Path, images: int) -> dict[str, float]:
 
 
 def localize(folder: Path, images: int) -> dict[str, float]:
-    """Follow a street from about where it begins."""
+    """Follow a street from an approximate start."""
     before = memory(folder)
     model = load_map(folder, verify=False).model
     assert isinstance(model, CachedLocalGP)
@@ -136,7 +136,7 @@ def _street(poses: torch.Tensor) -> torch.Tensor:
 
 
 def memory(folder: Path) -> dict[str, float]:
-    """Resident now, MB: what cannot be given back, and pages of the folder's files."""
+    """Resident now, MB: anonymous memory, and pages of the folder's files."""
     status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
     mapped, of_the_map = 0, False
     for line in Path("/proc/self/smaps").read_text().splitlines():
@@ -157,7 +157,7 @@ def watched(peak: dict[str, float], folder: Path) -> dict[str, float]:
 
 
 def drop_mapped(folder: Path) -> None:
-    """What the system does when memory is short: forget the pages of this process, which stay in their files."""
+    """Drop the mapped pages of this process, as the system does when memory is short; the files keep them."""
     advise = ctypes.CDLL(None, use_errno=True).madvise
     advise.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
     for line in Path("/proc/self/maps").read_text().splitlines():

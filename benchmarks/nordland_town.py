@@ -1,6 +1,6 @@
 """Two drives through a procedural town, made to be as hard to match as Nordland's summer and winter.
 
-How near they come is told in ``docs/worlds.md``.
+The comparison is in ``results/worlds.md``.
 """
 
 from collections.abc import Callable
@@ -16,9 +16,9 @@ from sextant.data.worlds.towns import TownSeasons, TownSeasonsPlan, town_seed
 from sextant.worlds.town import Town
 
 PLACES = 2400
-#: a block this near to a camera lies beside it
+#: a block within this distance of a camera counts as beside it
 BESIDE_M = 15.0
-#: what differs from ``dataset=town_seasons``, and ``built_up``, 0 to 1: how built-up the blocks along the drive are
+#: differences from ``dataset=town_seasons``, and ``built_up``, 0 to 1: how built-up the blocks along the drive are
 SETTINGS: dict[str, Any] = {
     "width": 64,
     "height": 32,
@@ -45,12 +45,12 @@ SETTINGS: dict[str, Any] = {
 class NordlandTownPlan(TownSeasonsPlan):
     """Drives past blocks that are equally built-up in every town; the dataset draws the density of a town.
 
-    Statistics depend on it more than on anything else that differs between the seeds: facades are told apart easily,
-    gardens are not.
+    Statistics depend on density more than on anything else that differs between seeds: facades are easily
+    distinguished, gardens are not.
     """
 
     def density(self, scene: int) -> float:
-        """Such that the blocks beside the cameras have the mean density ``built_up``."""
+        """The density at which the blocks beside the cameras have the mean ``built_up``."""
         town = Town(self.graph(scene), town_seed(self.config["seed"], scene), density=0.5)
         cameras = shapely.points(self.shots.pose[self.shots.scene == scene, :2])
         near = shapely.STRtree(town.ground.blocks).query(cameras, predicate="dwithin", distance=BESIDE_M)[1]

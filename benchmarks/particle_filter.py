@@ -1,7 +1,7 @@
 """A step of the particle filter: against ten times the particles, a loop over particles, and a map of 172,000 images.
 
-The works take turns, so that all see the same load, and ratios are of the medians of one run. The observation is a
-cheap function of the pose, so what is timed is the filter: what an observation model costs is measured with the models.
+Tasks alternate, so that all run under the same load, and ratios are of the medians of one run. The observation is a
+cheap function of the pose, so that the filter itself is timed; observation models have benchmarks of their own.
 """
 
 import math
@@ -68,7 +68,7 @@ def run(images: int = IMAGES, repeats: int = REPEATS) -> list[Row]:
 
 
 def step(prior: MapPrior, particles: int, recovery: Recovery, evidence: Evidence | None) -> Callable[[], object]:
-    """One step from the same state again and again; with an observation, it resamples each time."""
+    """One step from the same state, repeatedly; with an observation, it resamples each time."""
     particle_filter = ParticleFilter(
         ExponentialMotion(SIGMAS), SystematicResampling(), recovery, prior, ess_threshold=1.0 if evidence else 0.5
     )
@@ -84,7 +84,7 @@ def estimating(prior: MapPrior, particles: int) -> Callable[[], object]:
 
 
 def loop(particles: int) -> Callable[[], object]:
-    """What a filter of plain Python objects does: motion, weight and systematic resampling, one after the other."""
+    """A filter of plain Python objects: motion, weight and systematic resampling, one after the other."""
     rng = random.Random(0)
     cloud = [(rng.uniform(0, 1000), rng.uniform(0, 1000), rng.uniform(-3, 3)) for _ in range(particles)]
 
@@ -113,7 +113,7 @@ def loop(particles: int) -> Callable[[], object]:
 
 
 def straight(milliseconds: dict[str, float]) -> Row:
-    """How far the time at 4,000 particles is from the line through 1,000 and 10,000."""
+    """The time at 4,000 particles relative to the line through 1,000 and 10,000."""
     few, some, many = (milliseconds[f"weigh {particles}"] for particles in (1000, 4000, 10_000))
     line = few + (many - few) * 3 / 9
     return (

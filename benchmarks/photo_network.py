@@ -1,9 +1,8 @@
-"""What a network of calibration says of images it never saw: ``python -m benchmarks.photo_network run=<run>``.
+"""A calibration network on images that it was not trained on: ``python -m benchmarks.photo_network run=<run>``.
 
-Medians of the network alone, without lines, and how often its 68 and 95 % intervals hold the truth of tilt, roll and
-field of view. Photos and their tables are those of ``SEXTANT_DATA``; of panoramas, those that the package's weights may
-not be trained on, which are left out of training whole. Last, how far the field of view of every third photo of York
-Urban moves when the photo is blurred.
+Medians of the network alone, without lines, and the coverage of its 68 and 95 % intervals for tilt, roll and field of
+view. Photos and their tables are those of ``SEXTANT_DATA``; panoramas are those held out from training of the package's
+weights. Last, the change in the estimated field of view of every third photo of York Urban when it is blurred.
 """
 
 import csv
@@ -32,22 +31,22 @@ from sextant.kit.trained import read_trained
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 
-KEYS = {"run": "of calibration: zoo:calibration, its directory or checkpoint"}
+KEYS = {"run": "a run of calibration: zoo:calibration, a directory or a checkpoint"}
 PHOTOS = ("york_urban", "phone_gravity", "exif_focal")
 BOARDS = "camera_boards/opencv_left"
-CROPS = 7  # of a panorama
+CROPS = 7  # per panorama
 NOT_FOR_TRAINING = ("zind", "jameskuk")  # scenes of their own; the other panoramas are one set
 BLURRED = (168, 120, 84, 60, 42)  # lines of the photo's height
 
 
 def truths(data: Path, source: str) -> dict[Path, dict[str, float]]:
-    """What is known of each photo of a source."""
+    """The known parameters of each photo of a source."""
     if source == BOARDS:
         return {path: {"f_px": 532.5} for path in sorted((data / source).glob("*.jpg"))}
     with open(data / source / f"{source}.csv", newline="") as table:
         rows = list(csv.DictReader(table))
     found = {}
-    for row in rows:  # a focal length by structure from motion goes before one by EXIF, as in sextant benchmark
+    for row in rows:  # structure from motion takes precedence over EXIF, as in sextant benchmark
         row["f_px"] = row.get("f_sfm_px") or row["f_px"]
         known = {key: float(row[key]) for key in ("f_px", "tilt_deg", "roll_deg") if row.get(key)}
         found[data / source / row["file"]] = known
@@ -55,7 +54,7 @@ def truths(data: Path, source: str) -> dict[Path, dict[str, float]]:
 
 
 def asked(network: CameraNetwork, photos: list[Photo]) -> tuple[CalibrationPrediction, torch.Tensor, torch.Tensor]:
-    """What the network says of photos; aspect and height in pixels of what it saw of each."""
+    """The network's predictions for photos, and the aspect and height in pixels of its input for each."""
     spec = network.spec
     views = [network_view(photo, spec.aspects, spec.width, spec.height, canvas=spec.canvas) for photo in photos]
     images = torch.from_numpy(np.stack([view.image for view in views]).transpose(0, 3, 1, 2).copy())
@@ -65,7 +64,7 @@ def asked(network: CameraNetwork, photos: list[Photo]) -> tuple[CalibrationPredi
 
 def row(name: str, error: torch.Tensor, said: CalibrationPrediction, focal: torch.Tensor, rays: float) -> str:
     """A line of the table, from errors of tilt, roll and vfov (radians) and relative ones of the focal length."""
-    medians = np.degrees(np.median(error.numpy(), axis=0)).tolist()  # nan where nothing is known
+    medians = np.degrees(np.median(error.numpy(), axis=0)).tolist()  # nan where there is no truth
     held = []
     for level in (0.68, 0.95):
         inside = (error <= (said.scale * said.quantile(level))[:, :3]).float()
@@ -114,7 +113,7 @@ def panorama_row(network: CameraNetwork, name: str, paths: list[Path], sampling:
 
 
 def blur_rows(network: CameraNetwork, data: Path) -> Iterator[str]:
-    """How far the field of view moves with the lines that are left of a photo's height."""
+    """The change in the field of view by the number of lines to which a photo is reduced."""
     photos = [read_photo(path) for path in list(truths(data, "york_urban"))[::3]]
 
     def fields(lines: int | None) -> torch.Tensor:
@@ -130,7 +129,7 @@ def blur_rows(network: CameraNetwork, data: Path) -> Iterator[str]:
 
 
 def blurred(photo: Photo, lines: int) -> Photo:
-    """A photo made so many lines high, and as high as before again."""
+    """A photo reduced to ``lines`` rows and enlarged to its original height."""
     rows, columns = photo.image.shape[:2]
     small = cv2.resize(photo.image, (round(columns * lines / rows), lines), interpolation=cv2.INTER_AREA)
     return Photo(cv2.resize(small, (columns, rows), interpolation=cv2.INTER_CUBIC), photo.width, photo.height, 1, None)

@@ -1,4 +1,4 @@
-"""What calibrating a photo costs: straightening 12 megapixels against OpenCV, and the network on one image."""
+"""The cost of calibrating a photo: straightening 12 megapixels against OpenCV, and the network on one image."""
 
 import time
 from collections.abc import Callable
@@ -16,7 +16,7 @@ FOCAL, K1, K2 = 2600.0, -0.2, 0.0284
 
 
 def _alternating(works: dict[str, Callable[[], object]], repeats: int = 5) -> dict[str, float]:
-    """Seconds of each work; the works take turns, so that all see the same load."""
+    """Seconds of each task; tasks alternate, so that all run under the same load."""
     seconds: dict[str, list[float]] = {name: [] for name in works}
     for turn in range(repeats + 1):
         for name, work in works.items():

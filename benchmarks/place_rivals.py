@@ -1,8 +1,8 @@
-"""Descriptors that learn of no pair of images, for :mod:`benchmarks.unseen_places`.
+"""Descriptors not trained on pairs of images, for :mod:`benchmarks.unseen_places`.
 
 Training-free ones at 32x64 pixels; whitened principal components of the map's pixels, 128 or fewer; stages of an
 ImageNet network (EfficientNet-Lite0, images of 128x192, bfloat16) pooled by mean, generalised mean or over 4x6 cells,
-as they are and whitened by 128 principal components of the map; NetVLAD over 32 centres that k-means finds in the map.
+raw and whitened by 128 principal components of the map; NetVLAD over 32 centres that k-means finds in the map.
 """
 
 from collections.abc import Iterator
@@ -53,7 +53,7 @@ def _set(images: ImageSet, reference: ndarray, query: ndarray) -> PlaceSet:
 
 @torch.no_grad()
 def _trunk(maps: ndarray, queries: ndarray) -> dict[str, tuple[ndarray, ndarray]]:
-    """Each stage's map, pooled; ``cells``: those of one stage as they are."""
+    """The pooled maps of each stage; ``cells``: the unpooled ones of one stage."""
     network = EfficientNetLite0(3, LARGE, 1, weights="imagenet").eval().to(torch.bfloat16)
     network = network.to(memory_format=torch.channels_last)
     names: list[tuple[str, int]] = []

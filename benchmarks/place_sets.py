@@ -1,10 +1,10 @@
-"""Sets of real images of places that nothing here is trained on, and what is measured on them.
+"""Sets of real images of places, not used for training, and measures on them.
 
 Gardens Point by day and by night (2 frames), Essex (equal names), two stretches of Nordland (1 of every tenth frame:
 frames 1,650 to 2,399, which ``experiment=places_nordland`` does not train on), the floors of a tower (IE Tower: any of
 2,373 images of a query's floor, by the authors' split, whose queries are frames of the same clips).
 
-Intervals: bootstrap over blocks of 20 queries that follow each other, 1,000 times.
+Intervals: bootstrap over blocks of 20 consecutive queries, 1,000 resamples.
 """
 
 import csv
@@ -45,14 +45,14 @@ class ImageSet:
         return maps, queries
 
     def described(self, describe: Callable[[ndarray], ndarray], height: int, width: int) -> "PlaceSet":
-        """With descriptors."""
+        """The set with descriptors."""
         rows = [unit_norm(in_batches(describe, images)) for images in self.read(height, width)]
         return PlaceSet(self.name, self.family, rows[0], rows[1], self.positives)
 
 
 @dataclass(frozen=True)
 class PlaceSet:
-    """Descriptors of one set of images, rows of norm one before they are centred, and which of them show one place."""
+    """Descriptors of one set of images, rows of norm one before centring, and which of them show the same place."""
 
     name: str
     family: str
@@ -115,7 +115,7 @@ def hits(similarities: ndarray, positives: Positives, k: int = 1) -> Bool[ndarra
 
 
 def interval(values: Sequence[float] | ndarray) -> tuple[float, float]:
-    """The 95 % interval of a mean over queries that follow each other."""
+    """The 95 % interval of a mean over consecutive queries."""
     values = np.asarray(values, np.float64)
     rng, blocks = np.random.default_rng(0), np.array_split(values, max(1, len(values) // BLOCK))
     drawn = rng.integers(len(blocks), size=(DRAWS, len(blocks)))

@@ -1,4 +1,4 @@
-"""How alike pairs of aligned traverses are, such as rendered places and real ones, statistic by statistic.
+"""The similarity of pairs of aligned traverses, such as rendered and real ones, by several statistics.
 
 ``python -m benchmarks.place_statistics reference=<images> query=<images> [reference2=<images> query2=<images>]``
 ``python -m benchmarks.place_statistics [reference=<images> query=<images>] town=true [seeds=0,1,2] [json=<file>]``
@@ -7,7 +7,7 @@ Images are a folder, in the order of the file names, or an ``.npy`` of uint8 (n,
 place. With ``town=true`` two drives through a town under ``nordland_town.SETTINGS`` follow for each of ``seeds``, of as
 many places as the images (or ``places=``), rendered into the stores of ``sextant data list`` by ``threads=`` threads.
 Every further pair is shown with its ratio to the first, and with Kendall's tau between the rankings of descriptors.
-``json=`` writes all that is shown, and the settings, to a file.
+``json=`` writes all of it, and the settings, to a file.
 """
 
 import json
@@ -36,10 +36,10 @@ KEYS = {
     "reference2": "images of the second pair",
     "query2": "images of the same places",
     "town": "true: render drives through a town as further pairs",
-    "seeds": "of the towns, 0 if not given",
-    "places": f"of a drive if there are no images, {PLACES} if not given",
-    "threads": "that render, 2 if not given",
-    "json": "file for what is shown",
+    "seeds": "of the towns; 0 by default",
+    "places": f"number per drive if there are no images; {PLACES} by default",
+    "threads": "number of rendering threads; 2 by default",
+    "json": "file for the results",
 }
 PAIRS = (("reference", "query"), ("reference2", "query2"))
 SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -47,14 +47,14 @@ SUFFIXES = (".jpg", ".jpeg", ".png")
 
 @dataclass(frozen=True)
 class Job:
-    """What the command line asks for.
+    """The options of the command line.
 
     Attributes:
         pairs: reference and query images.
-        seeds: of the towns to render.
-        places: of a drive; None for as many as the first pair has.
-        threads: that render.
-        json: file for what is shown.
+        seeds: seeds of the towns to render.
+        places: places per drive; None for as many as the first pair has.
+        threads: number of rendering threads.
+        json: file for the results.
     """
 
     pairs: tuple[tuple[Path, Path], ...]
@@ -87,7 +87,7 @@ def main(arguments: list[str]) -> None:
 
 
 def parse(arguments: Sequence[str]) -> Job:
-    """What to measure; each pair whole, and the first one there unless a town is."""
+    """The job; pairs must be complete, and the first is required unless a town is given."""
     given = parse_arguments(arguments, KEYS, USAGE)
     town = _truth(given.pop("town", "false"))
     seeds = tuple(_whole("seeds", text, 0) for text in given.pop("seeds", "0").split(",")) if town else ()
@@ -98,7 +98,7 @@ def parse(arguments: Sequence[str]) -> Job:
     if set(given) not in legal or not all(given.values()) or len(set(seeds)) < len(seeds):
         raise UserError(f"cannot understand the arguments: {' '.join(arguments) or 'none given'}", USAGE)
     if places and given:
-        raise UserError("places= goes with no images: a drive has as many places as they show", USAGE)
+        raise UserError("places= cannot be combined with images, which set the number of places", USAGE)
     paths = {name: Path(path).expanduser() for name, path in given.items()}
     pairs = tuple((paths[reference], paths[query]) for reference, query in PAIRS if reference in paths)
     return Job(pairs, seeds, places, threads, Path(file).expanduser() if file else None)
@@ -112,7 +112,7 @@ def _truth(text: str) -> bool:
 
 def _whole(name: str, text: str, least: int) -> int:
     if not text.isdecimal() or int(text) < least:
-        raise UserError(f"{name}: {text!r} is no whole number from {least}", USAGE)
+        raise UserError(f"{name}: {text!r} is not a whole number from {least} on", USAGE)
     return int(text)
 
 
@@ -185,7 +185,7 @@ def side_by_side(measured: dict[str, PlaceStatistics]) -> Table:
 
 
 def ranking_tau(first: PlaceStatistics, second: PlaceStatistics) -> float:
-    """Kendall's tau-b; nan where one of them recalls alike by every descriptor."""
+    """Kendall's tau-b; nan if all descriptors have the same recall on one of them."""
     names = list(first.recall)
     return float(kendalltau([first.recall[name] for name in names], [second.recall[name] for name in names]).statistic)
 

@@ -1,4 +1,4 @@
-"""Training steps a second on the CPU in bfloat16 and through ``torch.compile``, against float32 as it is."""
+"""Training steps per second on the CPU in bfloat16 and with ``torch.compile``, against plain float32."""
 
 from benchmarks import gpu
 

@@ -1,7 +1,7 @@
-"""Push-pull layers against the convolution, and against the equations carried out one by one with two convolutions.
+"""Push-pull layers against the convolution, and against a literal implementation with two convolutions.
 
-Each case has a process of its own: what a convolution costs depends on the memory that others left. Works take turns;
-ratios are medians of those of each turn.
+Each case has its own process, since the time of a convolution depends on earlier memory use. Tasks alternate; ratios
+are medians over turns.
 """
 
 from itertools import product
@@ -26,7 +26,7 @@ REPEATS = 5
 
 
 class TwoConvolutions(nn.Module):
-    """The layer of 2020 as its equation reads, with h = 2 and α = 1."""
+    """The layer of 2020 literally by its equation, with h = 2 and α = 1."""
 
     def __init__(self, conv: nn.Conv2d):
         super().__init__()
@@ -41,7 +41,7 @@ class TwoConvolutions(nn.Module):
 
 
 class TwoConvolutionsAveraged(nn.Module):
-    """The layer of 2024 as its equation reads, with α = 1."""
+    """The layer of 2024 literally by its equation, with α = 1."""
 
     def __init__(self, conv: nn.Conv2d, average: int):
         super().__init__()
@@ -69,7 +69,7 @@ def run() -> list[Row]:
 
 
 def stretched(case: Case) -> list[Row]:
-    """The layer of 2020: what ``auto`` takes against the convolution, two convolutions and the fastest form."""
+    """The layer of 2020: the choice of ``auto`` against the convolution, two convolutions and the fastest form."""
     conv, images = convolution(case)
     forms = {impl: PushPullConv2d.from_conv(conv, impl=impl) for impl in FORMS}
     taken = PushPullConv2d.from_conv(conv).implementation(*images.shape[-2:])
@@ -127,7 +127,7 @@ def convolution(case: Case) -> tuple[nn.Conv2d, Tensor]:
     settle_allocator()
     (in_channels, out_channels, kernel, stride, size), batch, _ = case
     images = torch.randn(batch, in_channels, size, size)
-    images.requires_grad_(in_channels > 3)  # a first layer sends no gradient on
+    images.requires_grad_(in_channels > 3)  # a first layer needs no input gradient
     return nn.Conv2d(in_channels, out_channels, kernel, stride, kernel // 2, bias=False), images
 
 

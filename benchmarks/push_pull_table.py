@@ -1,7 +1,7 @@
 """Time the implementations of the pull response and write the table that ``impl="auto"`` reads.
 
 ``python -m benchmarks.push_pull_table`` replaces ``src/sextant/layers/pull_timings.json``. Runs whose layers
-then take another implementation change by rounding, so the table is written once and kept.
+then use another implementation change by rounding, so the table is written once and kept.
 """
 
 import json
@@ -63,7 +63,7 @@ def measure(
     if in_channels == 1 < groups:
         products *= 4  # convolutions of single channels run far below the speed of others
     images = torch.randn(min(64, max(8, round(PRODUCTS / products))), channels[0], size, size)
-    images.requires_grad_(in_channels * groups > 3)  # a first layer sends no gradient on
+    images.requires_grad_(in_channels * groups > 3)  # a first layer needs no input gradient
     conv = nn.Conv2d(*channels, kernel, stride, kernel // 2, groups=groups)
     layers = {impl: PushPullConv2d.from_conv(conv, scale=scale, impl=impl) for impl in IMPLEMENTATIONS}
     tasks = {"evaluation": forward_pass, "training": training_step}

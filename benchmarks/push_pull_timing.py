@@ -1,4 +1,4 @@
-"""Time several ways to do the same in turn, so that what else the machine does falls on all of them."""
+"""Time alternatives in turn, so that other load on the machine affects all of them."""
 
 import ctypes
 import sys
@@ -12,7 +12,7 @@ TRIM_THRESHOLD, MMAP_MAX = -1, -4  # of mallopt
 
 
 def fastest(tasks: Mapping[str, Callable[[], object]], repeats: int = 9, *, warm: bool = True) -> dict[str, float]:
-    """Seconds of the process's own time that each task takes at best; if ``warm`` one more call is not counted."""
+    """The least process time of each task in seconds; with ``warm``, an extra first call is not counted."""
     seconds = dict.fromkeys(tasks, float("inf"))
     for task in tasks.values() if warm else ():
         task()
@@ -25,7 +25,7 @@ def fastest(tasks: Mapping[str, Callable[[], object]], repeats: int = 9, *, warm
 
 
 def turns(tasks: Mapping[str, Callable[[], object]], repeats: int, least: float = 0.05) -> dict[str, list[float]]:
-    """Seconds of the process's own time that each task takes in each of ``repeats`` turns.
+    """Process time in seconds of each task in each of ``repeats`` turns.
 
     A turn of a short task is the fastest of as many calls as take ``least`` seconds.
     """
@@ -39,10 +39,10 @@ def turns(tasks: Mapping[str, Callable[[], object]], repeats: int, least: float 
 
 
 def settle_allocator() -> None:
-    """Let glibc keep freed memory and use it again, so that a layer's time does not hang on what was allocated before.
+    """Let glibc keep and reuse freed memory, so that a layer's time does not depend on earlier allocations.
 
-    By default it returns large blocks to the system, after some layers and not after others; to get them anew can cost
-    more than the layer itself.
+    By default it returns large blocks to the system, after some layers and not after others; allocating them again
+    can cost more than the layer itself.
     """
     if sys.platform == "linux":
         libc = ctypes.CDLL(None)

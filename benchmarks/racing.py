@@ -1,9 +1,9 @@
 """Racing against full seeds: 200 simulated searches, in which the best trial is known.
 
-``python -m benchmarks.racing``   runs saved, and what the chosen trial lacks of the best, by how much seeds make
+``python -m benchmarks.racing``   runs saved and regret of the chosen trial, by the spread between seeds
 
-A search has 30 trials of 5 seeds. True accuracies are drawn from Beta(5, 2); a seed adds the same to all trials
-(standard deviation 0.03) and to each of its own, with a spread that differs between trials by a factor of up to four.
+A search has 30 trials of 5 seeds. True accuracies are drawn from Beta(5, 2); a seed adds a shared effect to
+all trials (standard deviation 0.03) and an own effect to each, whose spread differs between trials by up to four times.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from rich.table import Table
 from sextant.evaluation.racing import every, leader, racing, seeds_run
 
 SEARCHES, TRIALS, SEEDS = 200, 30, 5
-#: what a seed makes, and of how many images an accuracy is
+#: spread between seeds, and number of images of an accuracy
 CASES = ((0.005, None), (0.02, None), (0.05, None), (0.01, 143))
 Rule = Callable[[np.ndarray], list[int]]
 
@@ -24,7 +24,7 @@ Rule = Callable[[np.ndarray], list[int]]
 def drawn(
     seed: int, trials: int = TRIALS, seeds: int = SEEDS, spread: float = 0.02, images: int | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """True means of trials, and their scores at each seed: accuracies on so many images, or on endlessly many."""
+    """True means of trials, and their scores at each seed: accuracies on ``images`` images, or on infinitely many."""
     random = np.random.default_rng(seed)
     means = random.beta(5, 2, trials)
     shared = random.normal(0, 0.03, seeds)
@@ -34,7 +34,7 @@ def drawn(
 
 
 def search(scores: np.ndarray, rule: Rule) -> np.ndarray:
-    """The scores that are looked at when trials come one after the other; nan where they are not."""
+    """The scores that are evaluated when trials arrive one by one; nan elsewhere."""
     seen = np.full((0, scores.shape[1]), np.nan)
     for _ in scores:
         seen = fill(np.vstack([seen, np.full(scores.shape[1], np.nan)]), scores, rule)
@@ -42,13 +42,13 @@ def search(scores: np.ndarray, rule: Rule) -> np.ndarray:
 
 
 def raced(scores: np.ndarray, confidence: float = 0.95) -> np.ndarray:
-    """What a race looks at: the best gets all seeds once all trials have come."""
+    """The scores that a race evaluates: the best trial gets all seeds at the end."""
     rule = partial(racing, confidence=confidence)
     return fill(search(scores, rule), scores, partial(rule, last=True))
 
 
 def fill(seen: np.ndarray, scores: np.ndarray, rule: Rule) -> np.ndarray:
-    """Run what deserves it, until nothing does."""
+    """Run all trials that the rule continues, until there are none."""
     while deserving := rule(seen):
         for trial in deserving:
             place = seeds_run(seen)[trial]

@@ -1,7 +1,7 @@
-"""Search of one query, and of many, among 172,000 descriptors of 128 values: against the memory's and faiss' speed.
+"""Search of one query, and of many, among 172,000 descriptors of dimension 128: against memory bandwidth and faiss.
 
-The works take turns, so that all see the same load, and ratios are of the medians of one run. All find the same
-neighbours, which is checked first.
+Tasks alternate, so that all run under the same load, and ratios are of the medians of one run. Agreement of the
+neighbours is checked first.
 """
 
 import time
@@ -14,7 +14,7 @@ import torch
 from sextant.retrieval.flat_index import FlatIndex
 
 COUNT, DIMENSION, K, BATCH, REPEATS = 172_000, 128, 20, 64, 41
-#: Places that follow each other look alike: correlation of neighbouring descriptors.
+#: Correlation of neighbouring descriptors: consecutive places look similar.
 ALONG_TRACK = 0.5
 
 Row = tuple[str, str, str, str, str]

@@ -1,6 +1,6 @@
-"""How similar photos of one place are, and of two: ``python -m benchmarks.same_place data=<folder>``.
+"""Similarities of photos of the same and of different places: ``python -m benchmarks.same_place data=<folder>``.
 
-By the network that ``sextant demo`` compares photos by, on pairs whose places are known: Gardens Point by day and by
+With the network of ``sextant demo``, on pairs of known places: Gardens Point by day and by
 night, ESSEX3IN1, Nordland in summer and winter, some 200 places of each. Places more than ten photos apart are
 different ones. Written into ``src/sextant/tools/demonstration/known_pairs.json``.
 """
@@ -42,7 +42,7 @@ def main() -> None:
         apart = np.abs(np.subtract.outer(*[np.arange(len(pairs))] * 2))
         same.append(similarities[apart == 0])
         other.append(similarities[apart > APART])
-        print(f"{name}: {(same[-1][:, None] > other[-1]).mean():.2f} of one place more similar than of two")
+        print(f"{name}: {(same[-1][:, None] > other[-1]).mean():.2f} of same-place pairs more similar than others")
     quantiles = {
         name: np.quantile(np.concatenate(each), SHARES).round(3).tolist()
         for name, each in (("same", same), ("other", other))

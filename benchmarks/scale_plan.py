@@ -1,12 +1,12 @@
-"""A map of 100 million images on paper: what one machine measures, what many would do, and a map larger than memory.
+"""A plan for a map of 100 million images: constants of one machine, a simulated cluster, and a map larger than memory.
 
 ``python -m benchmarks.scale_plan``                      constants of this machine, and the simulated cluster
-``python -m benchmarks.scale_plan csv=<file>``           the same, with the table in a file
-``python -m benchmarks.scale_plan mapped=<folder>``      a map in files: what stays resident while localizing in it
+``python -m benchmarks.scale_plan csv=<file>``           the same, and the table as a file
+``python -m benchmarks.scale_plan mapped=<folder>``      a map in files: resident memory while localizing with it
 ``python -m benchmarks.scale_plan mapped=<folder> images=1000000``
 
 The cluster is :mod:`benchmarks.shard_simulation`, the map in files :mod:`benchmarks.mapped_map`. See
-``docs/localization_scale.md``.
+``results/localization_city.md``.
 """
 
 import math
@@ -33,10 +33,10 @@ from sextant.localization.observation.cached_local_gp import CachedLocalGP
 USAGE = "python -m benchmarks.scale_plan [csv=<file>]\npython -m benchmarks.scale_plan mapped=<folder> [images=1000000]"
 KEYS = {
     "csv": "file for the simulated plans",
-    "mapped": "folder for a map in files, some 1.3 KB an image",
-    "images": f"of that map, {IMAGES:,} if not given",
+    "mapped": "folder for a map in files, about 1.3 KB per image",
+    "images": f"number in that map; {IMAGES:,} by default",
 }
-#: Images on which constants are measured, and shards that they are cut into to compare evidence.
+#: Images on which constants are measured, and shards that they are split into for comparing evidence.
 MEASURED, SHARDS = 172_000, 8
 
 
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str]) -> None:
         if "mapped" in given:
             images = given.get("images", str(IMAGES))
             if not images.isdecimal() or int(images) < 1:
-                raise UserError(f"images: {images!r} is no whole number from 1", USAGE)
+                raise UserError(f"images: {images!r} is not a whole number from 1 on", USAGE)
             console.print(describe_machine())
             return show_mapped(Path(given["mapped"]).expanduser(), int(images), console)
     except UserError as error:
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str]) -> None:
     console.print(describe_machine())
     console.print(as_lines("measured", constants, MEASURED))
     console.print(f"assumed: {ASSUMED}", highlight=False)
-    console.print(f"evidence of {SHARDS} shards put together, less that of the whole: {shards_apart(model):.1e} nats")
+    console.print(f"combined evidence of {SHARDS} shards minus that of the whole map: {shards_apart(model):.1e} nats")
     outcomes = [simulate(plan, constants) for plan in plans()]
     console.print(as_table(outcomes))
     if "csv" in given:
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def shards_apart(model: CachedLocalGP) -> float:
-    """How far log Z from the sums of shards is from log Z of the whole map."""
+    """The difference of log Z from the sums of shards from log Z of the whole map."""
     over_map = model.observe(model.map.descriptors[:1] + 0.01, LIKELIHOOD).over_map()
     whole = AppearanceProposal.of(over_map).log_evidence
     sums = torch.stack([AppearanceProposal.of(part).log_total for part in over_map.chunk(SHARDS, dim=1)])

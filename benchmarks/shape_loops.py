@@ -1,6 +1,6 @@
-"""The corruptions that MNIST-C alone has, one digit in and one out: what the engine is timed against.
+"""The corruptions that MNIST-C alone has, one digit at a time: the baseline for timings of the engine.
 
-Written from the definitions, with the libraries that the benchmark's authors take: NumPy and scikit-image.
+Written from the definitions, with the libraries of the benchmark's authors: NumPy and scikit-image.
 """
 
 import math

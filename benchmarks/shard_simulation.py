@@ -1,13 +1,13 @@
-"""A cluster that holds a map of 100 million images in shards, simulated with what one core of this machine measures.
+"""A cluster with a map of 100 million images in shards, simulated with constants measured on one core of this machine.
 
-A step of a robot's filter asks the shards that its particles touch for their likelihoods, and, if the step restarts
-particles, every shard for the evidence of its images: their sum, and draws. It is done when the slowest has answered.
-A shard has replicas; a request goes to one at random. A replica takes all the requests that wait, up to a limit, as one
-product of matrices, and is then busy for
+A step of a robot's filter requests likelihoods from the shards with its particles and, if the step restarts particles,
+the evidence of the images from every shard: its sum, and draws. The step ends with the slowest response. A shard has
+replicas; a request goes to one at random. A replica processes all waiting requests, up to a limit, as one product of
+matrices, and is then busy for
 
-    fixed + seconds of the product for so many images + requests x seconds of passes over the scores
+    fixed + seconds of the product for its images + requests x seconds of passes over the scores
 
-times a factor of chance. The network adds a round trip. Robots' steps come at random times, alike all day.
+times a random factor. The network adds a round trip. Robots' steps arrive at random times at a constant rate.
 """
 
 import time
@@ -27,22 +27,22 @@ from sextant.localization.observation._cache_kernels import compiled
 from sextant.localization.observation.cached_local_gp import CachedLocalGP
 
 MAP_IMAGES = 100_000_000
-#: exact: every shard works out all its scores. index: a shard looks at the part that its index of vectors names.
+#: exact: every shard computes all its scores. index: a shard scores only the part selected by its vector index.
 Proposal = Literal["exact", "index", "none"]
 BATCHES = (1, 4, 16, 64)
-#: Share of the time from which on a worker that is busy falls behind.
+#: Utilization above which a worker counts as overloaded.
 OVERLOADED = 0.97
 PARTICLES = 1000
 
 
 @dataclass(frozen=True)
 class Constants:
-    """Measured on one core.
+    """Constants measured on one core.
 
     Attributes:
-        product_ns: of a map image in a product with b images, divided by b, for b of ``BATCHES``.
-        passes_ns: of a map image in what follows: its mean's score, exponential and sum.
-        particle_us: weighing one particle anywhere in the map.
+        product_ns: time per map image of a product with b images, divided by b, for b of ``BATCHES``.
+        passes_ns: time per map image of the passes after it: its mean's score, exponential and sum.
+        particle_us: time to weight one particle anywhere in the map.
         bytes_an_image: descriptor, caches and search structures.
     """
 
@@ -57,27 +57,27 @@ class Constants:
 
 @dataclass(frozen=True)
 class Assumed:
-    """What is not measured here.
+    """Assumptions that are not measured here.
 
     Attributes:
-        robots: that localize at a time.
-        steps_hz: images each robot sends in a second.
-        restarts_every: steps from one that asks all shards to the next; those between cost local requests only.
+        robots: number that localize at the same time.
+        steps_hz: images per second of each robot.
+        restarts_every: steps from one with requests to all shards to the next; others have local requests only.
         shards_touched: chances that the particles touch 1, 2 or 4 shards.
-        particles: of a robot.
+        particles: particles per robot.
         round_trip_ms: median of the network's; its logarithm has the standard deviation ``round_trip_spread``.
-        fixed_ms: of a request whatever it asks.
+        fixed_ms: fixed time of any request.
         chance_spread: standard deviation of the logarithm of the factor on a busy time.
-        stall_chance, stall_ms: a request that something else holds up.
-        index_share: of a shard's images that an inverted index has scored exactly.
-        parallel: times that a node is quicker than one core at what all its images take part in: fewer than its
-            cores, for they share the memory.
-        local_workers: cores of a node that only weigh particles, which no product of the map delays.
-        most_together: requests that one product takes.
-        cores: of a node.
+        stall_chance, stall_ms: probability and length of a delay by other causes.
+        index_share: share of a shard's images that are scored exactly with an inverted index.
+        parallel: speed-up of a node over one core in work on all its images: less than its cores, which share the
+            memory bandwidth.
+        local_workers: cores of a node that only weight particles and are not delayed by products with the map.
+        most_together: largest number of requests per product.
+        cores: cores per node.
         core_hour, gb_hour: prices, in any currency.
         deadline_ms: a step goes on without shards that have not answered.
-        replica_down: share of time that a replica is not there.
+        replica_down: share of time that a replica is unavailable.
     """
 
     robots: int = 500
@@ -107,7 +107,7 @@ ASSUMED = Assumed()
 
 @dataclass(frozen=True)
 class Plan:
-    """How many shards, how many nodes hold each, and how restarts are proposed."""
+    """Numbers of shards and of nodes for each, and how restarts are proposed."""
 
     proposal: Proposal
     shards: int
@@ -116,17 +116,17 @@ class Plan:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a plan came to.
+    """The result of a plan.
 
     Attributes:
-        nodes: in all.
-        gb_a_node: resident.
-        busy: share of the time that the busier kind of worker works.
-        per_hour: by the prices that are assumed.
-        p50_ms, p99_ms: from a robot's request to the last answer, in steps that ask only where its particles are.
-        restart_p50_ms, restart_p99_ms: in those that ask every shard; nan if there are none.
-        complete: share of the steps for which every shard that was asked answered by the deadline.
-        overloaded: work comes in faster than it is done: latencies mean nothing.
+        nodes: total number.
+        gb_a_node: resident memory per node.
+        busy: utilization of the busier kind of worker.
+        per_hour: cost by the assumed prices.
+        p50_ms, p99_ms: from a robot's request to the last answer, in steps with local requests only.
+        restart_p50_ms, restart_p99_ms: in steps with requests to every shard; nan if there are none.
+        complete: share of the steps in which every requested shard responded by the deadline.
+        overloaded: requests arrive faster than they are processed: latencies are meaningless.
     """
 
     proposal: Proposal
@@ -145,7 +145,7 @@ class Outcome:
 
 
 def plans() -> Iterator[Plan]:
-    """What is simulated."""
+    """The simulated plans."""
     for shards in (8, 32, 128):
         yield Plan("none", shards, 2)
     for shards in (8, 16, 32, 64, 128):
@@ -160,7 +160,7 @@ def plans() -> Iterator[Plan]:
 
 
 def measure(model: CachedLocalGP) -> Constants:
-    """On one core of this machine, the quickest of many times: other work on it is no part of the plan."""
+    """Constants of one core of this machine, the fastest of many repeats, to exclude other load."""
     images = len(model.map)
     rows = model.map.descriptors.numpy()
     queries = rows[: max(BATCHES)].copy()
@@ -253,7 +253,7 @@ def _shard(
     restarts: ndarray,
     random: np.random.Generator,
 ) -> tuple[Float64[ndarray, " q"], Float64[ndarray, "2"]]:
-    """When each request is answered, and how long each worker worked, those for particles and those for the map."""
+    """The time of each response, and the busy times of the workers for particles and for the map."""
     count = len(arrives)
     trip = assumed.round_trip_ms * np.exp(assumed.round_trip_spread * random.normal(size=(count)))
     chance = np.exp(assumed.chance_spread * random.normal(size=count))
@@ -284,7 +284,7 @@ def _products(constants: Constants) -> list[float]:
 
 @compiled
 def _serve(reached, weighing, restarts, chance, stalled, product, passes, workers):  # type: ignore[no-untyped-def]
-    """First come, first served; a worker takes all that waits when it becomes free, up to the limit, at once."""
+    """First come, first served; a free worker takes all waiting requests at once, up to the limit."""
     free = np.zeros(workers)
     ends = np.empty(len(reached))
     worked = 0.0

@@ -1,4 +1,4 @@
-"""What a sweep spends on a cell that is finished already."""
+"""The time that a sweep spends on a cell that is already finished."""
 
 import os
 import subprocess

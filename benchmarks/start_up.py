@@ -1,4 +1,4 @@
-"""Time from the command to the first training step, over the bare time of importing Lightning and MLflow."""
+"""Time from the command to the first training step, relative to importing Lightning and MLflow."""
 
 import os
 import statistics

@@ -1,4 +1,4 @@
-"""What planning 10,000 cells takes, and passing over 1,000 that are finished; in this process, without start-up."""
+"""The time of planning 10,000 cells and of skipping 1,000 finished ones; in this process, without start-up."""
 
 import tempfile
 import time

@@ -20,7 +20,7 @@ def run() -> list[tuple[str, str, str, str, str]]:
     quiet_libraries()
     dataset = "mnist" if "SEXTANT_DATA" in os.environ else "digits"
     ours, plain, push_pull = [], [], []
-    for _ in range(REPEATS):  # in turn, so that a change of the machine's speed meets both
+    for _ in range(REPEATS):  # in turn, so that changes of the machine's speed affect both
         with tempfile.TemporaryDirectory() as outputs:
             overrides = [f"dataset={dataset}", f"trainer.max_epochs={EPOCHS}", f"paths.outputs={outputs}"]
             raw = to_plain(compose(["experiment=lenet_mnist", *overrides, "trainer.progress=false"]))
@@ -46,7 +46,7 @@ def _ours(raw: dict) -> float:
 
 
 def _plain(raw: dict) -> float:
-    """What ``fit`` does and nothing else: read the data, train, validate once an epoch."""
+    """The essentials of ``fit``: read the data, train, validate once per epoch."""
     from sextant.config import validate
     from sextant.config.building import build
     from sextant.registry import chapter_of

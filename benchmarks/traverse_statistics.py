@@ -1,4 +1,4 @@
-"""What makes a pair of traverses hard: statistics by which rendered places are compared with real ones."""
+"""The difficulty of a pair of traverses: statistics for comparing rendered places with real ones."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -18,7 +18,7 @@ CHUNK = 512
 
 @dataclass(frozen=True)
 class ImageStatistics:
-    """Of all pixels of one traverse; intensity in [0, 1].
+    """Statistics of all pixels of one traverse; intensity in [0, 1].
 
     Attributes:
         intensity_mean, intensity_sd: of the luma.
@@ -38,10 +38,10 @@ class ImageStatistics:
 
 @dataclass(frozen=True)
 class ResidualStatistics:
-    """Of the residuals r_t, after their mean is taken off; nan where they all are zero.
+    """Statistics of the residuals r_t, after subtracting their mean; nan if all are zero.
 
     Attributes:
-        participation: ``(Σλ)² / Σλ²`` of their covariance's eigenvalues: over how many dimensions they spread. It grows
+        participation: ``(Σλ)² / Σλ²`` of their covariance's eigenvalues: the effective number of dimensions. It grows
             with the number of frames until that is many times the dimension.
         autocorrelation: ``mean(r_t · r_{t+lag}) / mean(||r||²)`` for each lag.
         energy_spread: ``sd(||r||²) / mean(||r||²)``; ``sqrt(2 / d)`` for d independent Gaussians of one variance.
@@ -57,12 +57,12 @@ class PlaceStatistics:
     """Statistics of two aligned traverses.
 
     Attributes:
-        frames: of each traverse.
-        along_track: mean cosine of reference descriptors that many frames apart.
-        cross_condition: mean cosine of a query and the reference descriptor that many frames away.
-        residual: of query minus reference descriptor at the same place.
-        recall: recall@1 of each training-free descriptor, by its name with the protocol.
-        reference_images, query_images: of the images themselves.
+        frames: number in each traverse.
+        along_track: mean cosine of reference descriptors at each lag in frames.
+        cross_condition: mean cosine of a query and the reference descriptor at each lag in frames.
+        residual: statistics of query minus reference descriptor at the same place.
+        recall: recall@1 of each training-free descriptor, by name with the protocol.
+        reference_images, query_images: statistics of the images themselves.
     """
 
     frames: int
@@ -100,13 +100,13 @@ def place_statistics(
     """Compare two traverses whose images at one place share an index.
 
     The correlations and residuals are those of ``WhitenedPCA`` descriptors, fitted on the reference. Compare only
-    traverses of about one length: recall falls and participation rises with it.
+    traverses of similar length: recall falls and participation rises with it.
 
     Args:
         reference, query: one image a frame, in the order of the route.
-        tolerance: of recall@1, in frames.
-        dimensions: of the whitened descriptor.
-        height, width: size in pixels at which all images are looked at.
+        tolerance: tolerance of recall@1, in frames.
+        dimensions: dimensions of the whitened descriptor.
+        height, width: size in pixels to which all images are resized.
 
     Raises:
         ValueError: the traverses differ in length, have no more frames than the largest lag, or span fewer than
@@ -150,7 +150,7 @@ def cross_condition(
 
 
 def residual_statistics(residual: Float32[ndarray, "n d"], lags: Sequence[int] = RESIDUAL_LAGS) -> ResidualStatistics:
-    """How residuals spread over dimensions, along the track and in size; ``ResidualStatistics`` has the equations."""
+    """The spread of residuals over dimensions, along the track and in size; equations in ``ResidualStatistics``."""
     centred = residual.astype(np.float64) - residual.mean(axis=0, dtype=np.float64)
     energy = np.einsum("nd,nd->n", centred, centred)
     if energy.max() <= np.finfo(np.float32).eps:
@@ -164,7 +164,7 @@ def residual_statistics(residual: Float32[ndarray, "n d"], lags: Sequence[int] =
 
 
 def image_statistics(images: UInt8[ndarray, "n h w c"], height: int = 32, width: int = 64) -> ImageStatistics:
-    """Intensity, gradients and spectrum of a traverse, looked at in one size."""
+    """Intensity, gradients and spectrum of a traverse, at one image size."""
     edges = np.linspace(0, np.sqrt(0.5), 2049)  # central differences are at most 1/2 in each direction
     counts, gradient, total, squares = np.zeros(len(edges) - 1), 0.0, 0.0, 0.0
     power = np.zeros((height, width))

@@ -1,6 +1,6 @@
-"""Corruptions one picture at a time, as fast as we get them with OpenCV and NumPy: the engine's harder opponent.
+"""Corruptions one picture at a time, as fast as we can make them with OpenCV and NumPy: the engine's stronger baseline.
 
-Those alone for which we know a way that is faster than the authors' libraries in :mod:`benchmarks.corruption_loops` and
+Only those that we can make faster than the authors' libraries do, in :mod:`benchmarks.corruption_loops` and
 :mod:`benchmarks.shape_loops`. OpenCV rounds the points of a warp to 1/32 of a pixel, where the engine is exact.
 """
 
@@ -22,7 +22,7 @@ def gaussian_blur(x: Picture, sigma: float) -> Picture:
 
 
 def glass_blur(x: Picture, sigma: float, reach: int, passes: int, chance: float, down_only: bool) -> Picture:
-    """Plays on a list of pixels' numbers, all moves drawn at once."""
+    """Swaps entries of a list of pixel indices, with all moves drawn at once."""
     height, width, channels = x.shape
     places = list(range(height * width))
     for _ in range(passes):
@@ -136,7 +136,7 @@ def _opencv_warp(x: Picture, matrix: np.ndarray) -> Picture:
     return cv2.warpAffine(x, matrix, x.shape[1::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP).reshape(x.shape)
 
 
-#: by the name of the corruption; called as the loops that these take the place of
+#: by the name of the corruption; called like the loops that these replace
 LOOPS: dict[str, Callable[..., Picture]] = {
     **{
         f.__name__: f

@@ -1,12 +1,12 @@
-"""Places in sets of images that nothing was learnt from: recall, what centring helps, how far confidences are right.
+"""Places in held-out sets of images: recall, the gain by centring, and the calibration of confidences.
 
 ``python -m benchmarks.unseen_places [run=<run>,...] [rivals=true] [figure=<file>.png] [data=<folder>]``
 
-Each run is a network: a run of place recognition or ``zoo:places``. ``rivals=true`` puts descriptors that learn from no
-pair beside them (:mod:`benchmarks.place_rivals`); without ``run=`` they are alone. Centring and confidence are those of
-the first network. The sets are those of :mod:`benchmarks.place_sets`; for confidence each is asked twice, with its
-whole map and with the first half of it, so that half of the queries have no place in it. What is fitted for a set is
-fitted to the others: Gardens Point's two are left out together, and so are Nordland's.
+Each run is a network: a run of place recognition or ``zoo:places``. ``rivals=true`` adds descriptors not trained on
+pairs (:mod:`benchmarks.place_rivals`); without ``run=`` only these are tested. Centring and confidence are those of the
+first network. The sets are those of :mod:`benchmarks.place_sets`; confidences are evaluated twice, with the whole map
+and with its first half, which lacks the places of half of the queries. Parameters for a set are fitted to the others:
+Gardens Point's two are left out together, and so are Nordland's.
 """
 
 import os
@@ -31,10 +31,10 @@ from sextant.retrieval.without_mean import CENTRINGS, Centring
 
 USAGE = "python -m benchmarks.unseen_places [run=<run>,...] [rivals=true] [figure=<file>.png] [data=<folder>]"
 KEYS = {
-    "run": "of place recognition, or several with commas",
-    "rivals": "true: descriptors that learn from no pair as well",
-    "figure": "reliability of confidences",
-    "data": "SEXTANT_DATA unless given",
+    "run": "one or several runs of place recognition, separated by commas",
+    "rivals": "true: also test descriptors not trained on pairs",
+    "figure": "file for the reliability diagram of confidences",
+    "data": "SEXTANT_DATA by default",
 }
 
 
@@ -79,7 +79,7 @@ def main(arguments: list[str]) -> None:
 
 
 def recalls(each: PlaceSet) -> tuple[str, ...]:
-    """Recall@1 with its interval and recall@5, in per cent; as descriptors are, and less the running mean."""
+    """Recall@1 with its interval and recall@5, in per cent; with raw descriptors, and less the running mean."""
     cells = []
     kinds: tuple[Centring, ...] = ("none", "running")
     for kind in kinds:
@@ -102,7 +102,7 @@ def recall_table(title: str, names: Iterable[str], measured: dict[str, list[str]
 
 
 def centring_table(sets: list[PlaceSet]) -> Table:
-    """Recall@1 in per cent; what centring adds, with its interval."""
+    """Recall@1 in per cent, and the gain by centring with its interval."""
     table = Table("set", "R@1", "less the running mean", "less the mean of all queries")
     for each in sets:
         plain = hits(each.similarities(), each.positives)
@@ -132,7 +132,7 @@ def chosen_centring(sets: list[PlaceSet]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Told:
-    """Confidences of the best matches of a set and whether they are right, by method, in both kinds of map."""
+    """Confidences of the best matches of a set and their correctness, by method, in both kinds of map."""
 
     name: str
     whole: dict[str, tuple[ndarray, ndarray]]
@@ -148,7 +148,7 @@ def both(each: PlaceSet) -> list[tuple[ndarray, Positives]]:
 
 
 def calibration(sets: list[PlaceSet], own: float | None) -> list[Told]:
-    """Before: the posterior at the temperature of the run's validation split (left out where there is none); fitted: at
+    """Before: the posterior at the temperature of the run's validation split (omitted if there is none); fitted: at
     that of the other sets; after: by the margin, fitted to the other sets."""
     told = []
     for each in sets:
@@ -169,17 +169,17 @@ def calibration(sets: list[PlaceSet], own: float | None) -> list[Told]:
 
 
 def shared_temperature(sets: list[PlaceSet]) -> float:
-    """The geometric mean of those that fit each set's whole map."""
+    """The geometric mean of the temperatures fitted to each set's whole map."""
     return float(np.exp(np.mean([np.log(fit_temperature(*both(each)[0])) for each in sets])))
 
 
 def width(positives: Positives) -> int:
-    """Map images on either side of one that show its place."""
+    """Number of map images on either side of one that show its place."""
     return max(0, round(float(np.median(positives.counts[positives.matchable])) - 1) // 2)
 
 
 def margins(similarities: ndarray, positives: Positives) -> tuple[ndarray, ndarray]:
-    """The margin of each best match over the next place, and whether it is right."""
+    """The margin of each best match over the next place, and whether it is correct."""
     best, near = similarities.argmax(axis=1), width(positives)
     apart = np.abs(np.arange(similarities.shape[1]) - best[:, None]) > near + 1
     second = np.where(apart, similarities, -np.inf).max(axis=1)
@@ -187,7 +187,7 @@ def margins(similarities: ndarray, positives: Positives) -> tuple[ndarray, ndarr
 
 
 def posterior(similarities: ndarray, positives: Positives, temperature: float) -> ndarray:
-    """Of the best match: the probability of its place, which is it and its neighbours."""
+    """The probability of the best match's place, i.e. of it and its neighbours."""
     scores = similarities.astype(np.float64) / temperature
     shares = np.exp(scores - scores.max(axis=1, keepdims=True))
     shares /= shares.sum(axis=1, keepdims=True)
@@ -196,7 +196,7 @@ def posterior(similarities: ndarray, positives: Positives, temperature: float) -
 
 
 def calibration_table(told: list[Told]) -> Table:
-    """Mean confidence less share right, in points, with its interval; before and after."""
+    """Mean confidence minus accuracy, in points, with its interval; before and after."""
     methods = list(told[0].whole)
     table = Table("set", "right, %", *methods, "half the map: right, %", *methods)
     for each in told:
@@ -211,7 +211,7 @@ def calibration_table(told: list[Told]) -> Table:
 
 
 def reliability_figure(told: list[Told], file: Path) -> None:
-    """Share right against confidence in ten bins of as many queries, all left-out sets together."""
+    """Accuracy against confidence in ten bins of equally many queries, over all held-out sets."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 4), layout="constrained")

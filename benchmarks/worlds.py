@@ -1,4 +1,4 @@
-"""Rendered pictures a second, and their cost over casting the same rays at the bare Embree scene."""
+"""Rendered pictures per second, and their cost relative to casting the same rays with Embree alone."""
 
 import time
 from collections.abc import Callable

@@ -1,9 +1,9 @@
-"""What a wrong calibration costs places and localization: ``python -m benchmarks.wrong_calibration csv=costs.csv``.
+"""Effects of wrong calibration on localization: ``python -m benchmarks.wrong_calibration csv=costs.csv``.
 
-Each seed is a town with a map in summer by a level camera without distortion, of which all is known, and a drive in
-winter and at night by a wider one with a barrel lens that looks up and is rolled. What is believed of that camera is
-varied; both are straightened to the view that the believed cameras share. Shares are means over seeds with Korn and
-Graubard's 95 % intervals, differences from the truth means of paired differences with t intervals.
+Each seed is a town with a map in summer by a known, level camera without distortion, and a drive in winter and at night
+by a wider one with barrel distortion, tilt and roll. The assumed calibration of that camera is varied; both are
+straightened to the view that the assumed cameras share. Shares are means over seeds with Korn and Graubard's 95 %
+intervals, differences from the truth means of paired differences with t intervals.
 """
 
 import csv
@@ -34,12 +34,12 @@ from sextant.tools.walks.shared_camera import SharedCamera, shared_view
 from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
 
 KEYS = {
-    "seeds": "how many; 8 unless given",
-    "believed": "the truth, and beliefs whose names begin so; all unless given",
+    "seeds": "their number; 8 by default",
+    "believed": "the truth, and assumptions whose names begin with this; all by default",
     "csv": "a file for the result of each seed",
-    "read": "such a file of before; nothing is measured",
+    "read": "an existing file of this kind; nothing is measured",
     "figure": "a picture of the result",
-    "example": "a folder for the map and the drives of the first seed, which sextant walk takes; nothing is measured",
+    "example": "a folder for the map and the drives of the first seed, for sextant walk; nothing is measured",
 }
 SIZE, ROWS = (320, 240), 60
 MAP, DRIVES = "summer_noon", ("winter_noon", "night_clear")
@@ -52,19 +52,19 @@ ZOOMS = (0.6, 0.8, 0.9, 1.1, 1.2, 1.4)
 
 
 def camera(lens: PerspectiveCamera, tilt: float = 0.0, roll: float = 0.0) -> SharedCamera:
-    """A camera that is known."""
+    """A camera of known parameters."""
     focal = float(lens.focal) * lens.height / max(SIZE)
     return SharedCamera(*SIZE, focal, float(lens.k1), float(lens.k2), np.array([tilt]), np.array([roll]), {})
 
 
 def zoomed(known: SharedCamera, by: float) -> SharedCamera:
-    """The same with another focal length, and the distortion that one sees."""
+    """The same with another focal length, and the distortion kept as visible in the image."""
     k1 = known.k1 * by**2
     return replace(known, focal=known.focal * by, k1=k1, k2=known.k2 * by**4)
 
 
 def beliefs(drawn: SharedCamera, found: SharedCamera, mapped: SharedCamera, map_found: SharedCamera) -> dict:
-    """What may be believed of the drive's camera, and of the map's; None leaves images as they are."""
+    """Assumed calibrations of the drive's and the map's camera; None leaves images unchanged."""
     level = {"tilts": np.zeros(1), "rolls": np.zeros(1)}
     return {
         "truth": (drawn, mapped),
@@ -79,7 +79,7 @@ def beliefs(drawn: SharedCamera, found: SharedCamera, mapped: SharedCamera, map_
 
 
 def pictures(town: Town, name: str, poses: ndarray, lens: PerspectiveCamera, tilt: float, roll: float) -> ndarray:
-    """What a camera on a car sees."""
+    """The pictures of a camera on a car."""
     at = np.stack([level_camera_pose(x, y, 1.6, turn, tilt, roll).numpy() for x, y, turn in poses])
     look = condition(name)
     return town.renderer(look).pictures(Rays.of_camera(lens, 1), at, look, seeds=np.arange(len(at)))
@@ -118,7 +118,7 @@ class World:
 
     @classmethod
     def of(cls, seed: int) -> "World":
-        """All of it by one seed."""
+        """The world of a seed."""
         rng = np.random.default_rng([seed, 27])
         streets = irregular_streets(size_m=300, block_m=85, seed=seed)
         town, way = Town(streets, seed=seed), random_walk(streets, METRES, seed=seed)
@@ -130,16 +130,16 @@ class World:
         return cls(town, mapped, walked, narrow, wide, tilt, roll)
 
     def map_pictures(self) -> ndarray:
-        """What the map's camera sees."""
+        """The pictures of the map's camera."""
         return pictures(self.town, MAP, self.mapped, self.narrow, 0.0, 0.0)
 
     def drive_pictures(self, name: str) -> ndarray:
-        """What the drive's camera sees under a condition."""
+        """The pictures of the drive's camera under a condition."""
         return pictures(self.town, name, self.walked, self.wide, self.tilt, self.roll)
 
 
 def one_seed(seed: int, calibrator: PhotoCalibrator, believed: str = "") -> list[dict]:
-    """The truth and the beliefs whose names begin with ``believed``, in one town."""
+    """The truth and the assumptions whose names begin with ``believed``, in one town."""
     world = World.of(seed)
     mapped, walked, tilt, roll = world.mapped, world.walked, world.tilt, world.roll
     images = world.map_pictures()
@@ -150,7 +150,7 @@ def one_seed(seed: int, calibrator: PhotoCalibrator, believed: str = "") -> list
         drawn, found = camera(world.wide, tilt, roll), SharedCamera.of(calibrator.one_camera(seen[::3]))
         all_of_them = beliefs(drawn, found, camera(world.narrow), map_found)
         if not any(belief.startswith(believed) for belief in all_of_them):
-            sys.exit(f"believed={believed} must begin the name of a belief: {', '.join(all_of_them)}")
+            sys.exit(f"believed={believed} must begin the name of an assumption: {', '.join(all_of_them)}")
         for belief, pair in all_of_them.items():
             if belief != "truth" and not belief.startswith(believed):
                 continue
@@ -173,7 +173,7 @@ def one_seed(seed: int, calibrator: PhotoCalibrator, believed: str = "") -> list
 
 
 def by_belief(rows: list[dict]) -> dict[tuple[str, str, str], ndarray]:
-    """The measures of each seed, by drive, descriptor and belief."""
+    """The measures of each seed, by drive, descriptor and assumption."""
     seeds = defaultdict(dict)
     for row in rows:
         told = [float(row[name]) for name in MEASURES]
@@ -182,12 +182,12 @@ def by_belief(rows: list[dict]) -> dict[tuple[str, str, str], ndarray]:
 
 
 def interval(values: ndarray, measure: int) -> tuple[float, float]:
-    """Of a mean share over seeds."""
+    """The interval of a mean share over seeds."""
     return share_interval(values, len(values) * (FRAMES - JUDGED_FROM if measure else FRAMES))
 
 
 def summary(rows: list[dict]) -> list[list[str]]:
-    """By drive, descriptor and belief: each measure with its interval, and its difference from the truth's."""
+    """By drive, descriptor and assumption: each measure with its interval, and its difference from the truth's."""
     lines, found = [], by_belief(rows)
     for (name, label, belief), values in found.items():
         cells = [name, label, belief]
@@ -203,7 +203,7 @@ def summary(rows: list[dict]) -> list[list[str]]:
 
 
 def draw(rows: list[dict], path: Path) -> None:
-    """A panel a drive and measure, a line a belief, a colour a descriptor."""
+    """A panel per drive and measure, a line per assumption, a colour per descriptor."""
     found, names = by_belief(rows), list(dict.fromkeys(row["belief"] for row in rows))
     figure, panels = new_figure(10.5, 5.6, rows=2, columns=3)
     for panel, (name, k) in zip(panels, ((name, k) for name in DRIVES for k in range(3)), strict=True):
@@ -224,7 +224,7 @@ def draw(rows: list[dict], path: Path) -> None:
 
 
 def write_example(folder: Path) -> None:
-    """The map with poses.csv, and the drives with the truth beside them."""
+    """Write the map with poses.csv, and the drives with their true poses."""
     world = World.of(0)
     for name, poses in ((MAP, world.mapped), *((name, world.walked) for name in DRIVES)):
         (folder / name).mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,8 @@
 """Put a trained run into the zoo: ``python -m benchmarks.zoo_model run=<run> name=<name> card=<json>``.
 
-Of calibration ``intervals=<run>`` is needed too, a run of the same chapter that left out panoramas which the shipped
-network was trained on. What intervals and the looks of photos rest on is measured with it on these panoramas, 40 crops
-of each, which count as independent. The map of a run of localization goes beside its weights, without its pictures.
+A calibration model also needs ``intervals=<run>``, a calibration run that held out panoramas on which the shipped
+network was trained. The statistics for intervals and the appearance of photos are measured with it on these panoramas,
+40 crops of each, which count as independent. The map of a localization run goes beside its weights, without pictures.
 """
 
 import json
@@ -28,15 +28,15 @@ from sextant.runs.resolve import resolve_run
 from sextant.zoo import write_model
 
 KEYS = {
-    "run": "directory or checkpoint",
+    "run": "its directory or checkpoint",
     "name": "of the model",
-    "card": "JSON with what the card says: data, licences, command, metrics, seeds, hardware, date",
-    "intervals": "of calibration: the run on whose validation panoramas the intervals rest",
+    "card": "JSON with the facts of the card: data, licences, command, metrics, seeds, hardware, date",
+    "intervals": "for calibration: the run whose validation panoramas give the intervals",
     "outputs": "folder of runs",
 }
 USAGE = "python -m benchmarks.zoo_model run=<run> name=<name> card=<facts.json> [intervals=<run>]"
-CROPS = 40  # of a panorama
-#: of a config: where a run was made, which is nobody's business
+CROPS = 40  # per panorama
+#: config nodes that describe the machine of a run, which are not published
 ANYWHERE = {"paths": {"data": "data", "outputs": "outputs", "cache": "data"}}
 
 
@@ -51,7 +51,7 @@ def without_places(config: dict[str, Any]) -> dict[str, Any]:
 
 @torch.no_grad()
 def measured(path: Path) -> dict[str, torch.Tensor]:
-    """What intervals and looks rest on: of a run's network, on crops of the real panoramas of its validation."""
+    """The statistics for intervals and appearance: of a run's network, on crops of its real validation panoramas."""
     content = read_trained(path)
     network = trained_camera_network(content, path)
     plain = own_config(content[KEY]).plain
@@ -88,7 +88,7 @@ def main() -> None:
     weights = {name: tensor for name, tensor in content["state_dict"].items() if not name.startswith("loss.")} | kept
     model["config"] = without_places(trained["config"])
     facts = json.loads(Path(given["card"]).read_text(encoding="utf-8"))
-    if FITTED in facts:  # of place recognition: confidences, by benchmarks.unseen_places
+    if FITTED in facts:  # for place recognition: confidences, by benchmarks.unseen_places
         model["spec"] = {**model["spec"], FITTED: facts.pop(FITTED)}
     folder = find_map(given["run"], outputs) if trained["task"] == "localization" else None
     written = write_model(given["name"], model, weights, facts)

@@ -1,7 +1,7 @@
 """Tables of parts and options, made from the config files and their schemas.
 
-``python docs/option_tables.py`` writes the short tables into the chapter guides; as a hook of the site this module adds a
-page of options for each task, with every key of every part.
+``python docs/option_tables.py`` writes the short tables into the chapter guides; as a hook of the site this module
+adds a page of options for each task, with every key of every part.
 """
 
 import re
@@ -49,6 +49,9 @@ GROUPS = {"test_sampling": "sampling"}
 SHARED = ("backbone", "inhibition", "augmentation")
 #: groups of one file, whose keys are listed beside those of the task
 SINGLE = ("filter", "filters")
+#: JSON schema's types in words
+NUMBERS = {"integer": "whole number", "number": "number"}
+OTHERS = {"null": "`null`", "boolean": "`true`, `false`", "string": "text", "object": "keys of its own"}
 COMMENTED = re.compile(r"^(?P<indent> *)(?P<key>\w+): ?(?P<value>.*?)(?:\s+# (?P<comment>.*))?$")
 ABOVE = re.compile(r"^ +# (?P<comment>.*)$")
 
@@ -62,7 +65,7 @@ def short_tables(task: str) -> str:
     keys = [*_keys("task", ROOT / "conf" / "task" / f"{task}.yaml", _node(config, "task"))]
     for group in (name for name in SINGLE if name in config.model_fields):
         keys += _keys(group, ROOT / "conf" / group / f"{defaults[group]}.yaml", _node(config, group))
-    return f"{parts}\n\n{_table(keys)}"
+    return f"{parts}\n\n{_table([row for row in keys if row[1] != row[2]])}"  # those with a choice
 
 
 def page(task: str) -> str:
@@ -233,11 +236,8 @@ def _range(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
         return f"`{schema['const']}`"
     kind = schema.get("type", "")
     if kind == "array":
-        of = _range(schema.get("items", {}), definitions)
-        return f"list of {of}" if of else "list"
-    if kind in ("integer", "number"):
-        return _interval(schema, "whole number" if kind == "integer" else "number")
-    return {"null": "`null`", "boolean": "`true`, `false`", "string": "text", "object": "keys of its own"}.get(kind, "")
+        return f"list of {_range(schema.get('items', {}), definitions)}".removesuffix(" of ")
+    return _interval(schema, NUMBERS[kind]) if kind in NUMBERS else OTHERS.get(kind, "")
 
 
 def _interval(schema: dict[str, Any], kind: str) -> str:

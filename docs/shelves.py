@@ -49,7 +49,9 @@ def on_page_content(content: str, **_: object) -> str:
 
 
 def _drawn(found: re.Match[str]) -> str:
-    return convert(html.unescape(found[3]).strip(), display="inline" if found[2] == "(" else "block")
+    inline = found[2] == "("
+    equation = convert(html.unescape(found[3]).strip(), display="inline" if inline else "block")
+    return equation if inline else f'<div class="equation" tabindex="0">{equation}</div>'
 
 
 def _parts(path: Path, pictures: dict[str, bytes]) -> Iterator[str]:

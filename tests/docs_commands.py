@@ -169,7 +169,7 @@ def _predict(command: Command, words: list[str]) -> None:
 
 def _report(command: Command, words: list[str]) -> None:
     given = parse_arguments(words, report.ReportOptions.meanings(), command.text)
-    if not is_stored(ROOT / given["sweep"]):
+    if not all(is_stored(ROOT / folder) for folder in given["sweep"].split(",")):
         _among("sweep", given["sweep"], [*groups()["sweep"], "search", SOMETHING])
 
 

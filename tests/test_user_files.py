@@ -36,7 +36,7 @@ def test_text_of_every_encoding_with_a_mark_and_every_end_of_line_is_read(tmp_pa
 )
 def test_what_is_no_text_is_refused_with_its_byte(tmp_path, content, byte):
     (path := tmp_path / "a.txt").write_bytes(content)
-    with pytest.raises(UserError, match=rf"a\.txt cannot be read: byte {byte} is not of text in UTF-8\nSave it"):
+    with pytest.raises(UserError, match=rf"a\.txt cannot be read: byte {byte} is not text in UTF-8\nSave it"):
         read_text(path)
 
 

@@ -1,7 +1,8 @@
 """Sextant: experiments in computer vision that join geometry with learning.
 
 The package is a functional core (``layers``, ``corruptions``, ``models``, ``evaluation``, ...) that works alone in a
-notebook, and a frame around it (``tasks``, ``runs``, ``tracking``, ``reports``, ``cli``) that makes experiments of it.
+notebook, and a framework around it (``chapters``, ``lifecycle``, ``runs``, ``tracking``, ``reports``, ``cli``) that
+runs experiments with it.
 Importing ``sextant`` itself imports nothing heavy.
 """
 
@@ -13,8 +14,8 @@ from sextant.moved import keep_old_paths
 
 __version__ = "0.2.0"
 keep_old_paths()
-APPLICATIONS = ("ExampleDetector", "ImageClassifier", "Localizer", "PhotoCalibrator", "PlaceMap")
-#: what is imported on first use, and from where
+APPLICATIONS = ("ExampleDetector", "ImageClassifier", "Localizer", "PhotoCalibrator", "PlaceMap", "PoseMap")
+#: names that are imported on first use, and their modules
 LAZY = {
     **dict.fromkeys(APPLICATIONS, "sextant.applications"),
     **dict.fromkeys(("run", "sweep", "evaluate"), "sextant.lifecycle.library"),

@@ -1,6 +1,6 @@
-"""Addresses (URIs) of files and databases: the only module that makes them of paths, or paths of them.
+"""Addresses (URIs) of files and databases: the only module that converts between them and paths.
 
-A path must never be pasted into an address: ``?``, ``#`` and ``%`` mean something there.
+A path must never be pasted into an address, where ``?``, ``#`` and ``%`` have a meaning.
 """
 
 import sqlite3
@@ -30,8 +30,8 @@ def sqlite_uri(database: Path) -> str:
     'sqlite+pysqlite:////runs/q%3Fx/mlflow.db'
 
     Raises:
-        UserError: this SQLAlchemy has no address for the path. None has for names that are not UTF-8; before 2.1, none
-            has for names with a question mark.
+        UserError: the installed SQLAlchemy has no address for the path. No version has one for names that are not
+            UTF-8; versions before 2.1 have none for names with a question mark.
     """
     from sqlalchemy.engine import URL, make_url
 
@@ -68,7 +68,7 @@ def read_only(database: Path) -> Iterator[sqlite3.Connection]:
     """A connection to an SQLite database that can neither change nor create it.
 
     Raises:
-        sqlite3.Error: there is no such file, or it is no database.
+        sqlite3.Error: there is no such file, or it is not a database.
     """
     with closing(sqlite3.connect(f"{file_uri(database)}?mode=ro", uri=True, timeout=5)) as connection:
         yield connection

@@ -80,7 +80,7 @@ class FolderFormat:
     def open_array(
         self, folder: Path, path: Path, mapped: Literal["r", "c"] | None, *, sha256: str | None, size: int | None = None
     ) -> ndarray:
-        """Open an array of a folder, once it is known to be the one that the header was written for.
+        """Open an array of a folder after checking that the header was written for it.
 
         Args:
             folder: the folder, for error messages.
@@ -102,7 +102,7 @@ class FolderFormat:
             raise self.damaged(folder, f"{path} cannot be read: {error}") from error
 
     def damaged(self, folder: Path, how: str) -> UserError:
-        """The error to raise for a folder that was valid once."""
+        """The error to raise for a damaged folder."""
         return UserError(
             f"the {self.noun} in {folder} is damaged: {how}", "Rebuild it from its images, or copy it again."
         )

@@ -19,7 +19,7 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Let ``write`` fill a temporary file, then rename it to ``path``.
 
     Raises:
-        OSError: the disk is full or not writable; a file that was at ``path`` before is still there, unchanged.
+        OSError: the disk is full or not writable; an existing file at ``path`` is unchanged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     name = path.name if len(os.fsencode(path.name)) < 230 else hashlib.sha256(os.fsencode(path.name)).hexdigest()
@@ -66,7 +66,7 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, An
 
 
 def read_json(path: Path) -> Any | None:
-    """The content of a JSON file, or None if it is not there or not JSON."""
+    """The content of a JSON file, or None if it does not exist or is not JSON."""
     try:
         return json.loads(path.read_text())
     except (OSError, ValueError):
@@ -75,7 +75,7 @@ def read_json(path: Path) -> Any | None:
 
 def _sha256(content: Mapping[str, Any]) -> str:
     """Hash plain values, independently of the layout of the file that holds them."""
-    plain = json.loads(json.dumps(content))  # as a file gives them back
+    plain = json.loads(json.dumps(content))  # as they are read back from a file
     return hashlib.sha256(json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""The folder for everything that can be made again, shared by all projects on this machine."""
+"""The folder for everything that can be recreated, shared by all projects on this machine."""
 
 import os
 from pathlib import Path

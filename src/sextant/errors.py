@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-#: name of the distribution, by which pip knows Sextant; the package and the command are ``sextant``
+#: name of the distribution, under which pip installs Sextant; the package and the command are ``sextant``
 DISTRIBUTION = "sextant-vision"
 #: extra of the package -> the modules it installs that a command may lack
 EXTRAS = {
@@ -19,7 +19,7 @@ EXTRAS = {
     "search": ("optuna", "cmaes"),
     "export": ("onnx", "onnxruntime", "onnxscript"),
     "html": ("vl_convert", "markdown_it"),
-    "timm": ("timm",), "colmap": ("pycolmap",),
+    "timm": ("timm",), "colmap": ("pycolmap",), "local": ("kornia", "poselib"),
 }  # fmt: skip
 #: problems that a message names
 NAMED = 20
@@ -62,11 +62,11 @@ class UserError(Exception):
 class ArgumentError(UserError):
     """A wrong argument of a part of the functional core, which names arguments as Python does: ``margin=0``.
 
-    Code that built the part from a config knows its group, and adds it with :meth:`within`.
+    Code that built the part from a config adds its group with :meth:`within`.
 
     Args:
         problem, fix: as for :class:`UserError`, with arguments written ``name=value``.
-        of: the part or its class's name, for a mistake that shows long after the part was built.
+        of: the part or its class's name, for a mistake that is found long after the part was built.
     """
 
     def __init__(self, problem: str, fix: str | None = None, *, of: object = None):
@@ -100,14 +100,14 @@ class ArgumentError(UserError):
 
 
 class LossNotFiniteError(UserError):
-    """The training loss became infinite or not a number; further training would only spoil the weights."""
+    """The training loss became infinite or not a number; further training would only corrupt the weights."""
 
     @classmethod
     def at(cls, step: int, value: float) -> "LossNotFiniteError":
         """The error for a loss of ``value`` at ``step``."""
         return cls(
             f"the training loss became {value} at step {step}, and the run was stopped",
-            "Lower optimizer.lr, or look at the data; the checkpoint of the last whole epoch is kept.",
+            "Lower optimizer.lr, or check the data; the checkpoint of the last whole epoch is kept.",
         )
 
 

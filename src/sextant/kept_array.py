@@ -20,8 +20,8 @@ def open_kept(path: Path, shape: tuple[int | None, ...], dtype: type[np.generic]
         dtype: dtype that the array must have.
 
     Returns:
-        The array, or None if there is no such file or it is not as it was written. Files from before hashes were
-        stored are accepted if they are complete.
+        The array, or None if there is no such file or it was altered. Complete files from before hashes were stored
+        are accepted.
     """
     try:
         found = np.load(path, mmap_mode="r", allow_pickle=False)

@@ -2,7 +2,7 @@
 
 A lease is a numbered file; the highest number holds it. The file is finished first and then linked to its name. Only
 one process can succeed in that, also over NFS, where file locks may not reach other hosts. The holder touches its file
-now and then. The lease is free once its file is deleted, once the holder's process has died (if it ran on this host),
+regularly. The lease is free once its file is deleted, once the holder's process has died (if it ran on this host),
 or once the file has not been touched for as long as it states. Both times are the disk's; no host's clock is used.
 
 flufl.lock was not used: its locks expire by the hosts' clocks, nothing renews them automatically, and they need hard
@@ -93,7 +93,7 @@ class Lease:
             self.lost = self.lost or successor.exists() or self.path.stat().st_mtime == 0
         except FileNotFoundError:  # removed by a later holder, unless somebody deleted the whole folder
             self.lost = self.path.parent.is_dir()
-        except OSError:  # the disk cannot be reached: keep what was known before
+        except OSError:  # the disk cannot be reached: keep the last known state
             return self.lost
         return self.lost
 
@@ -133,10 +133,10 @@ def take(folder: Path, lease_s: float = LEASE_S) -> Lease | Holder:
         mine = folder / str(number + 1)
         if not _made(mine, Holder(socket.gethostname(), _place(), os.getpid(), _began(os.getpid()), lease_s)):
             continue
-        if max(_numbers(folder)) != number + 1:  # what was read above is outdated: others have come and gone
+        if max(_numbers(folder)) != number + 1:  # the reading above is outdated: others have held the lease since
             mine.unlink(missing_ok=True)
             continue
-        if number:  # so that the former holder knows when it wakes up, whatever has become of its successor by then
+        if number:  # so that a stalled holder notices when it resumes, even if its successor has ended
             with suppress(OSError):
                 os.utime(folder / str(number), (0, 0))
         for older in _numbers(folder):

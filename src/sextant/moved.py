@@ -1,8 +1,8 @@
-"""Import paths that have moved: what they were first, and what they are now.
+"""Import paths that have moved, with their first and their present names.
 
 A config may name a part by either path. What is validated and built has the present one; digests are taken with the
-first one, so that a run, sweep or checkpoint of an earlier release stays the experiment that it was. A program
-may import a module by its old path, too.
+first one, so that a run, sweep or checkpoint of an earlier release remains the same experiment. A program may
+also import a module by its old path.
 
 Example:
     >>> with_present_names({"_target_": "sextant.data.places.PlaceFolders", "folder": "photos"})
@@ -41,7 +41,7 @@ FIRST = {present: first for first, present in reversed(MOVED.items())}
 
 
 def present_name(path: str) -> str:
-    """The present import path of what was once at ``path``, or is there still."""
+    """The present import path of what ``path`` names or once named."""
     return _moved(path, MOVED)
 
 
@@ -84,12 +84,12 @@ class _Present(Loader):
 
 
 class OldPaths(MetaPathFinder):
-    """Finds modules by the paths that they had in earlier releases; asked last."""
+    """Finds modules by their paths in earlier releases, if no other finder succeeds."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The module that has moved away from this path; None if none has."""
+        """The module that once had this path; None if there is none."""
         return spec_from_loader(name, _Present()) if present_name(name) != name else None
 
 

@@ -1,4 +1,4 @@
-"""The chapters: what a person trains, sweeps and predicts with, found by the name of its task. Imports nothing heavy.
+"""The chapters, each found by the name of its task. Imports nothing heavy.
 
 Nothing else names a task outside its own chapter. A chapter is a package that holds ``chapter.py`` with a
 :class:`~sextant.kit.chapter.Chapter` named ``CHAPTER``, ``config.py`` with the config of its runs as ``CONFIG``, and

@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager, nullcontext
 
 #: called with how much is done and the total
 Advance = Callable[[int, int], None]
-#: given what is done and the unit that is counted, a context whose value is an :data:`Advance`
+#: makes a context whose value is an :data:`Advance`, from the kind of work and the unit that is counted
 Progress = Callable[[str, str], AbstractContextManager[Advance]]
 
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-#: numbers of columns of values that are easy to read, and that can be read at all
+#: largest numbers of columns of values that are easy to read, and that are legible at all
 USUAL, WIDEST = 8, 12
 NOTHING = "–"
 
@@ -34,7 +34,7 @@ class TextTable:
         return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
 
     def told(self) -> "TextTable":
-        """The table without columns in which no row says anything: a dash, or the ``-`` of a sweep without settings."""
+        """The table without columns that are empty in every row: a dash, or the ``-`` of a sweep without settings."""
         kept = [i for i in range(len(self.columns)) if any(row[i] not in (NOTHING, "-", "") for row in self.rows)]
         return TextTable([self.columns[i] for i in kept], [[row[i] for i in kept] for row in self.rows])
 

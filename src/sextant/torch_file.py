@@ -24,7 +24,7 @@ BLOCK = 1 << 20
 #: the record that ends a zip: its signature, and its length when the comment is empty; the last field is the comment's
 #: length
 END, END_BYTES = b"PK\x05\x06", 22
-FIX = "Copy it again from where it came from; a checkpoint of a run without a copy can only be recreated by training."
+FIX = "Copy it again from its source; a checkpoint of a run without a copy can only be recreated by training."
 
 
 def save_sealed(value: Any, file: BinaryIO) -> None:
@@ -43,7 +43,7 @@ def save_sealed(value: Any, file: BinaryIO) -> None:
 
 
 def load_verified(path: Path) -> Any:
-    """Load a file of ``torch.save`` to the CPU, once nothing in it is known to be damaged.
+    """Load a file of ``torch.save`` to the CPU after checking it for damage.
 
     Nothing in it is executed: torch refuses anything but tensors and plain containers.
 
@@ -52,7 +52,7 @@ def load_verified(path: Path) -> Any:
         UserError: the content does not match its digest, or a part does not match its CRC.
         Exception: any kind, from a file that torch cannot read.
     """
-    with path.open("rb") as file:  # opened once: what is verified is what is read, even if another file replaces it
+    with path.open("rb") as file:  # opened once, so that the verified content is read even if another file replaces it
         _verify(path, file)
         file.seek(0)
         return torch.load(file, map_location="cpu", weights_only=True)
@@ -74,7 +74,7 @@ def require_finite(tensors: Mapping[str, Any], path: Path, known: Container[str]
     if bad:
         raise UserError(
             f"{path} holds weights that are not finite: {len(bad)} of {len(looked_at)} arrays, the first is {bad[0]}",
-            "Its training diverged, or its file was damaged before it came here. Take another checkpoint.",
+            "Its training diverged, or its file was damaged before it was copied here. Use another checkpoint.",
         )
 
 

@@ -18,7 +18,7 @@ MARKS = (
 )  # fmt: skip
 #: beginnings of comments
 COMMENTS = ("#", "%", "//")
-#: comparing with more names than this would take long
+#: largest number of names to compare with, as more would take long
 MOST_NAMES = 5000
 SEPARATORS = (";", ",", "\t", "|")
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
@@ -37,7 +37,7 @@ def absent(path: Path | str) -> str:
 
 
 def nearest_path(path: Path | str) -> Path | None:
-    """What exists beside the first part of a path that does not, by the most similar name; None if none is similar."""
+    """The sibling whose name is most similar to the first missing part of a path; None if none is similar."""
     missing = _first_missing(Path(path))
     try:
         there = {name.casefold(): name for name in os.listdir(missing.parent)}
@@ -57,7 +57,7 @@ def read_text(path: Path | str, fix: str | None = None) -> str:
     """The text of a file in UTF-8, or in UTF-16 or UTF-32 with a byte order mark.
 
     Raises:
-        UserError: it does not exist (the message has the nearest name), cannot be read, or is no such text.
+        UserError: it does not exist (the message has the nearest name), cannot be read, or is not such text.
     """
     try:
         content = Path(path).read_bytes()
@@ -72,7 +72,7 @@ def read_text(path: Path | str, fix: str | None = None) -> str:
     except UnicodeDecodeError as error:
         zero = error.start
     if zero >= 0:
-        raise UserError(f"{path} cannot be read: byte {zero:,} is not of text in UTF-8", fix or "Save it in UTF-8.")
+        raise UserError(f"{path} cannot be read: byte {zero:,} is not text in UTF-8", fix or "Save it in UTF-8.")
     return text
 
 
@@ -143,7 +143,7 @@ def read_table(path: Path, fix: str | None = None) -> TextTable:
 
 
 def table_header(path: Path, size: int = 65536) -> tuple[str, ...]:
-    """The columns that the first bytes of a table name; none if it cannot be read."""
+    """The columns named by the first bytes of a table; none if it cannot be read."""
     try:
         with path.open("rb") as file:
             head = file.read(size)
@@ -154,7 +154,7 @@ def table_header(path: Path, size: int = 65536) -> tuple[str, ...]:
 
 
 def table_of(text: str, path: Path) -> TextTable:
-    """The table that a text is; ``path`` is for messages."""
+    """Parse a text as a table; ``path`` is for messages."""
     lines = [(number, line) for number, line in _numbered(text) if line.strip()]
     kept = [(number, line) for number, line in lines if not line.lstrip().startswith(COMMENTS)]
     if not kept:

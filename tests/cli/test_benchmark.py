@@ -58,8 +58,8 @@ def test_all_methods_are_measured_and_written(benchmark, photos, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ((), "what is measured is missing"),
-        (("places",), "what is measured is missing"),
+        ((), "name what to measure"),
+        (("places",), "name what to measure"),
         (("calibration",), "folder= is missing"),
         (("calibration", "folder=x", "cuts=0"), "cuts=0 must be a whole number from 1 up"),
         (("calibration", "folder=x", "sampling=photo"), "Did you mean sampling=photos?"),

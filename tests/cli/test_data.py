@@ -44,7 +44,7 @@ def test_render_then_list_then_verify(data, tmp_path):
         assert text in said
     open_store(ToyPlan(), tmp_path / "whole").fill()
     assert contents(tmp_path / "data") == contents(tmp_path / "whole")
-    assert "all were rendered before" in data("render", *TOY)[1]
+    assert "all were already rendered" in data("render", *TOY)[1]
     status, said = data("list")
     assert "22/22" in said
     assert "complete" in said
@@ -81,8 +81,8 @@ def test_a_damaged_store_is_listed_as_such(data, tmp_path):
     assert "the manifest cannot be read" in said
     assert data("verify", manifest.parent.name)[0] == 1
     assert data("verify", manifest.parent.name, "repair=true")[0] == 0
-    assert "to be laid out anew" in data("list")[1]
-    assert "all were rendered before" in data("render", *TOY)[1]
+    assert "has no manifest" in data("list")[1]
+    assert "all were already rendered" in data("render", *TOY)[1]
 
 
 @pytest.mark.parametrize(
@@ -90,14 +90,14 @@ def test_a_damaged_store_is_listed_as_such(data, tmp_path):
     [
         (["burn"], "data burn: not understood"),
         (["list", "dataset=mnist"], "dataset=mnist: not understood"),
-        (["render"], "which dataset?"),
+        (["render"], "dataset= is missing"),
         (["render", "dataset=mnist"], "dataset=mnist is not rendered: there is nothing to do\nRendered datasets: "),
         (["render", "dataset=mnits"], "Did you mean dataset=mnist?"),
         (["render", *TOY, "threads=none"], "threads=none must be a whole number from 1 to 256"),
         (["render", "dataset=digits", "dataset._target_=rendered_toy.Nothing"], "cannot be built"),
         (["render", *TOY, "dataset.size=0"], "no item"),
         (["render", *TOY, "paths.cache=/proc/sextant"], "/proc/sextant cannot be written to"),
-        (["verify"], "which store?"),
+        (["verify"], "name one store"),
         (["verify", "nothing"], "nothing: no store of that name"),
         (["verify", "nothing", "repair=maybe"], "repair=maybe must be true or false"),
         (["verify", "nothing", "repiar=true"], "Did you mean repair=true?"),

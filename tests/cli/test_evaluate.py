@@ -110,8 +110,8 @@ def test_a_checkpoint_that_names_foreign_code_is_not_built(trained, tmp_path):
     }
     torch.save(content, tmp_path / "foreign.ckpt")
     arguments = [f"run={tmp_path / 'foreign.ckpt'}", f"paths.outputs={outputs}", "tracking=none"]
-    assert "which Sextant does not know" in told(*arguments)
-    with pytest.raises(UserError, match="which Sextant does not know"):
+    assert "names import paths outside Sextant" in told(*arguments)
+    with pytest.raises(UserError, match="names import paths outside Sextant"):
         predict.main([arguments[0], f"input={run.figures}", f"output={tmp_path / 'out'}", f"outputs={outputs}"])
     assert not target.exists()
 
@@ -174,7 +174,7 @@ def test_a_gpu_that_is_not_there(trained):
 def test_unknown_and_missing_run(trained):
     outputs, run = trained
     assert f"classification/{run.path.name}" in told("run=nope", f"paths.outputs={outputs}")
-    assert "which run?" in told()
+    assert "run= is missing" in told()
 
 
 def test_a_checkpoint_of_another_task(trained, tmp_path):

@@ -51,7 +51,7 @@ def test_without_a_gpu_nothing_runs(monkeypatch, capsys):
 def test_a_block_is_interrupted_when_its_time_is_up(capsys):
     assert gpu_claims.run([sys.executable, "-c", "raise SystemExit(3)"]) == 3
     assert gpu_claims.run([sys.executable, "-c", "import threading; threading.Event().wait()"], seconds=0.2) == 124
-    assert "takes it up" in capsys.readouterr().err
+    assert "the same command resumes it" in capsys.readouterr().err
 
 
 def test_what_an_interrupted_block_started_ends_with_it(tmp_path):

@@ -79,7 +79,7 @@ def test_it_says_what_predict_says(office, photos, tmp_path):
     ("given", "problem"),
     [
         (["map=nowhere", "input=."], "map=nowhere: neither a saved map nor a run of localization"),
-        (["input=camera:one"], "input=camera:one: a camera has a number from 0"),
+        (["input=camera:one"], "input=camera:one: a camera is given by its number, from 0"),
         (["input=camera:0", "odometry={odometry}"], r"odometry=.* does not go with input=camera:0"),
         (["input=camera:0", "image_topic=/a"], r"image_topic=/a does not go with input=camera:0"),
         (["input=camera:0", "smooth=true"], "smooth=true needs the last image, and input=camera:0 has none"),
@@ -108,7 +108,7 @@ def test_a_camera_is_localized_until_it_is_taken_away(office, camera, tmp_path, 
 
 def test_a_camera_that_cannot_be_opened_or_shows_nothing_is_told(office, camera, tmp_path):
     camera.images = []
-    with pytest.raises(UserError, match="input=camera:0 gives no image"):
+    with pytest.raises(UserError, match="input=camera:0 delivers no image"):
         run(office, "camera:0", tmp_path / "out")
     camera.opened = False
     with pytest.raises(UserError, match="input=camera:0 cannot be opened"):
@@ -270,7 +270,7 @@ def test_a_table_of_true_poses_is_not_replaced(office, tmp_path):
     Image.fromarray(office.images[0]).save(tmp_path / "1.png")
     truth = tmp_path / "poses.csv"
     truth.write_text("file,x,y,heading\n1.png,0,0,0\n")
-    with pytest.raises(UserError, match=r"poses.csv holds other poses than those of a localizer"):
+    with pytest.raises(UserError, match=r"poses.csv was not written by a localizer"):
         run(office, tmp_path / "1.png", tmp_path)
     assert truth.read_text() == "file,x,y,heading\n1.png,0,0,0\n"
     for _ in range(2):  # its own table is
@@ -278,5 +278,5 @@ def test_a_table_of_true_poses_is_not_replaced(office, tmp_path):
 
 
 def test_a_run_is_given_as_the_map(office):
-    with pytest.raises(UserError, match="run=zoo:office: here a run is given as the map"):
+    with pytest.raises(UserError, match="run=zoo:office: give the run as the map"):
         localize.main(["run=zoo:office", f"input={office.folder}"])

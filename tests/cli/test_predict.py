@@ -114,7 +114,7 @@ def test_if_no_image_can_be_read_the_command_fails_and_names_them_all(tmp_path, 
     for name, why in (
         ("a.jpg", "is empty"),
         ("b.png", "cannot be decoded (7 bytes)"),
-        ("c.png", "is a link to nothing"),
+        ("c.png", "is a broken link"),
     ):
         assert f"{photos / name}: {why}" in said
     assert len(json.loads((out / "predictions.json").read_text())) == 3

@@ -110,7 +110,7 @@ def test_names_that_tell_the_time_are_matched_with_a_trajectory_and_gaps_are_tol
     assert "10 images such as 0010.500000.png lie outside" in " ".join(capsys.readouterr().out.split())
     assert np.array_equal(read_tum(tmp_path / "out" / "trajectory.tum")[0], times)
     write_tum(tmp_path / "o.tum", times + 1e6, poses)
-    with pytest.raises(UserError, match="none at a time with poses"):
+    with pytest.raises(UserError, match="none at a time with a pose"):
         localize(office, photos, tmp_path / "out", f"odometry={tmp_path / 'o.tum'}")
 
 
@@ -240,7 +240,7 @@ def test_a_run_without_a_map_and_a_damaged_one(office, photos, tmp_path):
     with pytest.raises(UserError, match="is damaged"):
         predict.main([f"run={run}", f"input={photos}", f"output={tmp_path / 'out'}"])
     shutil.rmtree(run / "map")
-    with pytest.raises(UserError, match="kept no map"):
+    with pytest.raises(UserError, match="saved no map"):
         predict.main([f"run={run}", f"input={photos}", f"output={tmp_path / 'out'}"])
 
 

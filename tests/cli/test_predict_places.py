@@ -102,7 +102,7 @@ def test_it_says_what_the_test_of_the_run_says(trained, tmp_path, capsys):
     assert [line["rank"] for line in lines] == [str(rank + 1) for rank in range(count)] * count
     assert [path.name for path in out.glob("*.png")] == ["matches_page1.png"]
     said = " ".join(capsys.readouterr().out.split())
-    assert "supposing that its place is in the map" in said
+    assert "assuming that this place is in the map" in said
     assert f"best match right: {told['counts']['right']} of the {count} queries" in said
 
 
@@ -120,7 +120,7 @@ def test_pairs_for_colmap_are_named_below_the_folder_around_both(rides, tmp_path
 def test_the_mean_of_a_ride_is_taken_away(rides, tmp_path, centring):
     rows, told = look_up(*rides, tmp_path / "out", centring=centring)
     assert told["centring"] == centring
-    assert any(f"not of centring={centring}" in remark for remark in told["remarks"])
+    assert any(f"fitted without centring={centring}" in remark for remark in told["remarks"])
     places, asked = PlaceMap(Pixels()), PlaceMap(Pixels())
     for one, ride_ in zip((places, asked), rides, strict=True):
         one.add(ride_)
@@ -143,7 +143,7 @@ def test_it_says_how_baselines_are_tested_on_the_same_folders(trained, tmp_path,
     predict.main([f"run={run.path}", *given])
     said = capsys.readouterr().out.splitlines()
     told = json.loads((tmp_path / "out" / "matches.json").read_text())
-    (remark,) = [remark for remark in told["remarks"] if remark.startswith("beside training-free descriptors: ")]
+    (remark,) = [remark for remark in told["remarks"] if remark.startswith("compare with training-free descriptors: ")]
     assert remark in said  # on one line, to be copied
     sextant, command, *words = shlex.split(remark.partition(": ")[2])
     assert (sextant, command) == ("sextant", "evaluate")
@@ -333,7 +333,7 @@ def test_headings_that_are_not_known_are_not_compared_and_that_is_said(tmp_path)
     with_headings = TOLERANCES | {"m": PlaceTolerance("m", 5, 25, 30)}
     _, told = look_up(day, night, tmp_path / "o", places="utm", tolerances=with_headings)
     assert told["counts"]["in_map"] == 3
-    assert any("headings are not known" in remark for remark in told["remarks"])
+    assert any("headings are unknown" in remark for remark in told["remarks"])
 
 
 def test_a_photo_is_turned_upright(tmp_path):
@@ -388,9 +388,7 @@ def test_photos_of_another_shape_and_copies_are_told(rides, tmp_path):
     shutil.copy(day / "004.png", night / "copy.png")
     rows, told = look_up(day, night, tmp_path / "out")
     assert told["queries"]["stretched"] == ["tall.png"]
-    assert any(
-        remark.startswith("queries: 1 photos, such as tall.png, have another shape") for remark in told["remarks"]
-    )
+    assert any(remark.startswith("queries: 1 photos, such as tall.png, were stretched") for remark in told["remarks"])
     assert [row["query"] for row in rows if row.get("same_file")] == ["copy.png"]
     assert any("1 queries are copies" in remark for remark in told["remarks"])
 
@@ -452,7 +450,7 @@ def test_descriptors_that_are_not_finite_are_failures(rides, tmp_path):
             return found
 
     rows, told = look_up(*rides, tmp_path / "out", Broken())
-    assert rows[0]["error"] == "the network gives no finite descriptor"
+    assert rows[0]["error"] == "the network's descriptor is not finite"
     assert told["counts"]["failed"] == len(told["map"]["failed"]) == 1
 
 
@@ -465,8 +463,8 @@ def test_descriptors_that_are_not_finite_are_failures(rides, tmp_path):
         ({"map": "{tmp}/day/000.png"}, "is a file, not a folder"),
         ({"queries": "{tmp}/day"}, "are the same folder: 6 of 6 queries"),
         ({"queries": "{tmp}/day/000.png"}, "1 of 1 queries are files of the map"),
-        ({"map": "{tmp}"}, "share files, for one lies in the other"),
-        ({"queries": "{tmp}"}, "share files, for one lies in the other"),
+        ({"map": "{tmp}"}, "share files, because one lies in the other"),
+        ({"queries": "{tmp}"}, "share files, because one lies in the other"),
         ({"matches": "0"}, "matches=0 must be a whole number from 1 up"),
         ({"sequence": "1"}, "sequence=1 must be a whole number from 2 up"),
         ({"places": "imu"}, "places=imu must be one of none, csv, utm, gps, name, order"),
@@ -501,7 +499,7 @@ def test_nothing_heavy_is_imported_for_a_mistake(rides, tmp_path):
 @pytest.mark.parametrize(
     ("places", "says"),
     [
-        ("csv", "neither .*day nor the folder around it has a table poses.csv"),
+        ("csv", "neither .*day nor its parent folder has a table poses.csv"),
         ("utm", "6 of 6 names contain no pose"),
         ("order", "pairs the i-th"),
     ],
@@ -543,7 +541,7 @@ def test_a_map_is_described_once_and_used_again_without_its_photos(rides, tmp_pa
     ("harm", "says"),
     [
         ("model", "of another network"),
-        ("decoder", "decodes photos otherwise"),
+        ("decoder", "decodes photos differently"),
         ("version", "has version 99; this program reads version 1"),
         ("photos", "lacks keys"),
         ("other names", "is not the one that map.json was written for"),

@@ -106,8 +106,8 @@ def row(file="a.jpg", focal=1000.0, ends=(900.0, 1100.0), exif=None, reasons=(),
     }  # fmt: skip
 
 
-HINT = "EXIF says 1,035 px: focal_prior=exif"
-WIDE, FEW, NAN = "field of view: 68 % interval ±3.9°, wider than ±3.6°", "few lines tell the lens", float("nan")
+HINT = "EXIF gives 1,035 px; to use it: focal_prior=exif"
+WIDE, FEW, NAN = "field of view: 68 % interval ±3.9°, wider than ±3.6°", "few lines constrain the lens", float("nan")
 LONG = "a photo with a rather long name of a street in the old town, 2026-11-28 at noon [draft].jpg"
 PHOTOS = {
     "good, without EXIF": (row(), None),

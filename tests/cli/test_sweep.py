@@ -84,9 +84,9 @@ def test_a_sweep_whose_plan_is_damaged_is_planned_again(tmp_path):
         (
             "cosfire",
             "full_smv",
-            "sweep.arms.paper.reads=full_smv: its runs have those of cosfire_svm, tiled_svm, strongest_filter",
+            "sweep.arms.paper.reads=full_smv: its runs have the methods cosfire_svm, tiled_svm, strongest_filter",
         ),
-        ("cosfire", "cosfire_tuned", "sweep.arms.paper.reads=cosfire_tuned: its runs have those of"),
+        ("cosfire", "cosfire_tuned", "sweep.arms.paper.reads=cosfire_tuned: its runs have the methods"),
         ("classification", "network", "sweep.arms.paper.reads=network: task=classification has one method"),
     ],
 )

@@ -39,10 +39,10 @@ def test_that_most_poses_have_no_partner_is_said(files, capsys):
     estimate.write_text("\n".join(lines[:11] + moved[20:]))
     run("trajectory", files)
     said = " ".join(capsys.readouterr().out.split())
-    assert "have no partner in the other, and are in none of these errors" in said
+    assert "have no counterpart in the other and are excluded from these errors" in said
     assert "max_gap_s=0.01" in said
     run("trajectory", [*files, "max_gap_s=0.06"])
-    assert "no partner" not in capsys.readouterr().out
+    assert "no counterpart" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_that_most_poses_have_no_partner_is_said(files, capsys):
         (["alignment=best"], "alignment=best must be one of none, rigid, similarity"),
         (["max_gap=1"], "max_gap=1: unknown key"),
         (["<files>", "figure=plan.txt"], "figure=plan.txt must be a file of its own that ends in .png, .svg, .pdf"),
-        (["<files>", "alignment=rigid"], "alignment=rigid is of the picture, and figure= is missing"),
+        (["<files>", "alignment=rigid"], "alignment=rigid applies to the picture, but figure= is missing"),
         (["<files>", "json=<folder>"], "json=<folder> must be a file of its own that ends in .json"),
         (["<files>", "json=<folder>/estimate.tum"], "must be a file of its own that ends in .json"),
         (["<files>", "json=<folder>/estimate.tum/a.json"], "json=<folder>/estimate.tum/a.json cannot be written: "),

@@ -114,7 +114,7 @@ def test_slurm_gives_the_same_tables_submitted_left_and_attached(expected, tmp_p
     assert [len(submission.tasks) for submission in submissions(directory)] == [4]  # nothing was submitted twice
     status = ask(tmp_path, "status", slurm)
     assert "queued" in status or "running" in status
-    assert "no process waits for it" in status
+    assert "no process is waiting for it" in status
     assert "4 planned" in ask(tmp_path, "attach", slurm)
     assert (found(tmp_path), tables(tmp_path)) == expected
     nodes = {

@@ -29,7 +29,7 @@ def told(overrides, function=compose):
         ("max_epochs=3", "Did you mean trainer.max_epochs=3?"),
         ("lr", "'lr' is not a key=value override"),
         ("a b=c=[", "is not a key=value override"),
-        ("optimizer.lr=log_uniform(1e-3,1)", "a range of values is for a search"),
+        ("optimizer.lr=log_uniform(1e-3,1)", "a range of values needs a search"),
         ("optimizer.lr=normal(0,1)", "is not a key=value override"),
         ("optimizer.lrr=0.1", "Did you mean optimizer.lr=0.1?"),
         ("optimizer.lrr=nan", "Did you mean optimizer.lr? There, optimizer.lr=nan: must be a finite number"),

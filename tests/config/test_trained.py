@@ -25,6 +25,6 @@ def test_an_import_path_is_found_wherever_it_hides(overrides, group, key, value)
     task = raw["task"]["name"]
     assert trained_config(raw, task).custom_targets() == []
     raw[group][key] = value
-    with pytest.raises(UserError, match=r"wants to build os\.mkdir"):
+    with pytest.raises(UserError, match=r"import paths outside Sextant: os\.mkdir"):
         trained_config(raw, task)
     assert trained_config(raw, task, trust=True).custom_targets() == ["os.mkdir"]

@@ -45,7 +45,7 @@ def make(capsys, tmp_path):
 
 def test_files_have_the_published_layout(make, tmp_path):
     status, said = make(f"labels={tmp_path / 'labels.npy'}", "names=fog,frost")
-    assert (status, "2 corruptions" in said, "do not compare with published" in said) == (0, True, True)
+    assert (status, "2 corruptions" in said, "are not comparable with published" in said) == (0, True, True)
     for name in ("fog", "frost"):
         stored = np.load(tmp_path / "out" / f"{name}.npy", allow_pickle=False)
         assert (stored.dtype, stored.shape) == (np.uint8, (60, 32, 32, 3))
@@ -178,7 +178,7 @@ def test_a_set_is_made_in_parts_to_the_same_files(make, tmp_path):
     assert make(whole[0])[0] == 0
     assert make(*whole, *parts)[0] == 0
     status, said = make(*whole, "shards=2")
-    assert (status, "lacks what these are to make: shard=1 (contrast.npy)" in said) == (2, True)
+    assert (status, "lacks files of these shards: shard=1 (contrast.npy)" in said) == (2, True)
     assert make(*whole, "shards=2", "shard=1")[0] == 0
     assert make(*whole, "shards=2")[0] == 0
     for name in names:

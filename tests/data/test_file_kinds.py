@@ -104,15 +104,16 @@ CONTENTS = {
     "mp4": (b"\0\0\0\x18ftypmp42", "is a video"), "mov": (b"\0\0\0\x14ftypqt  ", "is a video"),
     "old mov": (b"\0\0\0\x08wide\0\0\0\0mdat", "is a video"), "avi": (b"RIFF\x10\0\0\0AVI LIST", "is a video"),
     "webm": (b"\x1aE\xdf\xa3\x01\0\0", "is a video"), "pdf": (b"%PDF-1.7\n%\xe2\xe3", "is a PDF document"),
-    "html": (b"<!DOCTYPE html>\n<html>", "is a page of HTML"), "html in capitals": (b"\n <HTML><HEAD>", "is a page"),
+    "html": (b"<!DOCTYPE html>\n<html>", "is an HTML page"),
+    "html in capitals": (b"\n <HTML><HEAD>", "is an HTML page"),
     "xml": (b"<?xml version='1.0'?><Error>", "is XML"), "svg": (b"<?xml version='1.0'?>\n<svg xmlns=", "is an SVG"),
     "psd": (b"8BPS\0\1", "is a Photoshop document"), "jxl": (b"\xff\x0a\xfa\x1f", "is JPEG XL"),
     "jxl in a box": (b"\0\0\0\x0cJXL \r\n\x87\n", "is JPEG XL"), "eps": (b"%!PS-Adobe-3.0 EPSF-3.0", "is PostScript"),
-    "exr": (b"v/1\x01\2\0\0\0", "is a picture of high"), "zip": (b"PK\x03\x04\x14\0", "is a compressed archive"),
-    "gzip": (b"\x1f\x8b\x08\0", "is a compressed archive"), "npy": (b"\x93NUMPY\1\0", "is a file of arrays"),
+    "exr": (b"v/1\x01\2\0\0\0", "is a picture of high"), "zip": (b"PK\x03\x04\x14\0", "is an archive"),
+    "gzip": (b"\x1f\x8b\x08\0", "is an archive"), "npy": (b"\x93NUMPY\1\0", "is a file of arrays"),
     "lfs": (b"version https://git-lfs.github.com/spec/v1\n", "is a pointer of Git LFS"),
     "text": (b"file,x,y\na.png,1,2\n", "it is text"), "zeros": (bytes(600), "holds zeros"),
-    "noise": (bytes(range(1, 200)), "it is no picture in a known format"),
+    "noise": (bytes(range(1, 200)), "it is not a picture in a known format"),
 }  # fmt: skip
 
 

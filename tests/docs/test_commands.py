@@ -15,7 +15,8 @@ COMMANDS = documented()
 
 def test_there_are_commands_on_the_pages():
     assert len(COMMANDS) > 90
-    assert {command.page for command in COMMANDS} >= {"README.md", "guide.md", "places.md", "localization.md", "benchmarks.md"}
+    pages = {command.page for command in COMMANDS}
+    assert pages >= {"README.md", "guide.md", "places.md", "localization.md", "benchmarks.md"}
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=str)
@@ -37,7 +38,7 @@ def test_a_documented_command_is_understood(command):
             "valid str",
         ),
         ("python evaluate.py run=<run> optimizer.lr=1", "belongs to the trained weights"),
-        ("python evaluate.py corruption=gaussian", "which run?"),
+        ("python evaluate.py corruption=gaussian", "run= is missing"),
         ("python predict.py run=<run> inptu=<folder> output=<folder>", "Did you mean input="),
         ("python predict.py run=<run> input=<photos>", "output= of"),
         ("python report.py sweep=gone", "sweep gone: no such thing"),

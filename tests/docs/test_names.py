@@ -7,10 +7,17 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
-    [ROOT / "README.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("results/**/*.md"), *ROOT.glob("conf/**/*.yaml"), *ROOT.glob("src/**/*.py")]
+    [
+        ROOT / "README.md",
+        *(path for shelf in ("docs", "results") for path in ROOT.glob(f"{shelf}/**/*.md")),
+        *ROOT.glob("conf/**/*.yaml"),
+        *ROOT.glob("src/**/*.py"),
+    ]
 )
 #: a file of the checkout, not a pattern, and not one that a user has yet to write (``mine``, ``my_..``)
-NAMED = re.compile(r"(?<![\w/.<])((?:conf|docs|results|lab|examples|benchmarks|tests)/[\w/.-]+\.(?:py|md|yaml|geojson|jpg))\b")
+NAMED = re.compile(
+    r"(?<![\w/.<])((?:conf|docs|results|lab|examples|benchmarks|tests)/[\w/.-]+\.(?:py|md|yaml|geojson|jpg))\b"
+)
 OWN = re.compile(r"\bmine\b|/my_|/x\.")
 #: in a docstring a reference; the parts that config files name are built by tests/configs
 REFERENCE, MENTIONED = (
@@ -47,7 +54,10 @@ def is_there(dotted):
     return True
 
 
-@pytest.mark.parametrize(("folder", "pattern"), [("README.md", MENTIONED), ("docs", MENTIONED), ("results", MENTIONED), ("src", REFERENCE)])
+@pytest.mark.parametrize(
+    ("folder", "pattern"),
+    [("README.md", MENTIONED), ("docs", MENTIONED), ("results", MENTIONED), ("src", REFERENCE)],
+)
 def test_a_module_that_is_named_exists_with_what_is_named_in_it(folder, pattern):
     named = [
         (page.relative_to(ROOT), f"sextant{found}")

@@ -23,6 +23,7 @@ ONCE = ("trainer=fast", *QUICK_CLASSIFIER, "trainer.max_epochs=1", "tracking=non
 FRAMES = (*(each for each in QUICK_LOCALIZER if not each.startswith("descriptor.")), "task.starts=2", "task.horizon=15")
 POSES = "dataset.folder=<folder> dataset.map=map 'dataset.test={run: run}'"
 PROTOTYPE = "prototype=photo.jpg point=310,190 input=<folder> output=<folder>"
+STREET = "docs/worlds/street_01_centre_summer_noon.png"
 #: what is run, with what makes it quick, and what it prints; ``<run>`` is the classifier of the first
 RUN = {
     "python train.py task=classification inhibition=push_pull": (ONCE, "test/accuracy/clean"),
@@ -41,6 +42,7 @@ RUN = {
     ),
     "python predict.py run=<run> input=<folder> output=<folder>": ((), "4 images classified"),
     f"python predict.py task=cosfire {PROTOTYPE}": ((), "image"),
+    f"python predict.py task=cosfire prototype={STREET} point=190,135 input={STREET} output=<folder>": ((), "image"),
     "python train.py task=cosfire": (QUICK_FILTERS[1:] + PLAIN[3:], "cosfire_svm"),
     "python train.py task=cosfire bank=gabor strategy=circles": (QUICK_FILTERS[1:] + PLAIN[2:], "cosfire_svm"),
     "python train.py inhibition=push_pull corruption=gaussian": (

@@ -57,3 +57,38 @@ def test_what_is_wider_than_a_page_is_scrolled_by_keys(address, tmp_path):
         wide = "[...document.querySelectorAll('.md-typeset__scrollwrap')].filter((t) => t.scrollWidth > t.clientWidth)"
         assert tab.run(f"{wide}.length") > 0
         assert tab.run(f"{wide}.filter((t) => t.tabIndex !== 0).length") == 0
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
+def test_search_works_where_the_pages_are_opened_from_a_folder(site, tmp_path):
+    with chromium(tmp_path) as tab:
+        tab.open((site / "index.html").as_uri())
+        found = tab.run(
+            """new Promise((then) => {
+                 const query = document.querySelector("[data-md-component=search-query]");
+                 query.focus();
+                 query.value = "push-pull";
+                 query.dispatchEvent(new Event("keyup", { bubbles: true }));
+                 query.dispatchEvent(new Event("input", { bubbles: true }));
+                 const look = (left) => {
+                   const links = [...document.querySelectorAll(".md-search-result__link")].map((link) => link.href);
+                   if (links.length || !left) then(links.join(" "));
+                   else setTimeout(look, 200, left - 1);
+                 };
+                 look(100);
+               })"""
+        )
+        assert "push_pull.html" in found
+
+
+def test_an_equation_is_drawn_without_a_script(site):
+    page = (site / "tutorials" / "push_pull.html").read_text("utf-8")
+    assert page.count("<math") >= 5
+    assert "arithmatex" not in page
+
+
+def test_each_task_has_a_page_of_its_options(site):
+    for name in ("calibration", "place_recognition", "localization", "cosfire", "classification"):
+        page = (site / "options" / f"{name}.html").read_text("utf-8")
+        assert "<code>dataset=" in page
+        assert "<code>task." in page

@@ -21,7 +21,7 @@ def test_the_photo_of_the_first_job_is_answered_well(tmp_path):
     assert photo["confidence"]["verdict"] == "good"
     assert photo["tilt_deg"] == pytest.approx(24.3, abs=2.0)  # of the phone's accelerometer
     line = runpy.run_path(str(ROOT / "examples" / "known_camera.py"))["compared"](photo)
-    assert line.startswith("berlin.jpg: EXIF says 1,035 px; the photo alone gave 96")
-    assert "px, holds that (trust: good)" in line
+    assert line.startswith("berlin.jpg: EXIF gives 1,035 px; the photo alone gives 96")
+    assert "px, contains it (trust: good)" in line
     commands = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert str(PHOTO.relative_to(ROOT)) in commands

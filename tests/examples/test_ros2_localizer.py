@@ -98,7 +98,7 @@ def test_a_robot_that_is_lost_is_warned_of_and_not_published(node):
     noise = np.random.default_rng(1).integers(0, 255, (32, 48, 3), np.uint8)
     node.heard["image"](bags.image(0, noise))  # without odometry, its motion is unknown
     assert not node.published
-    assert node.said[0].startswith("lost: the likeliest place holds ")
+    assert node.said[0].startswith("lost: the likeliest place has weight ")
 
 
 def test_an_image_that_cannot_be_read_is_left_out_with_a_warning(node):

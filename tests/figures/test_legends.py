@@ -19,7 +19,7 @@ from sextant.figures.searches import TrialPoint, search_history
 
 NAN = float("nan")
 MEAN, FLOOR, PUBLISHED = "mean over seeds, 95 % interval", "one pair of runs, seeds alone", "published, one run each"
-ALL, GIVEN, BEST, NONE = "mean over all seeds", "mean over the seeds it was given", "best so far", "no result"
+ALL, GIVEN, BEST, NONE = "mean over all seeds", "mean over its seeds so far", "best so far", "no result"
 BETTER, WORSE, PALE, SEEDS = "better on", "worse on", "pale: interval contains 0", "seeds alone"
 
 

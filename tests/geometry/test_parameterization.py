@@ -239,7 +239,7 @@ def test_what_is_no_parameterization_is_refused(arguments, says):
     ("name", "low", "high", "says"),
     [
         ("direct", [0.0, 0, 0.5, 0], [1.0, 1, 0.5, 1], "range of focal is empty"),
-        ("direct", [0.0, 0, 0.0, 0], [1.0, 1, 1.0, 1], "range of focal, from 0 to 1, leaves 0 to inf"),
+        ("direct", [0.0, 0, 0.0, 0], [1.0, 1, 1.0, 1], "range of focal, from 0 to 1, exceeds 0 to inf"),
         ("horizon", [0.0, 0, 0.5, 0], [1.0, 1, 3.2, 1], "range of vfov"),
         ("horizon", [0.0, 0, 0.5, math.nan], [1.0, 1, 1.0, 1], "range of k1_hat is empty or not finite"),
         ("undistorted_horizon", [0.0, 0, 0.5, 0], [math.inf, 1, 1.0, 1], "range of tau"),

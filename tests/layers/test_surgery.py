@@ -330,10 +330,10 @@ def test_a_first_convolution_that_stays_comes_with_what_would_work():
     with pytest.raises(ValueError, match=r"the first convolution of Sequential, 0\.0, cannot") as told:
         PushPullInhibition()(convnext)
     assert "where='1'" in str(told.value)
-    assert "PushPullAvgInhibition, which takes even kernels too" in str(told.value)
+    assert "PushPullAvgInhibition, which also accepts even kernels" in str(told.value)
     assert inhibited(PushPullInhibition(where="1")(convnext)) == ["1"]
     vit = patches([nn.Flatten(), nn.Linear(8, 2)])
-    with pytest.raises(ValueError, match=r"odd kernel sides.*What would work: PushPullAvgInhibition"):
+    with pytest.raises(ValueError, match=r"odd kernel sides.*Alternatives: PushPullAvgInhibition"):
         PushPullInhibition()(vit)
     assert inhibited(PushPullAvgInhibition()(vit)) == ["0.0"]
 

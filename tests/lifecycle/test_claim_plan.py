@@ -109,10 +109,10 @@ def test_the_plan_is_printed_with_its_command_and_its_date(capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["plan", "claim=places_compact_quick"], "places_compact_quick is counted: it has no design"),
+        (["plan", "claim=places_compact_quick"], "places_compact_quick rests on counts: it has no design"),
         (["plan", "claim=places_minig"], "Did you mean places_mining"),
-        (["plan", "preset=quick"], "preset is of the verdicts"),
-        (["plan", "output=x"], "output is of the verdicts"),
+        (["plan", "preset=quick"], "preset applies only to verdicts"),
+        (["plan", "output=x"], "output applies only to verdicts"),
     ],
 )
 def test_a_plan_that_cannot_be_is_refused_in_a_line(words, said, capsys):

@@ -294,7 +294,7 @@ def test_what_stands_beside_a_claim_does_not_decide_it(tmp_path):
         ({"matters": -1}, "matters"),
         ({"sentense": "x"}, "sentense"),
         ({"parts": []}, "parts"),
-        ({"parts": [DEMO["parts"][0] | {"beside": True}]}, "nothing decides it"),
+        ({"parts": [DEMO["parts"][0] | {"beside": True}]}, "nothing decides the claim"),
         ({"parts": [DEMO["parts"][0] | {"table": "cells"}]}, "needs against"),
         ({"parts": [DEMO["parts"][0] | {"expects": "much better"}]}, "expects"),
     ],
@@ -382,9 +382,9 @@ def test_launcher_and_tracking_are_handed_on_and_a_board_without_verdicts_is_an_
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["launcher=slurm"], "none is chosen"),
-        (["claim=places_mining", "workers=2"], "workers=2 is of the sweeps of a preset, and none is chosen"),
-        (["preset=quick", "launcher=local", "workers=2"], "workers=2 goes with launcher=joblib alone"),
+        (["launcher=slurm"], "it applies to its sweeps"),
+        (["claim=places_mining", "workers=2"], "workers=2 needs a preset: it applies to its sweeps"),
+        (["preset=quick", "launcher=local", "workers=2"], "workers=2 requires launcher=joblib"),
         (["preset=quick", "launchr=local"], "launchr=local: unknown key"),
     ],
 )

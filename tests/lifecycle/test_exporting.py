@@ -127,7 +127,7 @@ def test_what_filters_look_at_is_exported_and_filters_without_a_network_are_not(
     assert features.min() == 0
     plain = digits_run(tmp_path / "plain", "bank=gabor", "strategy=circles", "~backbone", "trainer.max_epochs=1",
                        "task.images=60", "task.filters_per_class=1", "task.test_every=8")  # fmt: skip
-    with pytest.raises(UserError, match="look at images and not at a network"):
+    with pytest.raises(UserError, match="operate on images, not on a network"):
         export_run(str(plain.path), "onnx", tmp_path / "out")
 
 
@@ -167,7 +167,7 @@ def test_a_file_that_answers_otherwise_is_deleted_and_an_earlier_one_is_not(off,
     monkeypatch.setattr(export_formats, "_torch_export", wrong)
     earlier = tmp_path / "network.pt2"
     earlier.write_text("earlier")
-    with pytest.raises(UserError, match=f"answers otherwise than the original: {said}"):
+    with pytest.raises(UserError, match=f"differ from the original's by {said}"):
         export_run(str(places), "torch_export", tmp_path)
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("network.pt2", "earlier")]
 

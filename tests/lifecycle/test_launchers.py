@@ -106,7 +106,7 @@ def test_hydras_launchers_and_single_runs_on_a_cluster_are_refused(capsys):
     for words, told in (
         (["-m", "seed=0,1", "hydra/launcher=joblib"], "launcher=joblib launcher.workers=4"),
         (["launcher=slurm"], "sextant train -m launcher=slurm"),
-        (["-m", "--cfg", "job", "seed=0,1"], "prints something about one run, -m starts many"),
+        (["-m", "--cfg", "job", "seed=0,1"], "prints something about one run; -m starts many"),
     ):
         with pytest.raises(SystemExit):
             cli.run("train", words)
@@ -164,7 +164,7 @@ def test_tasks_that_vanish_are_submitted_again_and_then_given_up(tmp_path, slurm
     outcomes = launch([good, bad], config(tmp_path, *SLURM, "launcher.attempts=2"), folder)
     assert [outcome["status"] for outcome in outcomes] == ["finished", "failed"]
     assert (
-        f"its task ended 2 times without a word; no log was written: do all nodes share {folder}?"
+        f"its task ended 2 times without recording an outcome; no log was written: do all nodes share {folder}?"
         in outcomes[1]["message"]
     )
     assert [submission.tasks for submission in submissions(folder)] == [[[good.name], [bad.name]], [[bad.name]]]
@@ -207,14 +207,14 @@ def test_cancelling_a_sweep_of_slurm_that_is_run_here_by_now_ends_its_process(tm
     killed = []
     monkeypatch.setattr(os, "kill", lambda *how: killed.append(how))
     with run_lock(directory.parent, directory.name, wait=False):
-        assert re.match(r"0 tasks cancelled; process \d+ on .* was asked to end; ", cancel_sweep(directory))
+        assert re.match(r"0 tasks cancelled; process \d+ on .* was interrupted; ", cancel_sweep(directory))
         assert killed == [(os.getpid(), signal.SIGINT)]
         with monkeypatch.context() as patch:
             patch.setattr("sextant.lease._place", lambda: "another host")
-            assert re.match("0 tasks cancelled; .*, which is not this host: if it does not", cancel_sweep(directory))
+            assert re.match("0 tasks cancelled; .*, another host: if it does not", cancel_sweep(directory))
         assert len(killed) == 1
         monkeypatch.setenv("PATH", str(tmp_path))
-        with pytest.raises(UserError, match=r"process .* was asked to end; nothing was cancelled in SLURM's queue: sq"):
+        with pytest.raises(UserError, match=r"process .* was interrupted; nothing was cancelled in SLURM's queue: sq"):
             cancel_sweep(directory)
         assert len(killed) == 2
 
@@ -225,7 +225,7 @@ def test_a_search_that_is_cancelled_submits_nothing_more_and_the_same_command_go
     (slurm / "sbatch").write_text(f"#!/bin/sh\ncd {tmp_path}/cancelled\n{marked}\necho Submitted batch job 7\n")
     words = arguments(tmp_path / "cancelled", *SLURM, trials=3)
     with pytest.raises(
-        UserError, match=r"^search-\w+ was cancelled\n.* sextant sweep attach search-\w+ outputs=.*, goes on"
+        UserError, match=r"^search-\w+ was cancelled\n.* sextant sweep attach search-\w+ outputs=.*, continues it"
     ):
         sweep_or_search(words)
     assert len(submissions(find_sweep("search", tmp_path / "cancelled"))) == 1
@@ -239,7 +239,8 @@ def test_a_search_that_is_not_to_wait_says_that_it_does(tmp_path, slurm, wait):
     listening = Listening()
     words = arguments(tmp_path, *SLURM, f"launcher.wait={wait}", trials=1)
     sweep_or_search(words, listening, run_cells=MadeUpRuns())
-    assert any(remark.startswith("launcher.wait=false: a search has to wait") for remark in listening.heard) != wait
+    said = "launcher.wait=false: a search waits nevertheless"
+    assert any(remark.startswith(said) for remark in listening.heard) != wait
 
 
 NO_SQUEUE, NO_CONTROLLER = "squeue: No such file or directory", "squeue: no controller answers"

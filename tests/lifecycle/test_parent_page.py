@@ -8,9 +8,9 @@ import pytest
 from made_up_search import code_and_data
 from made_up_sweep import MadeUpRun, made_up_sweep
 
-from sextant.atomic_files import write_json
+from sextant.atomic_files import read_json, write_json
 from sextant.cli.dashboard import PAGE
-from sextant.lifecycle.parent_page import ParentPage, fill_store
+from sextant.lifecycle.parent_page import ParentPage, fill_store, write_page
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.lifecycle.sweep import run_sweep
 from sextant.reports.sweep_page import MOST_EFFECTS, Progress, sweep_page
@@ -67,8 +67,13 @@ def written(tmp_path_factory):
 def test_the_parent_has_the_question_the_command_and_what_was_found(written):
     client, parent, _ = written
     text = parent.data.tags["mlflow.note.content"]
-    assert parent.info.run_name == "made_up"
-    for expected in (QUESTION, "16 of 16 runs have ended", "sextant report sweep=made_up-", "| effect | net | clean |"):
+    assert parent.info.run_name == f"made_up {parent.data.tags['sextant.sweep'][-8:]}: conv, push_pull"
+    for expected in (
+        QUESTION,
+        "16 of 16 runs have ended, 0 of them diverged",
+        "sextant report sweep=made_up-",
+        "| effect | net | clean |",
+    ):
         assert expected in text
     (picture,) = [file.path for file in client.list_artifacts(parent.info.run_id, "page")]
     assert picture == "page/contrast_effect.png"
@@ -82,17 +87,18 @@ def test_the_parent_has_metrics_params_and_tags_of_its_own(written):
     assert metrics["low/net clean"] < 12.5 < metrics["high/net clean"]
     assert 0 < metrics["p/net clean"] < 0.05
     assert (metrics["runs/done"], metrics["runs/planned"], metrics["runs/failed"]) == (16, 16, 0)
+    assert metrics["runs/diverged"] == 0
     assert parent.data.params["arms"] == "conv, push_pull"
     assert parent.data.tags["task"] == "classification"
 
 
 def test_runs_are_named_by_arm_setting_and_seed(written):
     names = [child.info.run_name for child in written[2]]
-    assert names[0] == "conv net seed 0"
-    assert names[-1] == "push_pull net seed 7"
+    assert names[0] == "conv net seed 0 (conv)"
+    assert names[-1] == "push_pull net seed 7 (push_pul)"
     assert written[2][0].data.tags["arm"] == "conv"
     assert QUESTION in written[2][0].data.tags["mlflow.note.content"]
-    assert run_name(["full", "pooled"], "-", 3) == "full + pooled seed 3"
+    assert run_name(["full", "pooled"], "-", 3, "05e71b0bffff") == "full + pooled seed 3 (05e71b0b)"
 
 
 def test_runs_have_the_few_params_that_identify_them_or_are_compared(written):
@@ -116,9 +122,15 @@ def test_an_experiment_is_one_of_models_that_are_trained_and_says_what_it_holds(
 def test_a_page_before_the_first_run_has_ended_says_so_and_failures_are_told(tmp_path):
     plan = sweep_in(tmp_path).plan
     page = sweep_page(plan, Progress(3, 16, {"runs/a/b": "out of memory"}, 780.0), None, tmp_path)
-    assert "3 of 16 runs have ended, some 13 minutes left" in page.text
+    assert "3 of 16 runs have ended, 0 of them diverged; about 13 minutes left" in page.text
     assert "- `runs/a/b`: out of memory" in page.text
-    assert page.metrics == {"runs/done": 3, "runs/planned": 16, "runs/failed": 1, "minutes_left": 13}
+    assert page.metrics == {
+        "runs/done": 3,
+        "runs/planned": 16,
+        "runs/failed": 1,
+        "runs/diverged": 0,
+        "minutes_left": 13,
+    }
 
 
 def test_metrics_of_a_page_are_few_and_have_names_that_mlflow_takes(tmp_path):
@@ -160,6 +172,53 @@ def test_a_store_that_is_filled_anew_has_the_page_again(tmp_path):
     assert store.client.list_artifacts(again.info.run_id, "page")
 
 
+def test_each_figure_of_a_page_has_a_title(tmp_path, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr(
+        "sextant.figures.style.save_figure",
+        lambda figure, folder, name: [drawn.update({name: figure.get_suptitle()}) or folder / f"{name}.png"],
+    )
+    write_page(sweep_in(tmp_path).plan, tmp_path)
+    assert drawn == {"contrast_effect": "effect: push_pull minus conv"}
+
+
+def as_an_earlier_version_left_it(store, outputs, plan):
+    """Take from a store, and from the page of its sweep, what earlier versions did not write."""
+    parent, children = parent_and_children(store, outputs, plan)
+    store.client.set_tag(parent.info.run_id, "mlflow.runName", plan.title)
+    page = plan.directory(outputs) / "page.json"
+    write_json(page, read_json(page) | {"own_tags": {"sextant.outcome": "16 finished"}, "text": "of before"})
+    store.client.set_tag(parent.info.run_id, "mlflow.note.content", "of before")
+    store.client.delete_tag(parent.info.run_id, "sextant.page")
+    for number, child in enumerate(children):
+        note = "my own words" if number == 0 else f"This run diverged. {number}" if number == 1 else ""
+        store.client.set_tag(child.info.run_id, "mlflow.note.content", note)
+        store.client.set_tag(child.info.run_id, "mlflow.runName", f"conv net seed {number}")
+        store.client.delete_tag(child.info.run_id, "sextant.result")
+
+
+@pytest.mark.slow
+def test_a_store_of_an_earlier_version_is_brought_up_to_date_once(tmp_path):
+    plan = replace(sweep_in(tmp_path).plan, tracking={"kind": "none", "uri": None}, began=90.0, ended=300.0)
+    plan.write(tmp_path)
+    for cell in plan.cells:
+        path = RunDirectory(tmp_path / cell.run).metrics
+        write_json(path, read_json(path) | {"metrics": {"val/accuracy": 0.8, "test/accuracy/clean": 0.75}})
+    end_runs(tmp_path, plan, tracking=None)
+    store = open_store("sqlite", None, tmp_path)
+    fill_store(store, tmp_path, SILENT_RUN)
+    as_an_earlier_version_left_it(store, tmp_path, plan)
+    assert fill_store(store, tmp_path, SILENT_RUN) == 16 + 1
+    assert fill_store(store, tmp_path, SILENT_RUN) == 0
+    parent, children = parent_and_children(store, tmp_path, plan)
+    assert parent.info.run_name == f"made_up {plan.digest[:8]}"
+    assert "16 of 16 runs have ended, 0 of them diverged" in parent.data.tags["mlflow.note.content"]
+    for child in children:
+        assert child.info.run_name.endswith(f"({child.data.tags['arm'][:8]})")
+        assert child.data.tags["sextant.result"] == "test/accuracy/clean = 0.75"
+        assert child.data.tags["mlflow.note.content"].startswith("**test/accuracy/clean = 0.75**")
+
+
 def end_runs(outputs, plan, metrics_of=lambda cell: {}, **state):
     """What the runs of a sweep leave that end while no process waits for them."""
     for cell in plan.cells:
@@ -187,13 +246,13 @@ def test_a_sweep_that_was_not_tracked_has_its_parent_once_a_store_is_filled(tmp_
     store = open_store("sqlite", None, tmp_path)
     assert fill_store(store, tmp_path, SILENT_RUN) == 16 + 1
     parent, children = parent_and_children(store, tmp_path, plan)
-    assert (parent.info.run_name, parent.info.status) == ("made_up", "FINISHED")
+    assert (parent.info.run_name, parent.info.status) == (f"made_up {plan.digest[:8]}", "FINISHED")
     assert (parent.info.start_time, parent.info.end_time) == (90_000, 300_000)
     assert "16 of 16 runs have ended" in parent.data.tags["mlflow.note.content"]
     assert parent.data.metrics["effect/net clean"] == pytest.approx(12.5)
     assert parent.data.params["arms"] == "conv, push_pull"
     assert store.client.list_artifacts(parent.info.run_id, "page")
-    names = {f"{arm} net seed {k}" for arm in ("conv", "push_pull") for k in range(8)}
+    names = {f"{arm} net seed {k} ({arm[:8]})" for arm in ("conv", "push_pull") for k in range(8)}
     assert {run.info.run_name for run in children} == names
     assert {run.data.tags["arm"] for run in children} == {"conv", "push_pull"}
     assert read_plan(plan.directory(tmp_path)).tracking == {"kind": "sqlite", "uri": None}  # a report goes there too
@@ -219,6 +278,8 @@ def test_runs_that_did_not_learn_are_seen_in_the_store(tmp_path, diverged, statu
     parent, children = parent_and_children(store, tmp_path, plan)
     page = parent.data.tags["mlflow.note.content"]
     assert (parent.info.status, parent.data.tags["sextant.outcome"]) == (status, outcome)
+    assert f"4 of 4 runs have ended, {diverged} of them diverged." in page
+    assert parent.data.metrics["runs/diverged"] == diverged
     assert told is None or f"**{told}.**" in page
     assert ("did not learn" in page or "learnt" in page) == bool(told)
     assert sum(run.data.tags["sextant.outcome"] == "diverged" for run in children) == diverged
@@ -247,7 +308,7 @@ def test_a_run_stays_with_the_sweep_that_used_it_first(tmp_path):
     for parent, plan in zip(parents, (first, second), strict=True):
         assert label_cells(parent, plan, tmp_path) == {first.cells[0].run}
     found = store.client.get_run(child)
-    assert (found.info.run_name, found.data.tags["sweep"]) == ("conv net seed 0", "made_up")
+    assert (found.info.run_name, found.data.tags["sweep"]) == ("conv net seed 0 (conv)", "made_up")
     assert found.data.tags["mlflow.parentRunId"] == parents[0].run_id
 
 
@@ -272,7 +333,9 @@ def test_the_page_of_a_sweep_that_was_left_ends_when_its_command_is_repeated(tmp
     assert (parent.info.status, parent.info.end_time) == ("FINISHED", 201_000)
     assert "4 of 4 runs have ended" in parent.data.tags["mlflow.note.content"]
     assert parent.data.metrics["runs/done"] == 4
-    assert {run.info.run_name for run in children} == {f"{lr} seed {seed}" for lr in (0.1, 0.2) for seed in (0, 1)}
+    assert {run.info.run_name for run in children} == {
+        f"{cell.arm} seed {cell.seed} ({cell.digest[:8]})" for cell in plan.cells
+    }
 
 
 @pytest.mark.slow

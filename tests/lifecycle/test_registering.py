@@ -150,7 +150,7 @@ def test_what_answers_no_photos_says_so(tmp_path):
         {KEY: {"schema_version": SCHEMA_VERSION, "task": "localization", "config": {}, "spec": {}}, "state_dict": {}},
         path,
     )
-    with pytest.raises(UserError, match="a model of task=localization does not answer photos one by one"):
+    with pytest.raises(UserError, match="a model of task=localization does not predict from single photos"):
         photo_predictor(path)
 
 

@@ -251,17 +251,17 @@ def test_how_many_trials_there_are_does_not_make_it_another_search(tmp_path):
         (["inhibition=none,pushpull"], "inhibition=pushpull: no such option"),
         ([], "sweep.search.space is empty"),
         (["sweep.search=tpee", *SPACE], "sweep.search.method='tpee'"),
-        (["sweep.search=grid", *SPACE], "a grid goes through values"),
+        (["sweep.search=grid", *SPACE], "a grid needs a finite number of values"),
         (["sweep.search=cmaes", "optimizer.lr=uniform(0.1, 1)"], "needs two numbers or more"),
         (["sweep.search=cmaes", *SPACE, "inhibition=none,push_pull"], "no choice"),
-        (["sweep.search.metric=test/accuracy", *SPACE], "a search looks at the validation split alone"),
-        (["sweep.search.metric=val/loss", *SPACE], "which way is better?"),
+        (["sweep.search.metric=test/accuracy", *SPACE], "a search uses the validation split alone"),
+        (["sweep.search.metric=val/loss", *SPACE], "its direction is unknown"),
         (["sweep.search.n_trials=0", *SPACE], "sweep.search.n_trials=0"),
         (["sweep.search.trials=9", *SPACE], "sweep.search.trials: unknown key"),
         (["sweep.search.fresh_seeds=[1,9]", "sweep.seeds=3", *SPACE], "the winner is chosen at these"),
-        (["sweep.search.fresh_seeds=[1,9]", "seed=0,1", *SPACE], "sweep.search.fresh_seeds has one of these too"),
+        (["sweep.search.fresh_seeds=[1,9]", "seed=0,1", *SPACE], "sweep.search.fresh_seeds contains one of these"),
         (["sweep.search.storage=mysql://here", *SPACE], "sweep.search.storage='mysql://here'"),
-        (["sweep=demo", *SPACE], "a sweep with factors, arms, contrasts or worlds has none"),
+        (["sweep=demo", *SPACE], "it cannot be combined with factors, arms, contrasts or worlds"),
     ],
 )
 def test_a_wrong_search_is_refused_before_anything_is_run(given, said, tmp_path):
@@ -271,7 +271,7 @@ def test_a_wrong_search_is_refused_before_anything_is_run(given, said, tmp_path)
 
 
 def test_a_range_without_a_search_is_refused_with_the_way_to_search_it(tmp_path):
-    with pytest.raises(UserError, match=r"optimizer\.lr=.* is a range, and a sweep lists values") as raised:
+    with pytest.raises(UserError, match=r"optimizer\.lr=.* is a range, but a sweep lists values") as raised:
         sweep_or_search(["optimizer.lr=uniform(0.1, 1)", f"paths.outputs={tmp_path}"], run_cells=pytest.fail)
     assert "add sweep.search=tpe" in raised.value.fix
 

@@ -218,9 +218,12 @@ def test_runs_of_before_are_the_same_experiment():
         (["task=localization", TWO], r"trainer\.devices=2: task=localization learns a few hyper-parameters"),
         (["task=localization", "trainer.compile=true"], r"trainer\.compile=True: task=localization"),
         (["task=localization", "trainer.accelerator=gpu"], r"trainer\.accelerator=gpu: task=localization learns a few"),
-        ([TWO], r"launcher=local: no run of several processes starts.*\n.*launcher=joblib launcher\.workers=1"),
-        ([TWO, "launcher=ray"], r"trainer\.devices=2 needs as many cpus; launcher\.cpus=1 of a run\nlauncher\.cpus=2"),
-        (["trainer.devices=4", "trainer.batch_size=3"], r"trainer\.devices=4 share batches of 3"),
+        (
+            [TWO],
+            r"launcher=local: a sweep's process cannot start a run of several.*\n.*launcher=joblib launcher\.workers=1",
+        ),
+        ([TWO, "launcher=ray"], r"trainer\.devices=2 needs as many cpus; a run has launcher\.cpus=1\nlauncher\.cpus=2"),
+        (["trainer.devices=4", "trainer.batch_size=3"], r"trainer\.devices=4 cannot share batches of 3"),
         (["trainer.accumulate=30", "trainer.log_every=20"], r"must be at most trainer\.log_every=20"),
     ],
 )

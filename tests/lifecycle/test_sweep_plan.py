@@ -108,10 +108,10 @@ def test_the_small_form_goes_before_what_is_given(own):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["preset=quick"], "a preset is the size of a named sweep"),
-        (["preset=quick", "backbone=lenet_a,lenet_b"], "a preset is the size of a named sweep"),
-        (["sweep=demo", "preset=small"], "preset=small sweep=demo: a preset is"),
-        (["sweep=demo", "preset="], "a preset is"),
+        (["preset=quick"], "preset= sets the size of a named sweep"),
+        (["preset=quick", "backbone=lenet_a,lenet_b"], "preset= sets the size of a named sweep"),
+        (["sweep=demo", "preset=small"], "preset=small sweep=demo: preset= sets"),
+        (["sweep=demo", "preset="], "preset= sets the size"),
         (["sweep=cosfire_fewshot", "preset=quick"], "no quick form"),
     ],
 )

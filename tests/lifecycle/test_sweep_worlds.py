@@ -52,8 +52,8 @@ def test_sources_of_real_data_are_worlds(monkeypatch):
     ("worlds", "said"),
     [
         ({"dataset.world": [1]}, "at least 2"),
-        ({"dataset.world": [1, 1]}, "named twice"),
-        ({"dataset.world": [1, "1"]}, "named twice"),
+        ({"dataset.world": [1, 1]}, "worlds must differ"),
+        ({"dataset.world": [1, "1"]}, "worlds must differ"),
         ({"dataset.world": [1, 2], "dataset": ["a", "b"]}, "at most 1"),
     ],
 )
@@ -63,7 +63,7 @@ def test_worlds_that_are_none_are_refused(worlds, said):
 
 
 def test_a_world_twice_on_the_command_line_is_refused():
-    with pytest.raises(UserError, match=r"dataset.world=1,1: a world that is named twice is one"):
+    with pytest.raises(UserError, match=r"dataset.world=1,1: worlds must differ"):
         read_design([*RECOVERY, "dataset.world=1,1"])
 
 

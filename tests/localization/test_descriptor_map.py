@@ -60,7 +60,7 @@ def test_values_that_are_not_finite_are_refused_with_their_rows(value):
 
 def test_equal_poses_are_refused_with_their_rows():
     poses = _poses(9)[[0, 1, 0, 2, 1, 1, 3, 0, 0]]
-    with pytest.raises(UserError, match=r"5 poses that an earlier image has too .*: rows 2, 4, 5, 7, 8,"):
+    with pytest.raises(UserError, match=r"5 poses equal to that of an earlier image .*: rows 2, 4, 5, 7, 8,"):
         DescriptorMap.of(poses, _descriptors(9))
     with pytest.raises(UserError, match=r"rows 1, 2, 3, 4, 5, \.\.\.,"):
         DescriptorMap.of(poses[[0] * 9], _descriptors(9))

@@ -195,7 +195,7 @@ class OwnGP(LocalGP):
 def test_a_map_with_a_model_of_ones_own_opens_for_those_who_trust_it(tmp_path):
     model = OwnGP(8).fit(smooth_map(), KERNEL)
     save_map(tmp_path, model, LIKELIHOOD, FACTS)
-    with pytest.raises(UserError, match=r"wants to build .*OwnGP.*\n.*trust=true"):
+    with pytest.raises(UserError, match=r"needs .*OwnGP.*\n.*trust=true"):
         load_map(tmp_path)
     assert type(load_map(tmp_path, trust=True).model) is OwnGP
 

@@ -133,7 +133,7 @@ def test_it_says_how_far_it_is():
 
 def test_the_number_of_motions_is_checked():
     beliefs, motions = filtered([0.0, 1.0, 2.0], 5, seed=0)
-    with pytest.raises(ValueError, match="1 motions between 3 beliefs"):
+    with pytest.raises(ValueError, match="one motion fewer than beliefs; got 1 motions and 3 beliefs"):
         smoothed(beliefs, motions[:1], WALK, torch.Generator())
 
 

@@ -168,7 +168,7 @@ def test_what_cannot_be_a_map_is_refused(tmp_path):
     broken[1, 0] = torch.nan
     with pytest.raises(UserError, match="the first of them image 141"):
         builder.add(POSES[:3], broken)
-    with pytest.raises(UserError, match="descriptors have 5 values, those before had 12"):
+    with pytest.raises(UserError, match="descriptors have 5 values, but earlier ones have 12"):
         builder.add(POSES[:3], DESCRIPTORS[:3, :5])
     with pytest.raises(UserError, match=r"neighbours=141 must be in \[1, 140\]"):
         finish(builder, neighbours=141)

@@ -175,7 +175,7 @@ def test_a_missing_wheel_is_named_with_what_installs_it(cache, monkeypatch):
     assert "pip install 'sextant-vision[pretrained]'" in str(caught.value)
 
 
-@pytest.mark.parametrize(("content", "said"), [(b"altered", "SHA-256 differs"), (None, "is not there")])
+@pytest.mark.parametrize(("content", "said"), [(b"altered", "SHA-256 differs"), (None, "does not exist")])
 def test_a_wheel_with_another_file_is_refused_by_name(cache, monkeypatch, tmp_path, content, said):
     package = tmp_path / weights.PACKAGE
     (package / "models").mkdir(parents=True)

@@ -73,9 +73,9 @@ def test_what_it_cannot_do() -> None:
         whitened(world(10, 1, 8), 3)
     with pytest.raises(ValueError, match="shrinkage"):
         whitened(world(10, 2, 8), 3, shrinkage=0)
-    with pytest.raises(ValueError, match="9 are asked for"):
+    with pytest.raises(ValueError, match="9 are needed"):
         whitened(world(10, 2, 8), 9)
-    with pytest.raises(ValueError, match=r"2 components .* 3 are asked for"):
+    with pytest.raises(ValueError, match=r"2 components .* 3 are needed"):
         whitened(world(10, 2, 8), 3, components=2)
     with pytest.raises(ValueError, match="of no place differ"):
         whitened(world(10, 1, 8).expand(-1, 2, -1), 3)

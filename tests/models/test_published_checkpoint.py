@@ -111,8 +111,8 @@ def test_other_files_are_refused(path, content):
     [
         ([1, 2], "should hold epoch, state_dict and best_prec1"),
         ({"state_dict": {}}, "should hold epoch, state_dict and best_prec1"),
-        ({"epoch": 1, "best_prec1": 1.0, "state_dict": [1]}, "its state_dict is not one"),
-        ({"epoch": 1, "best_prec1": 1.0, "state_dict": {"fc.weight": 1}}, "its state_dict is not one"),
+        ({"epoch": 1, "best_prec1": 1.0, "state_dict": [1]}, "its state_dict is not a mapping of tensors"),
+        ({"epoch": 1, "best_prec1": 1.0, "state_dict": {"fc.weight": 1}}, "its state_dict is not a mapping of tensors"),
         ({"epoch": "one", "best_prec1": 1.0, "state_dict": {}}, "epoch is not a number"),
         ({"epoch": 1, "best_prec1": torch.ones(2), "state_dict": {}}, "best_prec1 is not a number"),
         ({"epoch": 1, "best_prec1": 1.0, "state_dict": {}}, "neither a ResNet nor a DenseNet"),

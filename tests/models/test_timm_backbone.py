@@ -39,7 +39,7 @@ def test_keys_that_do_not_fit_are_named(network, tmp_path):
     state = network.state_dict()
     state["another"] = state.pop("fc.bias")
     torch.save(state, tmp_path / "weights.pth")
-    with pytest.raises(UserError, match=r"lacks fc\.bias \(1 in all\); it holds besides another \(1 in all\)"):
+    with pytest.raises(UserError, match=r"lacks fc\.bias \(1 in all\); it also holds another \(1 in all\)"):
         timm_backbone(NAME, 3, (64, 64), 7, weights=str(tmp_path / "weights.pth"))
 
 

@@ -39,11 +39,11 @@ FILES = ("corruption=files", "corruption.folder=/nowhere")
 @pytest.mark.parametrize(
     ("overrides", "says"),
     [
-        *(((f"task={task}", *FILES), f"task={task} draws the corruptions of its images and has no use for files")
+        *(((f"task={task}", *FILES), f"task={task} draws the corruptions of its images and cannot use files")
           for task in ("calibration", "place_recognition", "localization")),
-        *(((f"task={task}", "corruption=cifar10_p"), f"task={task} draws the corruptions of its images and has no use "
-           "for sequences") for task in ("calibration", "place_recognition", "localization", "cosfire")),
-        ((*SCENES, *FILES), "files of corrupted images have classes, and scenes are places"),
+        *(((f"task={task}", "corruption=cifar10_p"), f"task={task} draws the corruptions of its images and cannot "
+           "use sequences") for task in ("calibration", "place_recognition", "localization", "cosfire")),
+        ((*SCENES, *FILES), "stored corrupted images are labelled with classes, not with places"),
         (("task=localization", "backbone=resnet18"), "backbone=torchvision_backbone(name=resnet18, weights=None): the "
          "descriptor (WhitenedPCA) has no network"),
         (("task=localization", "inhibition=push_pull"), "inhibition=PushPullInhibition"),
@@ -95,5 +95,5 @@ def test_a_backbone_with_its_inhibition_describes_a_map(choices):
 def test_scenes_take_a_backbone_as_it_is():
     changes = ("features=network", "backbone=efficientnet_lite0", "features.frozen=true", "inhibition=push_pull")
     checked("experiment=cosfire_places", *changes)
-    with pytest.raises(UserError, match="too few images each to train a network on"):
+    with pytest.raises(UserError, match="too few images each to train a network"):
         checked("experiment=cosfire_places", "features=network", "backbone=efficientnet_lite0")

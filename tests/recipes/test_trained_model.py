@@ -96,7 +96,7 @@ def shown(capsys, published, accuracy, tmp_path, **changes):
             "model_best.pth.tar",
             0.9170,
             {"precision": "bf16-mixed"},
-            "0.01 points below best_prec1 of model_best.pth.tar, 91.71 %, as computed in bf16-mixed: the file's is of",
+            "0.01 points below best_prec1 of model_best.pth.tar, 91.71 %, as computed in bf16-mixed; the file's was",
         ),
         ("model_best.pth.tar", 0.9171, {"same_images": False}, "not compared with best_prec1 of model_best.pth.tar"),
     ],

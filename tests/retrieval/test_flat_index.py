@@ -112,7 +112,7 @@ def test_damaged_and_foreign_folders_are_refused(saved, damage, complaint):
         ({"names": ["a"]}, "a name for each of the 5 descriptors; got 1"),
         ({"names": [1, 2, 3, 4, 5]}, "wrong kind"),
         ({"count": "5"}, "wrong kind"),
-        ({"count": 6}, "tells of 6 x 8"),
+        ({"count": 6}, "states 6 x 8"),
         ({"sha256": None}, "wrong kind"),
     ],
 )
@@ -128,7 +128,7 @@ def test_headers_that_lie_are_refused(saved, change, complaint):
     [
         (np.array([{}], object), "cannot be read"),
         (np.zeros((5, 8)), "holds float64"),
-        (rows(5)[:, :7], "tells of 5 x 8"),
+        (rows(5)[:, :7], "states 5 x 8"),
         (np.full((5, 8), np.nan, np.float32), "not finite"),
     ],
 )

@@ -124,7 +124,7 @@ def test_values_are_the_similarities_or_distances_of_the_neighbours(similarity):
     ("reference", "complaint"),
     [
         (np.zeros((0, 3), np.float32), "at least one reference"),
-        (np.full((2, 3), 1e30, np.float32), "too long for float32"),
+        (np.full((2, 3), 1e30, np.float32), "too large for float32"),
         (np.zeros((2, 3)), "float32"),
     ],
 )

@@ -43,7 +43,7 @@ def test_norms_are_one_and_nothing_is_divided_by_zero():
 
 def test_mistakes():
     rows = np.eye(3, dtype=np.float32)
-    with pytest.raises(ArgumentError, match="one photo is its own mean"):
+    with pytest.raises(ArgumentError, match="a single photo equals its mean"):
         centred(rows, rows[:1], "all")
     with pytest.raises(ArgumentError, match="centring=mean must be one of none, running, all"):
         centred(rows, rows, "mean")

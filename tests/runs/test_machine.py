@@ -41,7 +41,7 @@ def test_finished_runs_that_are_in_no_store_are_counted(tmp_path):
         run.metrics.write_text('{"outcome": "finished", "metrics": {}}')
     store = facts(tmp_path)["runs", "tracking store"]
     assert (store.state, store.found) == (
-        "note", f"2 runs are in no store; if they are to be in one, sextant dashboard outputs={tmp_path} fills it"
+        "note", f"2 runs are in no store; sextant dashboard outputs={tmp_path} adds them to one"
     )  # fmt: skip
     assert not (tmp_path / "mlflow.db").exists()
 
@@ -66,4 +66,4 @@ def test_doctor_ends_with_a_status(data, status, tmp_path, monkeypatch, capsys):
     except SystemExit as end:
         ended = end.code
     assert ended == status
-    assert ("is no folder" in capsys.readouterr().out) == bool(status)
+    assert ("is not a folder" in capsys.readouterr().out) == bool(status)

@@ -57,7 +57,7 @@ def test_a_damaged_plan_is_passed_over_for_one_that_can_be_read(tmp_path, conten
             read_plan(find_sweep(reference, tmp_path))
     directory, said = plan().write(tmp_path), Hears()
     assert find_sweep("demo", tmp_path, said) == directory
-    assert said.heard == [f"{damaged}/cells.json is missing or damaged, and is passed over"]
+    assert said.heard == [f"{damaged}/cells.json is missing or damaged, and is skipped"]
     assert plan(digest="d2").resumed(tmp_path) == plan(digest="d2")
 
 

@@ -47,14 +47,14 @@ MISTAKES = {
     ),
     "missing module": (
         ["backbone._target_=gone.Network"],
-        "backbone._target_=gone.Network: gone.Network: there is no such module",
+        "backbone._target_=gone.Network: gone.Network: no such module",
     ),
     "missing name": (
         ["optimizer._target_=sextant.Gone"],
         "optimizer._target_=sextant.Gone: sextant.Gone: sextant has no Gone",
     ),
     "missing module in a sweep": (["-m", "seed=0,1", "loss._target_=gone.Loss", "task=calibration"], "loss._target_"),
-    "nothing to call": (["backbone._target_=math.pi"], "backbone._target_=math.pi is no class or function"),
+    "nothing to call": (["backbone._target_=math.pi"], "backbone._target_=math.pi is not a class or function"),
     "batch larger than the data": (
         ["trainer.batch_size=1000000"],
         "trainer.batch_size=1000000: dataset=digits has 1,294 images to train on",
@@ -65,7 +65,7 @@ MISTAKES = {
     ),
     "corruptions of places": (
         ["task=place_recognition", "corruption=cifar10_p"],
-        "corruption: task=place_recognition draws the corruptions of its images and has no use for sequences",
+        "corruption: task=place_recognition draws the corruptions of its images and cannot use sequences",
     ),
     "start from no run": (["init_from=gone"], "init_from=gone: no run, run directory or checkpoint"),
     "descriptor of no run": (
@@ -131,7 +131,7 @@ def test_light_paths_import_nothing_heavy(arguments, status, said, tmp_path):
 @pytest.mark.parametrize(
     ("verb", "arguments", "said"),
     [
-        ("evaluate", [], "which run?"),
+        ("evaluate", [], "run= is missing"),
         ("evaluate", ["run=nothing"], "There are no trained runs here yet"),
         ("predict", ["run=nothing"], "input= is missing"),
         ("predict", ["run=nothing", "trust=yes"], "trust=yes must be true or false"),

@@ -56,6 +56,22 @@ def test_a_run_that_was_not_sent_gets_there_whole_and_once(tmp_path):
     assert len(runs_in(store)) == 1
 
 
+def test_the_description_of_a_run_begins_with_its_main_metric_and_the_users_text_is_kept(tmp_path):
+    for seed in range(2):
+        made_up_run(tmp_path, seed)
+    store = open_store("sqlite", None, tmp_path)
+    refill(store, tmp_path)
+    first, second = runs_in(store)
+    assert first.data.tags["mlflow.note.content"] == "**test/accuracy/clean = 0.9**"
+    for run, note in ((first, "mine"), (second, "")):
+        store.client.set_tag(run.info.run_id, "mlflow.note.content", note)
+        store.client.delete_tag(run.info.run_id, "sextant.result")  # as before there was one
+    assert refill(store, tmp_path) == 2
+    notes = [store.client.get_run(run.info.run_id).data.tags["mlflow.note.content"] for run in (first, second)]
+    assert notes == ["mine", "**test/accuracy/clean = 0.9**"]
+    assert refill(store, tmp_path) == 0
+
+
 def test_a_run_that_logs_elsewhere_is_left_to_whoever_asks_for_all(tmp_path):
     made_up_run(tmp_path, 0, tracking={**HERE, "kind": "server", "uri": "http://there"})
     store = open_store("sqlite", None, tmp_path)
@@ -125,7 +141,7 @@ def test_a_run_that_the_store_refuses_is_named_and_the_others_get_there(tmp_path
 
     monkeypatch.setattr(MlflowClient, "log_batch", refusing)
     listener = Listener()
-    with pytest.raises(UserError, match="did not take classification/12345678-s0"):
+    with pytest.raises(UserError, match="refused classification/12345678-s0"):
         refill(open_store("sqlite", None, tmp_path), tmp_path, reporter=listener)
     assert any("not this one" in text for text in listener.heard)
     store = open_store("sqlite", None, tmp_path)
@@ -189,8 +205,9 @@ def test_a_damaged_sweep_keeps_no_other_from_its_parent(tmp_path):
     damaged, store, said = find_sweep("a", tmp_path) / "cells.json", open_store("sqlite", None, tmp_path), Listener()
     damaged.write_text("{")
     assert refill(store, tmp_path, reporter=said) == 2
-    assert [run.info.run_name for run in runs_in(store) if "sextant.sweep" in run.data.tags] == ["s"]
-    assert f"{damaged} is missing or damaged, and is passed over" in said.heard
+    (name,) = [run.info.run_name for run in runs_in(store) if "sextant.sweep" in run.data.tags]
+    assert name == find_sweep("s", tmp_path).name.replace("-", " ")
+    assert f"{damaged} is missing or damaged, and is skipped" in said.heard
 
 
 def killed(outputs, monkeypatch, *overrides):

@@ -77,7 +77,9 @@ def test_a_dashboard_says_its_address_alone_and_if_it_is_killed_it_leaves_no_ser
             return probe.connect_ex(("127.0.0.1", port)) == 0
 
     family = descendants_of(dashboard, 2, listening)
-    for page in ("", "ajax-api/2.0/mlflow/experiments/search?max_results=1", "none"):
+    with urlopen(f"http://127.0.0.1:{port}/", timeout=60) as answer:
+        assert b'"mlflow.workflowType_v1": "machine_learning"' in answer.read()
+    for page in ("ajax-api/2.0/mlflow/experiments/search?max_results=1", "none"):
         with suppress(HTTPError), urlopen(f"http://127.0.0.1:{port}/{page}", timeout=60) as answer:
             answer.read()
     dashboard.kill()

@@ -217,6 +217,34 @@ def test_a_name_that_an_older_sqlalchemy_cannot_hold_is_refused_before_anything_
     assert preflight([f"paths.outputs={tmp_path / 'q?x'}", "tracking=none"])["tracking"]["kind"] == "none"
 
 
+def test_an_empty_default_experiment_is_removed_and_one_with_a_run_is_kept(tmp_path):
+    for name, runs in (("empty", 0), ("used", 1)):
+        store = open_store("sqlite", None, tmp_path / name)
+        store.experiment_id("classification")
+        for _ in range(runs):
+            store.client.delete_run(store.client.create_run("0").info.run_id)  # it can be restored
+        store.tidy()
+        store.tidy()
+        shown = {found.name for found in store.client.search_experiments()}
+        assert shown == {"classification", *(["Default"] if runs else [])}
+        assert open_store("sqlite", None, tmp_path / name).experiment_id("classification")
+
+
+def test_experiments_of_earlier_versions_are_brought_up_to_date_and_the_users_text_is_kept(tmp_path):
+    store = open_store("sqlite", None, tmp_path)
+    former = "Push-pull.\n\nRuns with a plus sign are sweeps: their page has the question."
+    notes = {"classification": former, "calibration": "my own words", "places": None}
+    for name, note in notes.items():
+        store.client.create_experiment(name, tags={} if note is None else {"mlflow.note.content": note})
+    store.tidy()
+    found = {each.name: each.tags for each in store.client.search_experiments()}
+    assert {tags["mlflow.experimentKind"] for tags in found.values()} == {"custom_model_development"}
+    assert found["calibration"]["mlflow.note.content"] == "my own words"
+    for name in ("classification", "places"):
+        assert "| tag `arm` |" in found[name]["mlflow.note.content"]
+    assert former not in found["classification"]["mlflow.note.content"]
+
+
 @pytest.mark.parametrize("name", ["a/b", "..", ".", "/etc", "a b", "50%", "x?y#z"])
 def test_the_artifacts_of_an_experiment_are_in_one_folder_of_the_store(tmp_path, name):
     store = open_store("sqlite", None, tmp_path)

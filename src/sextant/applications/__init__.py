@@ -1,6 +1,6 @@
-"""What users do with a trained model: classify images, localize a robot, calibrate, match and detect.
+"""Applications of trained models: classify images, localize a robot, calibrate photos, match places, detect patterns.
 
-No console, and no imports of Hydra, Lightning or MLflow. Errors are raised as :class:`sextant.errors.UserError`.
+They print nothing and import no Hydra, Lightning or MLflow. Errors are raised as :class:`sextant.errors.UserError`.
 """
 
 from importlib import import_module
@@ -13,6 +13,7 @@ _HERE = {
     "FailedPhoto": "sextant.applications.failures",
     "FailedPhotosError": "sextant.applications.failures",
     "ImageClassifier": "sextant.chapters.classification.classifier",
+    "LocatedPhoto": "sextant.chapters.localization.pose_map",
     "LocalizedPose": "sextant.chapters.localization.localizer",
     "Localizer": "sextant.chapters.localization.localizer",
     "LookedUp": "sextant.chapters.places.place_map",
@@ -21,6 +22,7 @@ _HERE = {
     "PhotoCamera": "sextant.chapters.calibration.photo_camera",
     "PlaceMap": "sextant.chapters.places.place_map",
     "PlaceMatch": "sextant.chapters.places.place_map",
+    "PoseMap": "sextant.chapters.localization.pose_map",
 }
 __all__ = list(_HERE)
 

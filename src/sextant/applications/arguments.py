@@ -51,17 +51,17 @@ def check_share(argument: str, value: Any, fix: str) -> None:
 
 
 def check_apart(output: Path, photos: Sequence[Path] = (), /, *, key: str = "output", **inputs: Path | str) -> None:
-    """Check that results go to no folder that is read: they would replace files there, or be read the next time.
+    """Check that results are not written to an input folder: they would replace files, or be read by the next run.
 
-    Folders are compared as the file system does, so that links, ``..`` and, where it ignores it, case make no
-    difference. The folder around an input is fine, and so is a folder within ``input``, whose pictures are known by
-    their names; within a map or queries it is not, since other commands read these.
+    Folders are compared by their identity in the file system, so links, ``..`` and, on case-insensitive file systems,
+    case make no difference. The folder around an input is allowed, and so is a folder within ``input``, where written
+    pictures are recognized by their names; one within a map or queries is not, since other commands read these.
 
     Args:
         output: folder of the results, which need not exist.
         photos: files that are read.
-        key: of the output, for messages.
-        inputs: what the user named, by key; what is not a folder is its file.
+        key: key of the output, for messages.
+        inputs: folders that the user named, by key; anything but a folder is ignored.
 
     Raises:
         ArgumentError: the output is a file, a folder of the photos or one of the inputs, or lies in a map.
@@ -77,28 +77,26 @@ def check_apart(output: Path, photos: Sequence[Path] = (), /, *, key: str = "out
     beside = f"Name a folder of its own: {key}={whole.parent / f'{whole.name}_found'}"
     around = {_identity(each) for each in whole.parents}
     if _identity(whole) in {_identity(each) for each in {photo.parent for photo in photos}}:
-        raise ArgumentError(
-            f"{key}={output} is a folder of the photos: what is found would replace files there", beside
-        )
+        raise ArgumentError(f"{key}={output} is a folder of the photos: results would replace files there", beside)
     for name, given in inputs.items():
         path = Path(given).expanduser()
         if not path.is_dir():
             continue
         if (own := _identity(path)) == _identity(whole):
-            raise ArgumentError(f"{key}={output} is {name}={given}: what is found would be mixed with it", beside)
+            raise ArgumentError(f"{key}={output} is {name}={given}: results would be mixed with it", beside)
         if name != "input" and own in around:
             where = path.resolve().parent / f"{path.resolve().name}_found"
             raise ArgumentError(
-                f"{key}={output} lies in {name}={given}: what is found would be taken for a part of it the next time",
+                f"{key}={output} lies in {name}={given}: results would be read as part of it by the next run",
                 f"Name a folder of its own: {key}={where}",
             )
 
 
 def check_own_file(key: str, output: Path, read: Sequence[Path | str], endings: Sequence[str]) -> None:
-    """Check that a file of results is none of those that are read, and that its name ends as its content wants.
+    """Check that an output file is not one of the inputs, and that its name has one of the ``endings``.
 
     Raises:
-        ArgumentError: it is a folder, by any name one of the files or folders that are read, or ends otherwise.
+        ArgumentError: it is a folder, an input by any of its names, or has another ending.
 
     Example:
         >>> check_own_file("json", Path("errors.json"), ["reference.txt", "estimate.txt"], [".json"])
@@ -112,7 +110,7 @@ def check_own_file(key: str, output: Path, read: Sequence[Path | str], endings: 
 
 
 def _identity(path: Path) -> tuple[int, int] | str:
-    """What two names of one folder have in common; a folder that does not exist has one name."""
+    """A key shared by all names of a file or folder; the resolved path if it does not exist."""
     try:
         found = path.stat()
     except OSError:
@@ -121,7 +119,7 @@ def _identity(path: Path) -> tuple[int, int] | str:
 
 
 def check_several(argument: str, given: Any) -> None:
-    """Raise an ``ArgumentError`` if one path, or another single thing, was given in place of several."""
+    """Raise an ``ArgumentError`` if a single path or other object was given instead of several."""
     if isinstance(given, Path | str):
         raise ArgumentError(
             f"{argument}={given} is one path; several {argument} are expected",

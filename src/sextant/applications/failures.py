@@ -49,8 +49,8 @@ class FailedPhotosError(UserError):
         Args:
             failed: the photos that could not be used.
             count: number of all photos.
-            done: what they could not be, such as ``calibrated``.
-            rest: what to do to get the others, if there are any.
+            done: participle of the failed action, such as ``calibrated``.
+            rest: advice for getting the results of the others, if there are any.
         """
         none = len(failed) == count
         problem = f"none of {count:,} photos could be {done}"
@@ -65,11 +65,11 @@ class FailedPhotosError(UserError):
 
 
 def attempted(name: str, work: Callable[..., Result], *given: Any) -> Result | FailedPhoto:
-    """Apply ``work`` to a photo; if it fails, return the reason instead, so that other photos go on.
+    """Apply ``work`` to a photo; if it fails, return the reason, so that other photos are still processed.
 
     Args:
         name: name of the photo.
-        work: works on this photo only.
+        work: function that processes this photo only.
         given: arguments of ``work``.
     """
     try:
@@ -87,10 +87,10 @@ def several(photos: Iterable[Photo], errors: Errors, argument: str = "photos") -
     Args:
         photos: files or arrays.
         errors: checked as well.
-        argument: what the caller calls the photos.
+        argument: name of the caller's argument.
 
     Raises:
-        ArgumentError: it is not a collection of photos, or ``errors`` is not one of :data:`Errors`.
+        ArgumentError: ``photos`` is not a collection, or ``errors`` is not one of :data:`Errors`.
     """
     check_errors(errors)
     check_several(argument, photos)
@@ -115,7 +115,7 @@ def raise_failed(
     Args:
         found: results, with a :class:`FailedPhoto` for each photo that failed.
         count, done, rest: as for :meth:`FailedPhotosError.of`.
-        errors: what the user chose.
+        errors: the user's choice.
 
     Raises:
         FailedPhotosError: a photo failed.

@@ -41,12 +41,12 @@ def as_pixels(image: AnyImage, size: Size | None = None) -> UInt8[ndarray, "h w 
     """An image as bytes, stretched to a size as files are; an image that has the size keeps its values.
 
     Args:
-        image: the image. Whole numbers in [0, 255] of any type are bytes; a Pillow image is turned upright by its EXIF
-            block, and grey becomes colour or colour grey where that is needed.
+        image: the image. Whole numbers in [0, 255] of any type are bytes; a Pillow image is rotated upright by its
+            EXIF block, and converted between grey and colour where needed.
         size: required height, width and channels; None for its own.
 
     Raises:
-        UserError: it is not an image, or its values are ambiguous, as those of floating-point arrays are.
+        UserError: it is not an image, or its values are ambiguous, like those of floating-point arrays.
     """
     if isinstance(image, Path | str):
         path = Path(image).expanduser()
@@ -80,7 +80,7 @@ def several_pixels(
     """Images of one size, by default that of the first.
 
     Raises:
-        UserError: there are none, or one is not an image; the message gives its number, from 0.
+        UserError: there are none, or one is not an image; the message gives its index, from 0.
     """
     if isinstance(images, ndarray) and images.ndim == 4 and images.dtype == np.uint8 and len(images):
         return images

@@ -1,4 +1,4 @@
-"""The message when the disk refuses what is written into the folder ``output``."""
+"""The error message when writing to the folder ``output`` fails."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from sextant.errors import UserError
 
 @contextmanager
 def telling_write_errors(folder: Path) -> Iterator[None]:
-    """Turn write errors in the block into one message. Nothing that reads belongs inside the block.
+    """Turn write errors in the block into one message. Do not read files inside the block.
 
     Raises:
         UserError: the disk is full, or ``folder`` cannot be written to.
@@ -21,7 +21,7 @@ def telling_write_errors(folder: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno in FULL:
             raise UserError(
-                f"output={folder}: the disk is full ({readable(free_bytes(folder))} free), not everything was written",
+                f"output={folder}: the disk is full ({readable(free_bytes(folder))} free), so the output is incomplete",
                 "Free some space and repeat the command, or write to another disk: output=/path",
             ) from None
         raise UserError(

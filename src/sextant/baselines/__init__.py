@@ -1,8 +1,8 @@
-"""Training-free and linear descriptors of places: what a learned descriptor has to beat.
+"""Training-free and linear descriptors of places, the baselines of learned descriptors.
 
-Each has ``fit(images)`` and ``describe(images)``, takes its parameters in the constructor alone, and is compared by
+Each has ``fit(images)`` and ``describe(images)``, takes its parameters only in the constructor, and is compared by
 cosine similarity. ``LDA`` and ``CCA`` instead learn from pairs of images, by ``fit_pairs(reference, query)``, and
-describe images of the query's condition by ``describe_query(images)``, which for all others is ``describe``.
+describe images of the query's condition by ``describe_query(images)``, which for all others equals ``describe``.
 """
 
 from sextant.baselines.learned_projections import CCA, LDA, PairedDescriptor, WhitenedPCA

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sklearn.decomposition import PCA
 
 
-#: Components with a smaller share of the first one's variance are rounding, which whitening would blow up.
+#: Components below this share of the first one's variance are rounding errors, which whitening would amplify.
 SMALLEST_SHARE = 1e-7
 
 
@@ -44,7 +44,7 @@ def whitening(rows: Float32[ndarray, "n d"], dimensions: int, *, or_fewer: bool 
         raise ValueError(f"dimensions={dimensions} needs more reference images than that; got {len(rows)}")
     if dimensions > rows.shape[1]:
         raise ValueError(f"dimensions={dimensions}, but a descriptor has only {rows.shape[1]} numbers")
-    # with fewer rows than numbers in a row, the covariance takes far longer than the rows themselves
+    # with fewer rows than numbers in a row, decomposing the covariance takes far longer than decomposing the rows
     solver = "full" if len(rows) < rows.shape[1] else "covariance_eigh"
     pca = PCA(dimensions, whiten=True, svd_solver=solver).fit(rows)
     variance = pca.explained_variance_
@@ -209,13 +209,13 @@ def _principal(first: ndarray, second: ndarray, components: int) -> ndarray:
 
 
 def ridge(covariance: ndarray, share: float) -> ndarray:
-    """``C + share * tr(C) / p * I``: the covariance with its small directions lifted."""
+    """``C + share * tr(C) / p * I``: the covariance, regularized by a share of its mean variance."""
     size = len(covariance)
     return np.asarray(covariance + share * np.trace(covariance) / size * np.eye(size))
 
 
 class LDA(PairedDescriptor):
-    r"""The directions in which places differ most relative to how much one place differs between two conditions.
+    r"""The directions with the largest variation between places relative to that of a place between two conditions.
 
     With components :math:`a_i, b_i` of place i in the two conditions, each of mean 0,
 
@@ -268,14 +268,14 @@ class LDA(PairedDescriptor):
 class CCA(PairedDescriptor):
     r"""One map for each condition, such that the two descriptors of a place agree.
 
-    With covariances :math:`C_{aa}, C_{bb}, C_{ab}` of the components, where each covariance of one condition is lifted
-    by γ times its mean variance, and the singular value decomposition
+    With covariances :math:`C_{aa}, C_{bb}, C_{ab}` of the components, the first two regularized by γ times their mean
+    variance, and the singular value decomposition
 
     .. math:: C_{aa}^{-1/2} C_{ab} C_{bb}^{-1/2} = U R V^\top, \qquad
        A = C_{aa}^{-1/2} U R^{\alpha}, \quad B = C_{bb}^{-1/2} V R^{\alpha},
 
     R holds the canonical correlations, largest first, of which ``dimensions`` are kept. α = 1/2 is the posterior mean
-    of the latent variable of probabilistic CCA; α = 0 weights all alike. Inverse roots are taken by Cholesky factors.
+    of the latent variable of probabilistic CCA; α = 0 weights all alike. Inverse roots are Cholesky factors.
     The descriptor is scaled to norm one.
 
     Sources: H. Hotelling, Biometrika 1936; H. D. Vinod, "Canonical ridge", Journal of Econometrics 1976; F. Bach and
@@ -307,7 +307,7 @@ class CCA(PairedDescriptor):
         self.shrinkage, self.weighting = shrinkage, weighting
 
     def learn_maps(self, reference: ndarray, query: ndarray) -> tuple[ndarray, ndarray]:
-        """Canonical directions of each condition; ``correlations_`` are those of the lifted covariances."""
+        """Canonical directions of each condition; ``correlations_`` are those of the regularized covariances."""
         from scipy.linalg import solve_triangular, svd
 
         if not self.shrinkage > 0 or not self.weighting >= 0:

@@ -13,16 +13,16 @@ Scaling = Literal["all", "each", "unit"]
 SCALINGS: tuple[Scaling, ...] = get_args(Scaling)
 #: tolerance of the dual problem's solver
 TOLERANCE = 0.01
-#: with this many times fewer images than features the SVM is fitted in the span of the images
+#: ratio of features to images above which the SVM is fitted in the span of the images
 FEWER = 2
 
 
 @dataclass(frozen=True)
 class LinearSVM:
-    """Scores ``x @ weights.T + bias``, of which the largest wins; with scaling ``unit``, x is first scaled to norm 1.
+    """Class scores ``x @ weights.T + bias``, the largest wins; with scaling ``unit``, x is first scaled to norm 1.
 
     Attributes:
-        c: the C that it was fitted with, the weight of an error.
+        c: the fitted SVM's C, the weight of an error.
         scaling: scaling of the features.
     """
 
@@ -43,11 +43,11 @@ class LinearSVM:
     ) -> "LinearSVM":
         """Fit to ``labels`` in [0, count); classes without any image never win.
 
-        Features are first centred and images scaled to a mean squared norm of 1, which the weights absorb: C then
-        means the same whatever the unit and number of the features.
+        Features are first centred and images scaled to a mean squared norm of 1, which the weights absorb, so that the
+        effect of C does not depend on the unit and number of the features.
 
         Args:
-            features, labels: those of the images.
+            features, labels: features and labels of the images.
             count: number of classes.
             c: C, the weight of an error.
             seed: seed of the order in which the solver visits images.
@@ -70,9 +70,9 @@ class LinearSVM:
             raise ValueError("an SVM needs images of at least two classes")
         svm = LinearSVC(C=c, random_state=seed, max_iter=5000, dual=True, tol=TOLERANCE)
         with warnings.catch_warnings():
-            # little is left to gain after so many iterations, and validation images judge the result
+            # further iterations gain little, and C is chosen on validation images
             warnings.simplefilter("ignore", ConvergenceWarning)
-            # some classes are known from a single image
+            # some classes have a single image
             warnings.filterwarnings("ignore", "The number of unique classes", UserWarning)
             svm.fit(images.seen, labels)
         found = (svm.coef_ if images.basis is None else svm.coef_ @ images.basis.T) / images.deviation
@@ -94,7 +94,7 @@ class LinearSVM:
         seed: int = 0,
         scalings: tuple[Scaling, ...] = ("all",),
     ) -> "LinearSVM":
-        """The SVM with most correct validation images; ties go to the first scaling and the lowest C.
+        """The SVM with the most correct validation images; ties go to the first scaling and the lowest C.
 
         Raises:
             ValueError: there is no validation image, or all images are of one class.
@@ -111,7 +111,7 @@ class LinearSVM:
         return svms[int(np.argmax(right))]
 
     def scores(self, features: Float[ndarray, "n d"]) -> Float[ndarray, "n k"]:
-        """How much each image looks like each class."""
+        """Scores of every class for each image."""
         seen = _at_unit_length(features) if self.scaling == "unit" else features
         return np.asarray(seen @ self.weights.T + self.bias)
 
@@ -124,7 +124,7 @@ def _at_unit_length(features: Float[ndarray, "n d"]) -> Float[ndarray, "n d"]:
 
 @dataclass(frozen=True)
 class _Scaled:
-    """Images as an SVM sees them: centred and scaled, and if they are few, by their coordinates in ``basis``."""
+    """Inputs of the SVM: centred and scaled features, given by their coordinates in ``basis`` if images are few."""
 
     seen: Float[ndarray, "n k"]
     basis: Float[ndarray, "d k"] | None

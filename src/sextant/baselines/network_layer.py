@@ -23,13 +23,13 @@ BATCH = 64
 
 
 class NetworkLayer(PlaceDescriptor):
-    """``unit(whiten(mean over the cells of a grid (f(image))))``; the network f is used as it is.
+    """``unit(whiten(mean over the cells of a grid (f(image))))``; the network f is not trained further.
 
     Args:
         features: maps images ``(b, channels, h, w)`` in [0, 1] to a map ``(b, c, h2, w2)``.
-        height, width: size in pixels to which images are brought first.
+        height, width: size in pixels to which images are resized first.
         channels: 1 or 3; grey images are repeated for 3, colours are averaged for 1.
-        grid: rows and columns of cells; at most those of the map are used.
+        grid: rows and columns of cells, at most as many as the map has.
         dimensions: number of whitened principal components, learnt by ``fit`` from reference images; None keeps all
             numbers.
 

@@ -60,7 +60,7 @@ class PlaceDescriptor(ABC):
         self.height, self.width = height, width
 
     def fit(self, images: UInt8[ndarray, "n h w c"]) -> Self:
-        """Learn from the reference images; most descriptors learn nothing."""
+        """Fit to the reference images; most descriptors need no fitting."""
         return self
 
     def describe(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
@@ -73,7 +73,7 @@ class PlaceDescriptor(ABC):
         return np.concatenate([self.describe_grey(grey_images(chunk, self.height, self.width)) for chunk in chunks])
 
     def describe_query(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
-        """The same, of images of the query's condition; only descriptors learnt from pairs distinguish the two."""
+        """The same for images of the query's condition; only descriptors learnt from pairs distinguish the two."""
         return self.describe(images)
 
     @abstractmethod
@@ -121,7 +121,7 @@ def standardised(values: Float32[ndarray, "*batch d"]) -> Float32[ndarray, "*bat
 class PatchNormalised(PlaceDescriptor):
     """``(x - mean_P(x)) / sd_P(x)`` in each square patch P of a grid: ``height * width`` values, patch by patch.
 
-    SeqSLAM sums absolute differences; cosine similarity ranks alike on standardised values and needs one matrix
+    SeqSLAM sums absolute differences; cosine similarity gives a similar ranking of standardised values with one matrix
     product. Flat patches become zeros.
 
     Source: Milford and Wyeth 2012, "SeqSLAM", section III.

@@ -22,6 +22,7 @@ VERBS = {
         "sextant.cli.localize",
         "where the images of a folder, video, ROS bag or camera were taken, also live",
     ),
+    "locate": ("sextant.cli.locate", "the poses of photos or a video, among photos with poses"),
     "walk": ("sextant.cli.walk", "localize images of an unknown camera in a map of another season"),
     "benchmark": ("sextant.cli.benchmark", "measure calibration on photos of known cameras, in one table"),
     "sweep": ("sextant.cli.sweep", "status of a sweep that runs elsewhere; attach to it, or cancel it"),
@@ -80,7 +81,7 @@ def _run(verb: str, arguments: list[str]) -> None:
     from sextant.tracking.environment import quiet_libraries
 
     quiet_libraries()
-    if not sys.warnoptions:  # what libraries warn of is for programmers
+    if not sys.warnoptions:  # warnings of libraries address programmers
         warnings.simplefilter("ignore")
     import_module(VERBS[verb][0]).main([word for argument in arguments for word in spelled_out(argument)])
 

@@ -36,7 +36,7 @@ class BenchmarkOptions(Options):
 def main(arguments: Sequence[str]) -> None:
     """Run the benchmark, and show and write its tables."""
     if not {"calibration", "-h", "--help"} & set(arguments):
-        raise UserError("benchmark: what is measured is missing", USAGE)
+        raise UserError("benchmark: name what to measure", USAGE)
     options = BenchmarkOptions.parse([each for each in arguments if each != "calibration"], USAGE)
     check_apart(options.output, folder=options.folder)
     make_output(options.output)

@@ -29,7 +29,7 @@ class ClaimsOptions(Options):
     workers: int | None = Field(None, ge=1, examples=[2])
     """processes on this machine for the sweeps of a preset; launcher.* and tracking.* are passed on to the sweeps"""
     output: UserPath | None = None
-    """folder for claims.md and its pictures (default for all claims: results, or outputs/claims/<preset> with a preset)"""
+    """folder for claims.md and its pictures (default for all claims: results, or outputs/claims/<preset>)"""
     html: UserPath | None = None
     """folder for claims.html: the board as one page with charts, without server or network"""
     digests: Literal["check", "renew"] = "check"
@@ -37,7 +37,7 @@ class ClaimsOptions(Options):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Decide claims, write their board, and list the verdicts; or say what their designs can show."""
+    """Decide claims, write their board, and list the verdicts; or list what their designs can detect."""
     if arguments[:1] == ["plan"]:
         _plan(ClaimsOptions.parse(arguments[1:], USAGE))
         return
@@ -45,9 +45,9 @@ def main(arguments: Sequence[str]) -> None:
     options = ClaimsOptions.parse([each for each in arguments if each not in handed_on], USAGE)
     of_sweeps = handed_on + [f"workers={options.workers}"] * bool(options.workers)
     if of_sweeps and options.preset == "stored":
-        raise UserError(f"{of_sweeps[0]} is of the sweeps of a preset, and none is chosen", "Add preset=quick or full")
+        raise UserError(f"{of_sweeps[0]} needs a preset: it applies to its sweeps", "Add preset=quick or full")
     if options.workers and any(each.startswith("launcher=") and each != "launcher=joblib" for each in handed_on):
-        raise UserError(f"workers={options.workers} goes with launcher=joblib alone")
+        raise UserError(f"workers={options.workers} requires launcher=joblib")
     for key in ("output", "html"):
         if (folder := getattr(options, key)) is not None:
             make_output(folder, key)
@@ -74,10 +74,10 @@ def main(arguments: Sequence[str]) -> None:
     for sweep, why in tables.left_out.items():
         console.print(f"not run: {sweep}: {why}", markup=False)
     if not decided:
-        raise UserError(f"none of {len(claims)} claims could be decided: none of their sweeps was run, as said above")
+        raise UserError(f"none of {len(claims)} claims could be decided: none of their sweeps was run, see above")
     chosen = options.output or (output if options.claim == "all" else None)  # the board in results covers all claims
     pages = life.write_board(claims, tables, command, chosen, options.html)
-    table = Table("claim", "verdict", "runs", "effect in its favour, 95 %", "asked", "rests on", "to decide")
+    table = Table("claim", "verdict", "runs", "effect in its favour, 95 %", "required", "rests on", "to decide")
     for claim in decided:
         first = claim.deciding
         more = advice(first, len(claim.counting)) if claim.verdict == "undecided" else ""
@@ -89,9 +89,9 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _plan(options: ClaimsOptions) -> None:
-    """List what the designs of claims can show, and what they cost."""
+    """List the power and cost of the designs of claims."""
     if extra := sorted(options.model_fields_set - {"claim"}):
-        raise UserError(f"claims plan: {extra[0]} is of the verdicts", "claims plan claim=<name>")
+        raise UserError(f"claims plan: {extra[0]} applies only to verdicts", "claims plan claim=<name>")
     from sextant.lifecycle import claims as life
     from sextant.lifecycle.claim_files import read_claims
     from sextant.lifecycle.claim_plan import plan_claims
@@ -99,7 +99,7 @@ def _plan(options: ClaimsOptions) -> None:
     claims = read_claims(options.claim)
     plans = list(plan_claims(claims, life.Tables(life.stored_results())))
     if not plans:
-        raise UserError(f"claim={options.claim} is counted: it has no design, and needs no replicates")
+        raise UserError(f"claim={options.claim} rests on counts: it has no design and needs no replicates")
     table = Table("claim", "replicates", "spread", "detectable", "power", "needed", "runs", "core-hours")
     for plan in plans:
         each = f" x {plan.seeds} seeds" * (plan.seeds > 1)
@@ -110,7 +110,7 @@ def _plan(options: ClaimsOptions) -> None:
         )
     console.print(table)
     hours = sum(plan.core_hours for plan in plans)
-    console.print(f"together {hours:.0f} core-hours; the power is that of each comparison, at the effect beside it")
+    console.print(f"{hours:.0f} core-hours in total; the power of each comparison is at the effect next to it")
     for plan in plans if options.claim != "all" else []:
         said = f"fixed {plan.claim.date}; at least {plan.claim.matters:g} {plan.claim.unit}: {plan.claim.reason}"
         console.print(said, markup=False)

@@ -44,7 +44,7 @@ def main(arguments: Sequence[str]) -> None:
         if run is not None and run.results() is None:
             raise UserError(
                 f"{run.metrics} is missing or damaged: the run has no metrics to compare",
-                "If the run is not finished, its command resumes it; if the file is damaged, delete the run first.",
+                "If the run is unfinished, its command resumes it; if the file is damaged, delete the run first.",
             )
     table = Table("metric", *map(escape, names), "difference", "seeds alone", "", title="metrics", title_justify="left")
     for metric in found.metrics:

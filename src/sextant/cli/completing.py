@@ -1,7 +1,7 @@
 """Completion in the shell: ``eval "$(sextant -sc install=bash)"``, then the verbs, keys and values by the tab key.
 
 The flag and the variable ``COMP_LINE`` are those of Hydra's own completion, which a shell may already have installed
-for ``python``: whatever script it then asks answers with words, or with nothing, but never with an error.
+for ``python``: every script that it then calls prints completions or nothing, never an error.
 """
 
 import os
@@ -19,7 +19,7 @@ BASH = f"""\
 _sextant() {{ local IFS=$'\\n'; COMPREPLY=($({ASKS.format(line='"${COMP_LINE:0:COMP_POINT}"', shell="bash")})); }}
 COMP_WORDBREAKS=${{COMP_WORDBREAKS//=}}
 complete -o nospace -o default -F _sextant sextant"""
-#: what a shell evaluates to ask for completions
+#: shell code that requests completions
 SCRIPTS = {
     "bash": BASH,
     "zsh": f"autoload -U +X bashcompinit && bashcompinit\n{BASH}",
@@ -28,13 +28,13 @@ SCRIPTS = {
 
 
 def completes(verb: str, arguments: Sequence[str]) -> bool:
-    """Whether a call is one for completion; Hydra installs its own for ``python train.py``."""
+    """Whether a call requests completion; Hydra installs its own for ``python train.py``."""
     asks = any(word in FLAGS for word in (verb, *arguments))
     return asks and not (verb == "train" and any("install=" in word for word in arguments))
 
 
 def complete(verb: str, arguments: Sequence[str], verbs: Mapping[str, tuple[str, str]]) -> None:
-    """Print the script that installs completion, or the words that may stand where the cursor is.
+    """Print the script that installs completion, or the completions at the cursor.
 
     Args:
         verb: the script that was called; a flag or nothing for ``sextant`` itself.
@@ -43,14 +43,14 @@ def complete(verb: str, arguments: Sequence[str], verbs: Mapping[str, tuple[str,
     """
     install = next((word.partition("=")[2] for word in arguments if word.startswith("install=")), None)
     if install is not None:
-        print(SCRIPTS.get(install, f"echo 'sextant completes in {', '.join(SCRIPTS)}, not in {install}'"))
+        print(SCRIPTS.get(install, f"echo 'sextant supports completion in {', '.join(SCRIPTS)}, not in {install}'"))
         return
     with open(os.devnull, "w") as nowhere, redirect_stderr(nowhere), suppress(Exception, SystemExit):
         print("\n".join(candidates(os.environ.get("COMP_LINE", ""), verb if verb in verbs else None, verbs)))
 
 
 def candidates(line: str, verb: str | None, verbs: Mapping[str, tuple[str, str]]) -> list[str]:
-    """The words that may stand at the end of a command line.
+    """The possible completions of the last word of a command line.
 
     Args:
         line: the line up to the cursor: ``sextant <verb> ..`` or ``python <verb>.py ..``.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 USAGE = "sextant dashboard [port=5000] [serve=true]\nsextant dashboard tracking=server tracking.uri=http://host:5000"
 HOST = "127.0.0.1"
-#: the list of experiments in MLflow's mode for model training; by default it opens that for language models
+#: MLflow's list of experiments for model training; its default page is the one for language models
 PAGE = "#/experiments?workflowType=machine_learning"
 LOOK_EVERY_S = 30.0
 
@@ -56,6 +56,7 @@ def main(arguments: Sequence[str]) -> None:
     if server is not None:
         with telling_store_errors(server, outputs):
             _fill(open_store("server", server, outputs), outputs)
+        console.print(f"[bold]{server.rstrip('/')}/{PAGE}[/]")
         return
     with telling_store_errors(None, outputs):
         store = open_store("sqlite", None, outputs)
@@ -94,6 +95,7 @@ def _fill(store: "Store", outputs: Path) -> None:
     from sextant.lifecycle.parent_page import fill_store
     from sextant.tables import counted
 
+    store.tidy()
     changed = fill_store(store, outputs, TERMINAL)
     console.print(f"{counted(changed, 'run')} brought up to date" if changed else "the store is up to date")
 

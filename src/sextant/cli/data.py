@@ -74,7 +74,7 @@ def _list(arguments: list[str]) -> None:
         console.print(table)
     else:
         render = command("data", "render", "dataset=<name>")
-        console.print(f"nothing is rendered in {cache}; {render} does", markup=False, soft_wrap=True)
+        console.print(f"nothing is rendered in {cache}; to render a dataset: {render}", markup=False, soft_wrap=True)
 
 
 # --------------------------------------------------------------------------------------------------------------- render
@@ -83,7 +83,7 @@ def _list(arguments: list[str]) -> None:
 def _render(arguments: list[str]) -> None:
     options, overrides = render_options(arguments)
     if not any(override.startswith("dataset=") for override in overrides):
-        raise UserError("which dataset? dataset= is missing", f"{rendered_datasets()}\n\n{USAGE}")
+        raise UserError("dataset= is missing", f"{rendered_datasets()}\n\n{USAGE}")
     from sextant.lifecycle.rendering import fill, open_target, plan_of
 
     plan, cache = plan_of(overrides)
@@ -94,7 +94,7 @@ def _render(arguments: list[str]) -> None:
     seconds = time.monotonic() - began
     facts = {str(name).replace("_", " "): _shown(value) for name, value in store.facts.items()}
     rows = {"images": f"{len(store):,}"} | facts | {"path": str(store.directory), "seconds": f"{seconds:,.1f}"}
-    rows["images/s"] = f"{made / seconds:,.1f}" if made else "all were rendered before"
+    rows["images/s"] = f"{made / seconds:,.1f}" if made else "all were already rendered"
     print_key_values(plan.name, rows)
 
 
@@ -133,7 +133,7 @@ def _verify(arguments: list[str]) -> None:
     rest = [argument for argument in arguments if argument not in (*names, *paths)]
     repair = VerifyOptions.parse(rest, USAGE).repair
     if len(names) != 1:
-        raise UserError("which store? Give one", USAGE)
+        raise UserError("name one store", USAGE)
     directory = find_store(names[0], _cache(paths))
     with work_progress("checking", "chunks") as progress:
         report = verify_store(directory, progress)
@@ -142,13 +142,13 @@ def _verify(arguments: list[str]) -> None:
         return
     if not repair:
         told = command("data", "verify", str(directory), "repair=true")
-        console.print(f"{told} forgets what is damaged", markup=False, soft_wrap=True)
+        console.print(f"{told} discards the damaged parts", markup=False, soft_wrap=True)
         raise SystemExit(1)
     repair_store(report)
     render = command("data", "render", f"dataset={report.manifest.name if report.manifest else '<name>'}")
     console.print(
-        "what is damaged is forgotten, nothing else is lost; it is not rendered again yet:\n"
-        f"{render} with the keys it was rendered with does",
+        "damaged parts are discarded, everything else is kept. To render them again, repeat with the original keys:\n"
+        f"{render}",
         markup=False,
         soft_wrap=True,
     )

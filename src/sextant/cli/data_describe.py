@@ -30,7 +30,7 @@ class Sharded(Options):
     def of(cls, given: Mapping[str, str], usage: str | None = None) -> Self:
         """As :meth:`Options.of`; ``shard`` requires ``shards``."""
         if "shard" in given and "shards" not in given:
-            raise UserError(f"shard={given['shard']}: of how many? shards= is missing", usage)
+            raise UserError(f"shard={given['shard']} needs the number of shards: shards= is missing", usage)
         return super().of(given, usage)
 
 

@@ -96,7 +96,7 @@ def _limit(finding: "Finding") -> str:
 
 def _cross_talk_table(rows: "Sequence[CrossTalk]") -> Table:
     table = Table(
-        title="cross-talk: one number wrong, the joint loss chooses the other three (disentangled: 0)",
+        title="cross-talk: one number wrong, errors of the others at the minimum of the joint loss (disentangled: 0)",
         title_justify="left",
         title_style="bold",
     )

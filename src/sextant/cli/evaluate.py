@@ -32,5 +32,5 @@ def split_run(arguments: Sequence[str], usage: str) -> tuple[str, list[str]]:
     """
     runs = [argument.removeprefix("run=") for argument in arguments if argument.startswith("run=")]
     if not runs:
-        raise UserError("which run?", usage)
+        raise UserError("run= is missing", usage)
     return runs[-1], [argument for argument in arguments if not argument.startswith("run=")]

@@ -37,4 +37,4 @@ def main(arguments: Sequence[str]) -> None:
     with console.status("tracing the network"):
         found = export_run(chosen.run, chosen.format, chosen.output, chosen.outputs, trust=chosen.trust)
     console.print(f"{found.network}\n{found.card}", markup=False)
-    console.print(f"it answers as the original does, to {found.parity:.1g} of the largest output")
+    console.print(f"its outputs equal the original's to within {found.parity:.1g} of the largest output")

@@ -16,7 +16,7 @@ USAGE = "sextant data gallery [folder=gallery] [samples=16] [sections=streets,of
 
 def _square(samples: int) -> int:
     if samples not in (1, 4, 9, 16, 25, 36, 49, 64):
-        raise ValueError("no square number")
+        raise ValueError("not a square number")
     return samples
 
 

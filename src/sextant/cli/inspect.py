@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _keep(file: Path, folder: Path) -> None:
-    """Raise a ``UserError`` if the file is one of the folder, such as one of poses, unless it is by ``inspect``."""
+    """Raise a ``UserError`` if the file belongs to the folder, such as a file of poses, unless ``inspect`` wrote it."""
     if not file.is_file() or not file.resolve().is_relative_to(folder.resolve()):
         return
     try:

@@ -40,7 +40,7 @@ def main(arguments: Sequence[str]) -> None:
     """Localize the images, show them live if requested, and print where the results are."""
     for word in arguments:
         if word.startswith("run="):
-            raise UserError(f"{word}: here a run is given as the map", f"map={word[4:]}")
+            raise UserError(f"{word}: give the run as the map", f"map={word[4:]}")
     options = LocalizeOptions.parse(arguments, USAGE)
     from sextant.applications.arguments import check_apart
     from sextant.chapters.localization.found_map import find_map
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str]) -> None:
     if folder is None:
         raise UserError(
             f"map={options.map}: neither a saved map nor a run of localization, nor zoo:office",
-            "Localizer.from_images(images, poses).save(folder) makes one; sextant walk makes one of images with poses.",
+            "Localizer.from_images(images, poses).save(folder) makes one; so does sextant walk from images with poses.",
         )
     check_apart(options.output, input=options.input, map=folder)
     make_output(options.output)

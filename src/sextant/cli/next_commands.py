@@ -1,4 +1,4 @@
-"""The commands that may follow a run, made of what the user typed."""
+"""Suggested next commands after a run, built from the user's overrides."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,7 @@ from sextant.registry import chapter_of
 from sextant.runs.directory import RunDirectory
 from sextant.runs.outputs_folder import other_than_default
 
-#: groups of a run's config that say where results go, for commands that write results too
+#: groups of a run's config that determine where results go, for commands that also write results
 WHERE = ("paths", "tracking")
 SEEDS = "seed=0,1,2"
 #: for runs of several processes, which a sweep cannot start within its own
@@ -49,7 +49,7 @@ def next_commands(config: Config, directory: RunDirectory, name: str, overrides:
 
 
 def _sweep(chapter: Chapter[Any], typed: Sequence[str]) -> str | None:
-    """The run with three seeds and another choice beside its own; if these do not go together, with seeds alone."""
+    """A sweep of the run over three seeds and a second option; over seeds alone if the option is incompatible."""
     group, options = chapter.sweep_example
     parsed = [each for each in parse(typed) if each.key != "seed"]
     own = next((each.option for each in parsed if each.key == group and each.option not in ("", *options)), None)

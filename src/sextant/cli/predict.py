@@ -20,8 +20,7 @@ from sextant.tracking.environment import quiet_libraries
 UNNAMED = {"run": "zoo:calibration", "output": "calibrated"}
 
 
-#: by task: what is done with the models of each, and without one. The last ones are asked first whether the arguments
-#: name them.
+#: handlers by task, with and without a model; the last is the first to be checked against the arguments
 HANDLERS = {handler.task: handler for handler in handlers()}
 
 

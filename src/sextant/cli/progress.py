@@ -38,11 +38,11 @@ class TrainingProgress(Callback):
         self._bar.start()
 
     def on_train_epoch_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
-        """Note the epoch, which Ctrl-C tells."""
+        """Note the epoch, which is reported on Ctrl-C."""
         note_reached("epoch", f"{trainer.current_epoch + 1}/{trainer.max_epochs}")
 
     def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
-        """Note that training ended, as it does not when it is interrupted."""
+        """Remove the note; an interrupted training keeps it."""
         note_reached("epoch", None)
 
     def on_train_batch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule, *_: Any) -> None:

@@ -34,7 +34,7 @@ def main(arguments: Sequence[str]) -> None:
     quiet_libraries()
     chosen = RegisterOptions.parse(arguments, USAGE)
     if (chosen.tracking == "server") != (chosen.uri is not None):
-        raise UserError("tracking=server and tracking.uri= go together", "Give both, or neither: the embedded store.")
+        raise UserError("tracking=server and tracking.uri= go together", "Give both, or neither (embedded store).")
     from sextant.lifecycle.registering import register_run
 
     with console.status("registering the run"):

@@ -21,7 +21,7 @@ from sextant.registry import chapter_of
 from sextant.runs.directory import RunDirectory
 from sextant.tables import counted
 
-#: more metrics than this are left to metrics.json where a table sums them up; columns of a table
+#: more metrics than this are shown only in metrics.json if a table summarises them; columns of a table
 MOST, WIDTH = 20, 100
 
 
@@ -57,7 +57,7 @@ def _training(config: Config) -> dict[str, str]:
 
 
 def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
-    """Show the final metrics of a run; of one that was trained here, from what the user typed, why it did not learn."""
+    """Show the final metrics of a run, and with the overrides ``typed`` to train it here, why it did not learn."""
     directory = RunDirectory(outcome.directory)
     results = directory.results()
     if results is None:
@@ -105,7 +105,7 @@ def _show_divergence(directory: RunDirectory, typed: Sequence[str] | None) -> No
 
     if typed is not None:
         chapter = chapter_of(directory.path.parent.name)  # runs/<task>/<run>
-        measure = ACCURACY  # of a run that a nan stopped, there is nothing to be measured
+        measure = ACCURACY  # a run that a nan stopped has no measurements
         if directory.arrays.exists():
             with np.load(directory.arrays, allow_pickle=False) as arrays:
                 measure = chapter.measured(arrays).measure
@@ -114,7 +114,7 @@ def _show_divergence(directory: RunDirectory, typed: Sequence[str] | None) -> No
 
 
 def show_next(config: Config, outcome: Outcome, typed: Sequence[str]) -> None:
-    """Show the commands that may come next, made of the overrides that the user typed."""
+    """Show suggested next commands, built from the user's overrides."""
     directory = RunDirectory(outcome.directory)
     results = directory.results()
     if results is None or not (results["timing"]["fit_s"] or 0) > 0:  # not trained here, or a nan stopped it

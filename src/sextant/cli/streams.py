@@ -32,7 +32,7 @@ class _Stream(io.FileIO):
 
 @contextmanager
 def whole_streams() -> Iterator[None]:
-    """Give the process standard streams that can be written to while the block runs; report at its end what was lost.
+    """Ensure writable standard streams while the block runs; report lost output at its end.
 
     Raises:
         SystemExit: with status 1 if output was lost, with 141 if the reader of a pipe has gone.
@@ -68,7 +68,7 @@ def whole_streams() -> Iterator[None]:
 
 
 def _opened(now: TextIO | None, own: TextIO | None, number: int) -> TextIO:
-    """A stream of ours in place of the process's own; what a caller has put in its place, as tests do, is kept."""
+    """Our stream in place of the process's own; a caller's replacement, as in tests, is kept."""
     if now is not None and (now is not own or not isinstance(now, io.TextIOWrapper)):
         if isinstance(now, io.TextIOWrapper):  # file names may contain bytes that are not UTF-8
             now.reconfigure(errors="backslashreplace")
@@ -81,7 +81,7 @@ def _opened(now: TextIO | None, own: TextIO | None, number: int) -> TextIO:
 
 
 def _flush(stream: TextIO) -> bool:
-    """Whether the reader of a stream has gone; what is left in it then goes nowhere, or Python would complain of it."""
+    """Whether the reader of a stream has gone; the rest is then discarded, as Python would report an error at exit."""
     try:
         stream.flush()
     except BrokenPipeError:

@@ -69,7 +69,7 @@ def run_sweep(arguments: Sequence[str], wait: bool | None = None, run_cells: swe
 
 
 def show_dry_run(arguments: Sequence[str]) -> None:
-    """Print what would be run, and the script that sbatch would be given."""
+    """Print the runs that are missing, and the script for sbatch."""
     cells, script = sweep.dry_run(arguments, TERMINAL)
     for cell in cells:
         print(f"{cell.name}  {shlex.join(cell.overrides)}")
@@ -84,7 +84,7 @@ def _status(directory: Path) -> None:
     states, controller = sweep_status(directory, TERMINAL)
     counts = Counter(state.state for state in states)
     console.print(f"[bold]{directory.name}[/]: {', '.join(f'{n} {state}' for state, n in sorted(counts.items()))}")
-    console.print(f"run by {controller}" if controller else "no process waits for it")
+    console.print(f"run by {controller}" if controller else "no process is waiting for it")
     shown = [state for state in states if state.where]
     if shown:
         table = Table("run", "state", "where, or why")

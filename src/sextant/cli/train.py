@@ -50,7 +50,7 @@ def _sweep(words: Sequence[str], folder: str | None) -> None:
 
     flags = [word for word in words if word.startswith("-") and word not in (*MULTIRUN, DRY_RUN)]
     if flags:
-        told = "prints something about one run, -m starts many" if flags[0].split("=")[0] in ONLY_PRINT else "unknown"
+        told = "prints something about one run; -m starts many" if flags[0].split("=")[0] in ONLY_PRINT else "unknown"
         raise UserError(f"{flags[0]} {told}", "Leave one of them out.")
     overrides = [word for word in words if not word.startswith("-")]
     with own_configs(folder):

@@ -41,7 +41,7 @@ def main(arguments: Sequence[str]) -> None:
     if len(files) != 2:
         raise UserError(f"trajectory needs two files, got {len(files)}", USAGE)
     if options.figure is None and "alignment" in options.model_fields_set:
-        raise UserError(f"alignment={options.alignment} is of the picture, and figure= is missing", USAGE)
+        raise UserError(f"alignment={options.alignment} applies to the picture, but figure= is missing", USAGE)
     for key, path, endings in (("figure", options.figure, PICTURES), ("json", options.json_file, (".json",))):
         if path is not None:
             check_own_file(key, path, files, endings)
@@ -57,8 +57,8 @@ def main(arguments: Sequence[str]) -> None:
     alone = min(found.reference_frames, found.estimate_frames) - len(found.reference)
     if alone > len(found.reference):
         console.print(
-            f"{alone:,} poses of the shorter file have no partner in the other, and are in none of these errors. Poses "
-            f"of TUM files are partners if their times differ by at most max_gap_s={options.max_gap_s:g}."
+            f"{alone:,} poses of the shorter file have no counterpart in the other and are excluded from these errors. "
+            f"Poses of TUM files correspond if their times differ by at most max_gap_s={options.max_gap_s:g}."
         )
     table = Table("error", "", "rmse", "mean", "median", "max")
     for name, unit, each in found.statistics():

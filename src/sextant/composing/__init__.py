@@ -1,1 +1,1 @@
-"""Composing configs from YAML files and overrides; only this package and the command line know Hydra."""
+"""Composing configs from YAML files and overrides; only this package and the command line use Hydra."""

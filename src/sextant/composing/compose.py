@@ -27,7 +27,7 @@ _KEPT: ContextVar[dict[tuple[str, ...], DictConfig] | None] = ContextVar("kept c
 
 
 def register_resolvers() -> None:
-    """Make ``${sextant.outputs:}`` and ``${sextant.here:}`` known to OmegaConf."""
+    """Register ``${sextant.outputs:}`` and ``${sextant.here:}`` with OmegaConf."""
     OmegaConf.register_new_resolver("sextant.here", os.getcwd, replace=True)
     OmegaConf.register_new_resolver("sextant.outputs", lambda: str(default_outputs()), replace=True)
 
@@ -37,7 +37,7 @@ def compose(overrides: Sequence[str], name: str = "train", *, with_hydra: bool =
 
     Raises:
         UserError: an override is not understood, or a config file cannot be read. The message names it and, for an
-            override, what is similar and what to write instead.
+            override, suggests what to write instead.
     """
     register_resolvers()
     inside_hydra = GlobalHydra.instance().is_initialized()

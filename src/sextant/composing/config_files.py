@@ -45,7 +45,7 @@ def own_configs(folder: str | Path | None) -> Iterator[None]:
 
 
 def folders() -> tuple[Path, ...]:
-    """The folders in which config files are looked for."""
+    """The folders that are searched for config files."""
     return (conf_dir(), *_OWN.get())
 
 
@@ -107,16 +107,16 @@ def read_config_file(path: Path) -> dict[str, Any]:
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise UserError(f"{path} holds a {type(content).__name__}, not keys", "Write key: value, one a line.")
+        raise UserError(f"{path} holds a {type(content).__name__}, not keys", "Write key: value, one per line.")
     return content
 
 
 def unreadable_config_file(chosen: Mapping[str, str], error: Exception | None = None) -> UserError | None:
-    """The error of an unreadable file among those that were read, for errors of Hydra that name no file.
+    """The error of an unreadable file among those that were read, for errors of Hydra without a file name.
 
     Args:
-        chosen: option chosen from each group; files that nobody asked for are not blamed.
-        error: the error of the YAML library, which knows the file.
+        chosen: option chosen from each group; options that were not chosen are not checked.
+        error: the error of the YAML library, which names the file.
 
     Returns:
         None if all are readable.

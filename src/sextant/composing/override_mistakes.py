@@ -28,8 +28,8 @@ ELSEWHERE = {
     "network": _NETWORK,
     "data": "the data are chosen by dataset=, such as dataset=cifar10; the batch is trainer.batch_size",
     "datamodule": "the data are chosen by dataset=, such as dataset=cifar10; the batch is trainer.batch_size",
-    "ckpt_path": "a run that was interrupted resumes by itself; init_from={1} starts from the weights of a run",
-    "callbacks": "checkpoints and progress come by themselves; trainer.patience=5 stops early",
+    "ckpt_path": "an interrupted run resumes by itself; init_from={1} starts from the weights of a run",
+    "callbacks": "checkpoints and progress are automatic; trainer.patience=5 stops early",
     "hparams_search": "a search is a sweep: -m sweep.search=tpe 'optimizer.lr=log_uniform(1e-4, 1e-1)'",
     "run": "sextant evaluate {0} tests a trained model, sextant predict {0} input=<folder> output=<folder> applies it; "
     "init_from={1} starts training from its weights",

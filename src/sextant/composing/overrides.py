@@ -84,7 +84,7 @@ def parse(overrides: Sequence[str]) -> list[Override]:
         except OverrideParseException:
             value = text.partition("=")[2]
             if is_dimension(value):
-                raise UserError(f"{text}: a range of values is for a search", "Add -m sweep.search=tpe") from None
+                raise UserError(f"{text}: a range of values needs a search", "Add -m sweep.search=tpe") from None
             ranges = f"; a search's ranges are {GRAMMAR}" if WRITTEN.fullmatch(value) else ""
             raise UserError(
                 f"{text!r} is not a key=value override",
@@ -95,10 +95,10 @@ def parse(overrides: Sequence[str]) -> list[Override]:
 
 
 def literal(text: str) -> str:
-    """An override whose value is a path, with the path in quotes if Hydra would read it as anything but itself.
+    """An override whose value is a path, with the path in quotes if Hydra would parse it as anything else.
 
-    Hydra has a grammar for values, in which ``~``, ``=``, ``#`` and letters beyond ASCII are mistakes and brackets and
-    commas lists. A comma separates paths, except in ``paths`` and in the name of a path that is there.
+    In Hydra's grammar of values ``~``, ``=``, ``#`` and letters beyond ASCII are errors, and brackets and commas mark
+    lists. A comma separates paths, except in ``paths`` and in the name of an existing path.
 
     >>> literal("paths.outputs=~/runs, old"), literal("dataset.folder=photos")
     ("paths.outputs='~/runs, old'", 'dataset.folder=photos')

@@ -10,7 +10,7 @@ from sextant.errors import ArgumentError, UserError
 from sextant.moved import TARGET, present_name
 
 PARTIAL = "_partial_"
-#: modules whose functions no config may call, whatever path leads to them
+#: modules whose functions no config may call, under any import path
 REFUSED = frozenset({
     "_io", "_pickle", "code", "codeop", "ctypes", "importlib", "io", "marshal", "multiprocessing", "nt", "os", "pickle",
     "posix", "pty", "runpy", "shutil", "signal", "socket", "subprocess", "sys", "webbrowser",
@@ -66,9 +66,9 @@ def named(path: str) -> Any:
             path in REFUSED_BUILTINS
             or {module.split(".")[0], str(getattr(found, "__module__", "")).split(".")[0]} & REFUSED
         ):
-            raise ImportError(f"{path} is refused: it runs programs or code, or changes files, and makes no part")
+            raise ImportError(f"{path} is refused: it runs programs or code, or changes files, and builds no part")
         return found
-    raise ImportError(f"{path}: there is no such module")
+    raise ImportError(f"{path}: no such module")
 
 
 def build(raw: Mapping[str, Any], group: str, **arguments: Any) -> Any:
@@ -105,7 +105,7 @@ def require_callable(key: str, path: str) -> None:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise UserError(f"{key}={path}: {reason}", fix) from None
     if not callable(found):
-        raise UserError(f"{key}={path} is no class or function", fix)
+        raise UserError(f"{key}={path} is not a class or function", fix)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The digest by which two runs are the same experiment."""
+"""The digest that identifies an experiment."""
 
 import hashlib
 import json

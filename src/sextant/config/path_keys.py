@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-#: where this machine keeps things; these are never part of an experiment
+#: locations on this machine, which are never part of an experiment
 PLACES = ("paths.data", "paths.outputs", "paths.cache")
 #: keys whose value may also be a mapping, such as a file for each split
 MAPPINGS = ("dataset.streets",)
@@ -18,11 +18,11 @@ PATHS = (
 
 
 def from_where_it_ran(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A stored config whose relative paths are absolute, if they are there from where its run was started.
+    """A stored config with relative paths made absolute where they exist in the folder from which its run was started.
 
-    A run is identified by its paths as they were written, so they are stored so, with the folder they start from
-    (``paths.here``; runs before Sextant 0.1.0 lack it). Paths that are not there, such as those within ``paths.data``,
-    and those in ``paths`` itself are left alone.
+    A run is identified by its paths as written, so they are stored unchanged, with the folder they start from
+    (``paths.here``; runs before Sextant 0.1.0 lack it). Paths that do not exist there, such as those within
+    ``paths.data``, and those in ``paths`` itself are left unchanged.
 
     >>> stored = {"dataset": {"folder": "bin"}, "paths": {"here": "/usr"}}
     >>> from_where_it_ran(stored)["dataset"]

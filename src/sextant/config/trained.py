@@ -41,7 +41,7 @@ def trained_config(raw: Mapping[str, Any], task: str, *, trust: bool = False) ->
         )
     if config.custom_targets() and not trust:
         raise UserError(
-            f"the checkpoint wants to build {', '.join(config.custom_targets())}, which Sextant does not know",
+            f"the checkpoint names import paths outside Sextant: {', '.join(config.custom_targets())}",
             "If you know where the checkpoint comes from, add trust=true. Training takes no trust=: there, name a run "
             "in the folder of runs.",
         )

@@ -54,7 +54,7 @@ def config_class(config: Mapping[str, Any]) -> type[Config]:
 
 @cache
 def config_classes() -> dict[str, type[Config]]:
-    """The classes of the configs of all chapters. Any of their data sets may stand in any of them."""
+    """The classes of the configs of all chapters. Any data set may be used in any of them."""
     kinds = {task: import_module(f"{package}.config").CONFIG for task, package in CHAPTERS.items()}
     for kind in kinds.values():
         if kind.__pydantic_complete__:  # used by itself, before all data sets were known
@@ -69,7 +69,7 @@ def nearest(word: str, candidates: Iterable[str]) -> str | None:
 
 
 def _joined(problems: list[dict[str, Any]], config: Mapping[str, Any], kind: type[Config]) -> list[dict[str, Any]]:
-    """The problems, with those of a value that may be of several kinds, and is of none, joined into one."""
+    """The problems, with those of a value that matches none of several kinds joined into one."""
     kept: dict[Any, dict[str, Any]] = {}
     for number, problem in enumerate(problems):
         first = kept.setdefault(_locate(problem["loc"], config, kind)[0] if _simple(problem) else number, problem)
@@ -104,14 +104,14 @@ def _explain(problem: dict[str, Any], config: Mapping[str, Any], kind: type[Conf
         return f"{key} is missing. {_example(key, field)}".rstrip()
     if problem["type"] == "value_error":
         said = str(problem["ctx"]["error"])
-        return said if isinstance(value, Mapping | BaseModel) else f"{key}: {said}"  # a rule across keys names them
+        return said if isinstance(value, Mapping | BaseModel) else f"{key}: {said}"  # rules across keys name them
     if problem["type"] == "model_type":
         return f"{key}={_shown(value)}: must hold keys, not one value"
     return f"{key}={_shown(value)}: {_said(problem)}. {_example(key, field)}".rstrip()
 
 
 def _tasks_with(group: str) -> list[str]:
-    """The tasks that have a group; none if it is no group, or one of all tasks."""
+    """The tasks that have a group; none if it is not a group, or common to all tasks."""
     own = group not in Config.model_fields
     return [task for task, kind in config_classes().items() if own and group in kind.model_fields]
 
@@ -127,7 +127,7 @@ def _shown(value: Any) -> str:
 
 
 def _example(key: str, field: FieldInfo | None) -> str:
-    whole = re.sub(r"(\.\d+)+$", "", key)  # examples are of the list, not of one entry
+    whole = re.sub(r"(\.\d+)+$", "", key)  # examples are for the list, not for one entry
     return f"For example {whole}={field.examples[0]}" if field is not None and field.examples else ""
 
 

@@ -1,1 +1,1 @@
-"""What commands share: arguments, what they show, where they write."""
+"""Parts shared by commands: arguments, terminal output, output folders."""

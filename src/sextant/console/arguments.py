@@ -74,7 +74,7 @@ class Options(BaseModel):
 
     @classmethod
     def parse(cls, arguments: Sequence[str], usage: str) -> Self:
-        """Read a command line that may have no other keys.
+        """Read a command line that may have only these keys.
 
         Raises:
             UserError, SystemExit: as :func:`parse_arguments` and :meth:`of`.

@@ -20,7 +20,7 @@ WIDTH_WITHOUT_TERMINAL = 120
 
 
 class _Console(Console):
-    """Lets the command decide what becomes of it when the reader of its output has gone; Rich ends it as a failure."""
+    """Leaves the handling of a closed pipe to the command; Rich would exit with a failure."""
 
     def on_broken_pipe(self) -> None:
         raise  # noqa: PLE0704 - the error that is being handled
@@ -42,14 +42,14 @@ logging.getLogger("sextant").addHandler(_Shown(logging.INFO))
 logging.getLogger("sextant").setLevel(logging.INFO)
 
 
-#: commands that, repeated, go on where they were interrupted; of the others, those that are always ended by Ctrl-C
+#: commands that resume when repeated after an interruption; and those that always end with Ctrl-C
 RESUMED, SERVED = ("train", "data", "sweep", "corruptions"), ("dashboard", "demo")
-#: how far each work is that has begun and not ended, such as ``{"rendering": "512/2,048 images"}``
+#: progress of all unfinished work, such as ``{"rendering": "512/2,048 images"}``
 _reached: dict[str, str] = {}
 
 
 def note_reached(work: str, where: str | None) -> None:
-    """Note how far some work is, for :func:`reporting_mistakes`; None if it has ended."""
+    """Note the progress of some work, for :func:`reporting_mistakes`; None if it has ended."""
     _reached.pop(work, None)
     if where is not None:
         _reached[work] = where
@@ -57,10 +57,10 @@ def note_reached(work: str, where: str | None) -> None:
 
 @contextmanager
 def reporting_mistakes(verb: str = "") -> Iterator[None]:
-    """Print a user error as one message and exit with status 2; Ctrl-C says where it stopped and exits with status 130.
+    """Print a user error as one message and exit with status 2; Ctrl-C reports the progress and exits with status 130.
 
     Args:
-        verb: the command, which says what becomes of its work when it is repeated.
+        verb: the command, which determines the advice on repeating it.
     """
     try:
         yield

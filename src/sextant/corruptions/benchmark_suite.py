@@ -84,7 +84,7 @@ class BenchmarkSuite(CorruptionSuite):
         mode: ``faithful`` to the authors' code, errors included, or ``corrected``.
         quantise: round corrupted images to 8 bits; see :mod:`.eight_bit`.
         seed: seed of all random draws.
-        beside: further corruptions by name, which are not of the set: not rounded, and in none of its means.
+        beside: further corruptions by name, outside the set: not rounded, and in none of its means.
 
     Raises:
         UserError: a set, name, severity or mode does not exist, or ``beside`` has a name of the set.

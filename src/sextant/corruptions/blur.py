@@ -115,8 +115,8 @@ class GlassBlur(BenchmarkCorruption[tuple[float, int, int], Tensor]):
     """Gaussian blur, local shuffling of pixels, Gaussian blur.
 
     Scanning from the last row and column, every pixel p is swapped with p + d, with d drawn from {-m, ..., m - 1}² for
-    a largest distance m. Where a pixel ends up does not depend on its value: the swaps are played out on an index,
-    whose result is the drawn parameter, and applying it to a batch is one gather on any device.
+    a largest distance m. Where a pixel ends up does not depend on its value: the swaps are applied to an array of
+    indices, which is the drawn parameter, and applying it to a batch is one gather on any device.
 
     The authors' code swaps views of an array, so that in a colour image p takes the colour of p + d while p + d keeps
     its own, and it truncates the first blur to 8 bits. ``faithful`` keeps both. ``corrected`` swaps the two and does

@@ -70,7 +70,7 @@ def require_seed(seed: int) -> int:
     """``seed`` if it is a whole number.
 
     Raises:
-        UserError: it is anything else, which would give another seed than the number that it looks like.
+        UserError: it is anything else, whose conversion would silently change the seed.
     """
     try:
         return int(operator.index(seed))

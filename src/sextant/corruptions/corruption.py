@@ -1,4 +1,4 @@
-"""What a corruption is: parameters drawn from a seed, then applied to a batch of images."""
+"""The interface of corruptions: parameters are drawn from a seed, then applied to a batch of images."""
 
 import hashlib
 import math
@@ -22,7 +22,7 @@ def image_seeds(name: str, level: float, indices: Int64[Tensor, "b"], seed: int)
 
 
 def generators(seeds: list[int]) -> list[torch.Generator]:
-    """One CPU generator per seed; draws are made on the CPU, so every device sees the same corrupted image."""
+    """One CPU generator per seed; draws are made on the CPU, so that every device gets the same corrupted image."""
     return [torch.Generator().manual_seed(seed) for seed in seeds]
 
 
@@ -32,10 +32,10 @@ Params = TypeVar("Params")
 class Corruption(ABC, Generic[Params]):
     """A seeded, batched image corruption with a list of severities.
 
-    The draw is separate from its application, so that what happened to an image can be inspected and repeated:
+    The draw is separate from its application, so that the parameters of an image can be inspected and reused:
     ``corruption(images, level, indices, seed)`` equals ``apply(images, level, draw(level, indices, shape, seed))``,
     and every image depends only on (seed, corruption, level, its index), not on its batch. The call checks its
-    arguments; its parts ``draw`` and ``apply`` take them as checked.
+    arguments; ``draw`` and ``apply`` on their own do not.
 
     Attributes:
         name: enters the seeds; corruptions of one name share their random streams. Metrics use the suite's key.
@@ -66,7 +66,7 @@ class Corruption(ABC, Generic[Params]):
         Args:
             images: grey or colour, values in [0, 1]; a batch may be empty.
             level: severity, in the corruption's unit.
-            indices: the images' positions in their dataset, one for each; a list will do, or a number for one image.
+            indices: the images' positions in their dataset, one for each; may be a list, or a number for one image.
             seed: seed of all random draws.
 
         Returns:

@@ -1,4 +1,4 @@
-"""Digital: contrast, colour, warping and compression, as processing and storage leave them."""
+"""Digital: contrast, colour, warping and compression, as caused by processing and storage."""
 
 import math
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ class Contrast(BenchmarkCorruption[float, None]):
 class Saturate(BenchmarkCorruption[tuple[float, float], None]):
     r"""``S' = clip(c₀ S + c₁)`` in HSV.
 
-    With hue and value :math:`V = \max(r, g, b)` kept, a new saturation S' in the place of
+    With hue and value :math:`V = \max(r, g, b)` kept, a new saturation S' in place of
     :math:`S = (V - \min(r, g, b)) / V` moves every channel to :math:`V - (V - x)\, S'/S`. So no conversion is needed.
 
     A grey pixel of a colour image has no hue, and its saturation cannot be raised: ``corrected`` leaves it as it is.
@@ -107,7 +107,7 @@ def jpeg_round_trip(pixels: UInt8[np.ndarray, "h w c"], quality: int) -> UInt8[n
 
 @dataclass(frozen=True)
 class JPEGCompression(BenchmarkCorruption[int, None]):
-    """JPEG compression by Pillow, on the CPU whatever the device, so that every run sees the same bytes.
+    """JPEG compression by Pillow, on the CPU whatever the device, so that every run gets the same bytes.
 
     Source: Hendrycks & Dietterich, ICLR 2019.
 
@@ -178,7 +178,7 @@ def box_resize(pixels: Float[Tensor, "b c h w"], height: int, width: int) -> Flo
 
 def _weights_for(pixels: Tensor, before: int, after: int) -> tuple[Tensor, int]:
     weights, unit = box_weights(before, after)
-    # a GPU may be told to multiply float32 with 11 bits (TF32)
+    # a GPU may be configured to multiply float32 with 11 bits (TF32)
     return (weights if pixels.device.type == "cpu" else weights.to(pixels.device, torch.float64)), unit
 
 

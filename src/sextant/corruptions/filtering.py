@@ -66,7 +66,7 @@ def bilinear(
         >>> bilinear(image, rows, columns, "nearest").flatten(), bilinear(image, rows, columns, "zero").flatten()
         (tensor([0.5000, 2.0000, 2.0000]), tensor([0.5000, 2.0000, 1.0000]))
     """
-    if rows.shape != columns.shape or len(rows) != len(images):  # the compiled loop does not look
+    if rows.shape != columns.shape or len(rows) != len(images):  # the compiled loop does not check
         raise ValueError(
             f"{len(images)} images, rows {tuple(rows.shape)} and columns {tuple(columns.shape)} do not match"
         )
@@ -201,10 +201,10 @@ def gaussian_filter(
     border: Border = "nearest",
     truncate: float = 4.0,
 ) -> Float[Tensor, "b c h w"]:
-    r"""``images`` smoothed by ``sigma`` pixels, or by (down, across); an axis with ``sigma = 0`` is left alone.
+    r"""``images`` smoothed by ``sigma`` pixels, or by (down, across); an axis with ``sigma = 0`` is unchanged.
 
-    Each axis is one matrix, :math:`Y = G_h X G_w^T`, with :math:`G_{ij} = \sum_{k:\, b(i+k)=j} g_k`, where b folds what
-    lies beyond the edge back into the image and :math:`g_k \propto e^{-k^2 / 2σ^2}` for
+    Each axis is one matrix, :math:`Y = G_h X G_w^T`, with :math:`G_{ij} = \sum_{k:\, b(i+k)=j} g_k`, where b folds
+    positions beyond the edge back into the image and :math:`g_k \propto e^{-k^2 / 2σ^2}` for
     :math:`|k| \le \lfloor tσ + 1/2 \rfloor`.
     For small images this is faster than convolution, and any border is exact.
 
@@ -296,7 +296,7 @@ def shifted_sum(
         >>> shifted_sum(row, torch.tensor([0.5, 0.5]), shifts, "nearest").flatten()
         tensor([1.5000, 3.0000, 4.0000])
     """
-    if len(shifts) not in (1, len(images)) or shifts.shape[1:] != (len(weights), 2):  # the compiled loop does not look
+    if len(shifts) not in (1, len(images)) or shifts.shape[1:] != (len(weights), 2):  # the compiled loop does not check
         raise ValueError(f"{len(images)} images, {len(weights)} weights and shifts {tuple(shifts.shape)} do not match")
     height, width = images.shape[-2:]
     if images.device.type == "cpu" and images.dtype in (torch.float32, torch.float64):

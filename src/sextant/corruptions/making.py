@@ -1,8 +1,8 @@
 """Corrupted copies of a set of images as files, in the layout of CIFAR-10-C.
 
 There is one ``.npy`` file per corruption, uint8 of shape ``(s·n, ...)``: all n images at the first severity, then all
-at the next. ``labels.npy`` repeats the labels in the same way. ``corruptions.json`` says what the files were made from;
-complete files made from the same are kept, so that an interrupted run resumes.
+at the next. ``labels.npy`` repeats the labels in the same way. ``corruptions.json`` records what the files were made
+from; complete files made from the same are kept, so that an interrupted run resumes.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ BLOCK_BYTES, BLOCK_IMAGES = 2**23, 256  # worked on at once, as floats
 
 @dataclass(frozen=True)
 class Recipe:
-    """What all the files of a folder share.
+    """The settings shared by all files of a folder.
 
     Attributes:
         set: name of the set of parameters.
@@ -53,7 +53,7 @@ def read_array(path: Path, name: str) -> NDArray[Any]:
 
     Args:
         path: path of the file.
-        name: what to call it in the message.
+        name: its name in error messages.
 
     Raises:
         UserError: the file does not exist, or is not a complete array of numbers.
@@ -83,7 +83,7 @@ def check_images(images: NDArray[Any], name: str) -> Images:
 
     Args:
         images: an array.
-        name: what to call it in the message.
+        name: its name in error messages.
 
     Raises:
         UserError: they cannot.
@@ -145,16 +145,16 @@ def begin(folder: Path, recipe: Recipe, corruptions: Corruptions) -> None:
         if other:
             raise UserError(
                 f"{folder} holds corruptions that differ in {', '.join(other)}",
-                f"Choose another folder with output=, or delete this one. What is in it: {folder / RECORD}",
+                f"Choose another folder with output=, or delete this one. Its contents: {folder / RECORD}",
             )
         levels = old_levels | levels
     elif strangers := [name for name in levels if (folder / f"{name}.npy").exists()]:
         raise UserError(
-            f"{folder} holds {strangers[0]}.npy, but no {RECORD} that says how it was made",
+            f"{folder} holds {strangers[0]}.npy, but no {RECORD}, which records how it was made",
             "Choose another folder with output=, or delete this one.",
         )
     write_json(folder / RECORD, {"recipe": asdict(recipe), "severities": levels})
-    for name in corruptions:  # others may be being made elsewhere
+    for name in corruptions:  # others may be in progress elsewhere
         for path in folder.glob(f".{name}.npy.*.tmp"):
             path.unlink(missing_ok=True)
 

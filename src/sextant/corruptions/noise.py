@@ -1,4 +1,4 @@
-"""Noise: sensor and transmission noise, each pixel on its own."""
+"""Noise: sensor and transmission noise, independent at every pixel."""
 
 import math
 from collections.abc import Sequence

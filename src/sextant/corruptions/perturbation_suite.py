@@ -1,4 +1,4 @@
-"""CIFAR-10-P as a suite: a condition is a frame, and what counts is how often the predicted class changes."""
+"""CIFAR-10-P as a suite: a condition is a frame, and the measure is how often the predicted class changes."""
 
 from collections.abc import Sequence
 

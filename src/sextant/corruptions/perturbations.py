@@ -72,7 +72,7 @@ class SnowSequence(Corruption[SnowDraw]):
     levels: Sequence[float] = tuple(range(31))
 
     def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> SnowDraw:
-        """The flakes of each image, which do not depend on the frame, and the wind, which is the frame's alone."""
+        """The flakes, which depend on the image, not on the frame, and the wind, which depends on the frame alone."""
         noise = torch.empty(len(indices), *shape[-2:])
         for flakes, stream in zip(noise, generators(image_seeds(self.name, 0, indices, seed)), strict=True):
             flakes.normal_(generator=stream)
@@ -134,7 +134,7 @@ def _scaled(images: Images, factor: float) -> Images:
 
 
 def _tilted(images: Images, angle: float) -> Images:
-    """The image as a plane, turned about its two axes through its middle, seen from the distance of its diagonal."""
+    """The image as a plane, turned about its two axes through its middle, viewed from the distance of its diagonal."""
     height, width = images.shape[-2:]
     focal, cosine, sine = math.hypot(width, height), math.cos(angle), math.sin(angle)
     middle = torch.tensor([[1.0, 0, -width / 2], [0, 1, -height / 2], [0, 0, 1]], dtype=torch.float64)

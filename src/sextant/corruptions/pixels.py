@@ -1,7 +1,7 @@
 """Eight-bit images as the benchmark files hold them.
 
 The authors of CIFAR-10-C and ImageNet-C cast 255 y to ``uint8``, which drops the fraction, so that their files are on
-average half a grey level darker than y. Rounding to the nearest is right, and is what ``corrected`` does.
+average half a grey level darker than y. The correct rounding, to the nearest, is that of ``corrected``.
 """
 
 import torch

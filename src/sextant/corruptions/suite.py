@@ -1,4 +1,4 @@
-"""Which corruptions a model is tested under."""
+"""The corruptions that a model is tested under."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -17,7 +17,7 @@ from sextant.corruptions.corruption import Corruption
 
 @dataclass(frozen=True)
 class Protocol:
-    """What a report has to state about corrupted images.
+    """The facts about corrupted images that a report has to state.
 
     >>> from sextant.corruptions import BenchmarkSuite
     >>> protocol = BenchmarkSuite("cifar10_c", ["fog"], severities=[3]).protocol
@@ -30,7 +30,7 @@ class Protocol:
         severities: those tested, by corruption, in the published order.
         mode: ``faithful`` to the authors' code, ``corrected``, or ``published``: files of the authors themselves.
         rounding: how images become 8 bits, as in the published files.
-        baseline: what corruption errors of the set are divided by.
+        baseline: errors by which corruption errors of the set are divided.
         image_size: size of the images that the set was published for.
         seed: seed of all random draws.
     """
@@ -69,7 +69,7 @@ class Condition:
 class CorruptionSuite:
     """The conditions of a test, and the images under each.
 
-    Every run that uses the suite sees the same corrupted images: they depend on ``seed`` here, not on the run's seed,
+    Every run that uses the suite gets the same corrupted images: they depend on ``seed`` here, not on the run's seed,
     so that models are compared on the same images.
 
     >>> import torch

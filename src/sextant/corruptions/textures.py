@@ -1,4 +1,4 @@
-"""Textures that weather is made from: plasma fractals and frost."""
+"""Textures for weather: plasma fractals and frost."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -33,7 +33,7 @@ def plasma(
     Args:
         noise: one independent value for each point of the map, uniform in [-1, 1]; n is a power of two. The value at
             the corner (0, 0) is not used.
-        decay: how much weaker finer relief is, above 0.
+        decay: decrease of the relief from coarse to fine, above 0.
         size: height and width of the corner to return; None for the whole map. Heights fill [0, 1] in the whole map.
 
     Returns:
@@ -127,7 +127,7 @@ Curves = NDArray[np.float64]  # (curves, points, 2), x and y in pixels
 
 @dataclass(frozen=True)
 class FrostKind:
-    """How one texture grows.
+    """The growth of one texture.
 
     Frost on a window grows as dendrites: a stem with branches at about 60 degrees, which branch again. Five textures
     differ in how many stems there are, where they start, how they bend and how far they branch. They stand in for the

@@ -128,7 +128,7 @@ class Snow(BenchmarkCorruption[tuple[float, ...], SnowDraw]):
 
     >>> row = SnowRow(mean=0.1, spread=0.3, zoom=2, threshold=0.5, radius=4, sigma=2, mix=0.8)
     >>> snowy = Snow((row,), "snow")(torch.zeros(1, 3, 32, 32), level=1, indices=[0], seed=0)
-    >>> snowy.min()  # 0.2 · 0.5: where there is no flake the image is whiter all the same
+    >>> snowy.min()  # 0.2 · 0.5: where there is no flake the image is whitened all the same
     tensor(0.1000)
 
     Args:

@@ -1,4 +1,4 @@
-"""Class-preserving augmentation of training images; what an image gets is a function of (seed, epoch, index)."""
+"""Class-preserving augmentation of training images; the change of an image is a function of (seed, epoch, index)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,7 +34,7 @@ class Augmentation(Protocol):
 
 
 class NoAugmentation:
-    """Training images as they are."""
+    """Unchanged training images."""
 
     def __call__(
         self, images: UInt8[Tensor, "b c h w"], indices: Int64[Tensor, "b"], epoch: int, seed: int

@@ -1,4 +1,4 @@
-"""Whole batches by index; an epoch's order is a function of (seed, epoch), so a resumed run sees the same images."""
+"""Whole batches by index; an epoch's order is a function of (seed, epoch), so a resumed run gets the same images."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -84,4 +84,4 @@ class _ArraysOnly(pickle.Unpickler):
         if module.startswith("numpy") and name in ("_reconstruct", "ndarray", "dtype"):
             module = module.replace("numpy.core", "numpy._core")
             return super().find_class(module, name)
-        raise pickle.UnpicklingError(f"{module}.{name} has no place in a CIFAR-10 batch")
+        raise pickle.UnpicklingError(f"{module}.{name} is not allowed in a CIFAR-10 batch")

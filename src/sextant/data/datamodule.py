@@ -49,7 +49,7 @@ class ImageData(pl.LightningDataModule):
         validation_fraction: share of the training split that is held out for validation.
         split_seed: of that choice, separate from the run's seed: every run of a sweep has the same three splits.
         seed: of the order of the training images, and of their augmentation.
-        augmentation: changes training images; None leaves them as they are.
+        augmentation: changes training images; None leaves them unchanged.
         test_every: test only every k-th image, starting with the first.
         workers: processes that fetch batches; 0 fetches in the training process, the fastest for images in memory.
     """
@@ -100,7 +100,7 @@ class ImageData(pl.LightningDataModule):
         images, trainer = AugmentedBatches(self._splits["train"], self.augmentation, self.seed), self.trainer
         batches = EpochBatches(len(images), self.batch_size, self.seed, numbered=True)
         if trainer is not None:
-            # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
+            # On resuming, Lightning takes the first iterator before it sets the sampler's epoch.
             batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
         return self._loader(SharedBatches(images, Share.of_trainer(trainer)), batches)
 

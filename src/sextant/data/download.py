@@ -15,7 +15,7 @@ def torchvision_download(name: str, root: Path, train: bool) -> None:
 
     try:
         getattr(datasets, name)(str(root), train=train, download=True)
-    except Exception as error:  # torchvision raises whatever its mirrors cause
+    except Exception as error:  # torchvision raises errors of any kind
         raise UserError(
             f"could not download {name} into {root}: {error}",
             "Fetch it by hand and set SEXTANT_DATA, or use dataset=digits, which needs no download.",

@@ -1,4 +1,4 @@
-"""Images to learn from by example: a network's own classes, and classes known from a few examples each."""
+"""Images for learning by example: classes that a network is trained on, and classes given by a few examples each."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class ExampleSettings:
     Attributes:
         images: how many of the training split, as evenly over the classes as possible; None: all.
         novel_classes: the number of classes, counted from the last, that the network is not trained on and that are
-            known by examples alone; the test is among them. 0: the network and the examples have the same classes.
+            given by examples alone; the test is among them. 0: the network and the examples have the same classes.
         examples: number per class to which filters and SVMs are fitted; None: all.
         held_out: whether images are held out for validation; otherwise all are examples and ``tuning`` is empty.
     """

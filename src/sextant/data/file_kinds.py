@@ -1,4 +1,4 @@
-"""What a file is that is given as a picture but is none, and which names are hidden or a system's own."""
+"""Identify files that are given as pictures but are none, and names that are hidden or system files."""
 
 import mimetypes
 import re
@@ -14,7 +14,7 @@ RAW = (
 HEIC = (".heic", ".heif", ".hif")
 DEVELOP = "develop it to JPEG, or to PNG or TIFF of 16 bits, with darktable, RawTherapee or dcraw"
 RAW_FILE = "is a raw file{}, which is not decoded here: " + DEVELOP
-VIDEO = "is a video, no photo: save frames of it as photos, or give it to sextant walk or sextant inspect"
+VIDEO = "is a video, not a photo: save frames of it as photos, or give it to sextant walk or sextant inspect"
 TIFF = "is a TIFF of a kind that is not read here: save it with 8 or 16 bits per channel"
 PLANES = "is a 16-bit TIFF with a plane for each colour, which is not read here: save it interleaved, or as PNG"
 NOT_HEIC = "is {}, which is not decoded here: save it as JPEG"
@@ -27,18 +27,18 @@ BEGINNINGS = {
     rb"FUJIFILMCCD-RAW|II\*\0....CR|II(RO|RS|U\0)|MMOR|II\x1a\0...\0HEAPCCDR|\0MRM|FOVb": RAW_FILE.format(
         " by its content"
     ),
-    rb"%PDF-": "is a PDF document, no picture: export its pages as PNG",
+    rb"%PDF-": "is a PDF document, not a picture: export its pages as PNG",
     rb"8BPS": "is a Photoshop document, which is not decoded here: export it as PNG or TIFF",
     rb"\xff\x0a|\0\0\0\x0cJXL ": "is JPEG XL, which is not decoded here: save it as JPEG or PNG",
     rb"v/1\x01|#\?RADIANCE|#\?RGBE": "is a picture of high dynamic range, whose white level is unknown: save it as PNG",
-    rb"PK\x03\x04|PK\x05\x06|\x1f\x8b|7z\xbc\xaf|Rar!|BZh|\xfd7zXZ": "is a compressed archive, no picture: unpack it",
-    rb"\x93NUMPY|SIMPLE  =|\x89HDF": "is a file of arrays, no picture: save them as PNG",
+    rb"PK\x03\x04|PK\x05\x06|\x1f\x8b|7z\xbc\xaf|Rar!|BZh|\xfd7zXZ": "is an archive, not a picture: unpack it",
+    rb"\x93NUMPY|SIMPLE  =|\x89HDF": "is a file of arrays, not a picture: save them as PNG",
     rb"version https://git-lfs": "is a pointer of Git LFS, not the picture itself: git lfs pull",
     rb"%!PS": "is PostScript, which is not run here: save it as PNG",
-    rb"\s*(<\?xml.*)?(<!--.*)?\s*<svg": "is an SVG drawing, no photo: export it as PNG",
-    rb"\s*(<!doctype html|<html|<head)": "is a page of HTML, no picture, as a failed download leaves it: load it again",
-    rb"\s*<\?xml": "is XML, no picture",
-    rb"\0{512}": "holds zeros, as a broken copy leaves them: copy it again",
+    rb"\s*(<\?xml.*)?(<!--.*)?\s*<svg": "is an SVG drawing, not a photo: export it as PNG",
+    rb"\s*(<!doctype html|<html|<head)": "is an HTML page, not a picture, as left by a failed download: load it again",
+    rb"\s*<\?xml": "is XML, not a picture",
+    rb"\0{512}": "holds zeros, as left by an incomplete copy: copy it again",
 }
 SUBFILE, OLD_SUBFILE, BITS_PER_SAMPLE, PLANAR, DNG_VERSION = 0x00FE, 0x00FF, 0x0102, 0x011C, 0xC612
 #: what systems and network drives leave among photos, besides names that begin with a dot; in lower case
@@ -59,7 +59,7 @@ def is_hidden(name: str) -> bool:
 
 
 def not_decoded(path: Path) -> str | None:
-    """Why a file is not read as a picture, judged by its content, else by its name; None if neither tells."""
+    """Why a file is not read as a picture, judged by its content, else by its name; None if no reason is found."""
     suffix = path.suffix.lower()
     head = first_bytes(path, 512)
     known = (kind for pattern, kind in BEGINNINGS.items() if re.match(pattern, head, re.DOTALL | re.IGNORECASE))
@@ -88,10 +88,10 @@ def first_bytes(path: Path, count: int) -> bytes:
 
 
 def unfit_tiff(image: Image.Image, suffix: str) -> str | None:
-    """Why an open picture is not read although Pillow would; None if nothing speaks against it.
+    """Why an open picture is not read although Pillow would; None if it is read.
 
-    The first directory of a TIFF says by NewSubfileType whether its picture is a smaller version of another one (TIFF
-    6.0, section 8); a raw file begins with such a preview. Of 16-bit planes, libraries here read other pixels.
+    The first directory of a TIFF states in NewSubfileType whether its picture is a smaller version of another one (TIFF
+    6.0, section 8); a raw file begins with such a preview. The libraries used here decode 16-bit planes wrongly.
     """
     if image.format != "TIFF":
         return None

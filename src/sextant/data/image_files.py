@@ -17,7 +17,7 @@ SMALLEST_SIDE = 4
 
 
 def require_sides(image: Image.Image) -> None:
-    """Raise a ``ValueError`` for a picture of so few pixels that it shows nothing, however much it is enlarged."""
+    """Raise a ``ValueError`` for a picture with too few pixels to show anything."""
     if min(image.size) < SMALLEST_SIDE:
         raise ValueError(f"{image.width}x{image.height} pixels, the shorter side needs {SMALLEST_SIDE}")
 
@@ -52,7 +52,7 @@ def decode_image(
             if max(image.size) > 4 * max(height, width):
                 image.draft("RGB", (2 * max(height, width),) * 2)  # a JPEG at 1/2, 1/4 or 1/8; others ignore it
             return picture_bytes(image, height, width, channels, path, levels)
-    except Exception as error:  # Pillow's decoders raise whatever they come across in a damaged file
+    except Exception as error:  # Pillow's decoders raise errors of any kind for a damaged file
         raise UnreadableImageError(why_unreadable(path, error)) from None
 
 

@@ -139,7 +139,7 @@ def decode_square(path: Path, size: int, channels: int, levels: WhiteLevels | No
             require_sides(image)
             picture = without_alpha(upright(eight_bits(image, path, levels))).convert("RGB" if channels == 3 else "L")
             return np.asarray(ImageOps.fit(picture, (size, size), Image.Resampling.BICUBIC))
-    except Exception as error:  # Pillow's decoders raise whatever they come across in a damaged file
+    except Exception as error:  # Pillow's decoders raise errors of any kind for a damaged file
         raise UserError(
             f"{path} {why_unreadable(path, error)}", "Replace the file or take it out of the folder."
         ) from None

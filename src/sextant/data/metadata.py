@@ -1,4 +1,4 @@
-"""EXIF metadata of pictures. Each tag is read on its own, whatever its type, so that an odd one costs only itself.
+"""EXIF metadata of pictures. Each tag is read separately, whatever its type, so that a malformed one affects no other.
 
 Source: Exif 3.0 (CIPA DC-008), section 4.6. Text and numbers are taken from any type that holds them, as ExifTool does.
 """
@@ -20,7 +20,7 @@ def exif_of(image: Image.Image) -> Image.Exif:
         image.load()  # they may follow the pixels; errors of these are not to be caught below
     try:
         return image.getexif()
-    except Exception:  # Pillow raises whatever it comes across; broken metadata are no reason to refuse a picture
+    except Exception:  # Pillow raises errors of any kind; broken metadata are no reason to refuse a picture
         return Image.Exif()
 
 

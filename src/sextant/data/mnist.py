@@ -116,7 +116,7 @@ def read_idx(path: Path) -> np.ndarray:
     """Read an idx file of unsigned bytes, possibly gzipped, as an array.
 
     Raises:
-        UserError: the file is not of this format, or its length differs from what its header says.
+        UserError: the file is not of this format, or its length differs from that in its header.
     """
     try:
         content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
@@ -128,5 +128,7 @@ def read_idx(path: Path) -> np.ndarray:
     shape = struct.unpack(f">{content[3]}I", content[4:header])
     expected = header + int(np.prod(shape))
     if len(content) != expected:
-        raise UserError(f"{path} is truncated: {len(content):,} bytes, its header says {expected:,}", "Fetch it again.")
+        raise UserError(
+            f"{path} is truncated: {len(content):,} bytes, its header gives {expected:,}", "Fetch it again."
+        )
     return np.frombuffer(bytearray(content), np.uint8, offset=header).reshape(shape)  # writable, as torch wants it

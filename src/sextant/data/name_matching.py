@@ -1,4 +1,4 @@
-"""Which row of a table or reconstruction each image is, by name.
+"""Match images with the rows of a table or reconstruction by name.
 
 Programs write names relative to different folders, with backslashes, percent escapes, other Unicode forms or letter
 cases, or leave suffixes out. Names are compared in steps, from the literal name to the last part of the path without

@@ -91,7 +91,7 @@ def walk_folder(folder: Path, *, deep: bool = True) -> FolderWalk:
             if os.path.isfile(path) or not os.path.exists(path):
                 found.files.append(here / name)
             else:  # reading a pipe might never end
-                found.unreadable[(here / name).as_posix()] = "is no file"
+                found.unreadable[(here / name).as_posix()] = "is not a file"
     return found
 
 

@@ -1,4 +1,4 @@
-"""Opening of picture files of any kind by their content, and why those that cannot be opened cannot."""
+"""Open picture files of any kind by their content, and explain why others cannot be opened."""
 
 import io
 import mmap
@@ -25,13 +25,13 @@ class UnreadableImageError(OSError):
 
 
 def open_picture(path: Path) -> Image.Image:
-    """Open a picture without decoding it, whatever its name; the caller closes it.
+    """Open a picture of any name without decoding it; the caller closes it.
 
     Raises:
         UnreadableImageError: it is the preview in a raw file, or a TIFF that Pillow opens but reads wrongly.
-        OSError: or what else Pillow raises for what is no picture; :func:`why_unreadable` gives the reason.
+        OSError: or any other error of Pillow for a file that is not a picture; :func:`why_unreadable` gives the reason.
     """
-    Image.init()  # until then Pillow knows only the commonest formats
+    Image.init()  # until then Pillow supports only the commonest formats
     content = None if first_bytes(path, 8) != PNG else _without_odd_chunks(path)
     image = Image.open(path if content is None else io.BytesIO(content), formats=known_formats())
     if reason := unfit_tiff(image, path.suffix.lower()):
@@ -51,7 +51,7 @@ def why_unreadable(path: Path, error: Exception) -> str:
     if isinstance(error, UnreadableImageError):
         return str(error)
     if not path.is_file():
-        return "is a link to nothing" if path.is_symlink() else "is no file" if path.exists() else "does not exist"
+        return "is a broken link" if path.is_symlink() else "is not a file" if path.exists() else "does not exist"
     if isinstance(error, OSError) and error.errno is not None:
         return f"cannot be read: {error.strerror}"
     size = path.stat().st_size
@@ -61,7 +61,7 @@ def why_unreadable(path: Path, error: Exception) -> str:
     if isinstance(error, UnidentifiedImageError):
         if kind := not_decoded(path):
             return kind
-        why = "it is text" if is_text(path) else "it is no picture in a known format"
+        why = "it is text" if is_text(path) else "it is not a picture in a known format"
     return f"cannot be decoded ({size:,} bytes): {why}"
 
 

@@ -3,7 +3,7 @@ r"""Pictures of more than 8 bits as bytes, by one rule for all readers.
 Files of 16 or 32 bits rarely use all of them: cameras write 10, 12 or 14 bits into 16. The white level of a picture is
 :math:`2^b - 1`, with :math:`b` the fewest of 8, 10, 12, 14, 16, 24 and 32 bits that hold the largest value of *all*
 pictures of its kind that belong together (a data set, or else the files of its folder), and bytes are the upper 8 of
-these :math:`b` bits. So a picture of the night stays darker than one of the day, whatever its own largest value. A kind
+these :math:`b` bits. So a night picture stays darker than a day picture, whatever its own largest value. A kind
 is a suffix, size and type of values; up to :data:`SAMPLE` pictures are examined, and brighter ones beyond them have
 their own level. Floating-point values of at most :data:`SHARES` are shares of 1; else whole numbers as above.
 
@@ -28,7 +28,7 @@ from sextant.data.picture_files import open_picture
 
 log = logging.getLogger(__name__)
 
-#: changes when the same files of more than 8 bits would become other bytes
+#: changes whenever the conversion of deeper files to bytes does
 LEVELS = "white levels 1"
 BITS = (8, 10, 12, 14, 16, 24, 32)
 #: pictures examined for their common level, and those opened in search of them

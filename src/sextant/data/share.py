@@ -53,7 +53,7 @@ WHOLE = Share()
 class SharedBatches(Dataset[Any]):
     """A process's share of the batches of a dataset, weighted; its batches have a field ``weight``.
 
-    A process for which a small batch has no image gets the first image with weight 0, since all must take part in a
+    A process without an image in a small batch gets the first image with weight 0, since all must take part in a
     step.
 
     Args:

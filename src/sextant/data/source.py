@@ -58,8 +58,8 @@ class ImageSource(ABC):
         """The files that ``split`` is read from.
 
         Raises:
-            MissingDataError: they were not found; the message says where they were searched, how to get them, and what
-                to use instead.
+            MissingDataError: they were not found; the message names the searched folders, how to get the files,
+                and what to use instead.
         """
 
     @abstractmethod

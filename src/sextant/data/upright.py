@@ -22,7 +22,7 @@ STORED_FROM_UPRIGHT = {
 
 
 def exif_orientation(image: Image.Image) -> int:
-    """The EXIF orientation, 1 to 8, with 1 being upright; also 1 if it is missing, broken or no such number."""
+    """The EXIF orientation, 1 to 8, with 1 being upright; also 1 if it is missing, broken or another number."""
     value = as_number(tag_of(exif_of(image), ORIENTATION))
     return int(value) if value in TURN else 1
 

@@ -1,4 +1,4 @@
-r"""How far a classifier's confidence can be trusted: expected calibration error and negative log-likelihood.
+r"""Calibration of a classifier's confidence: expected calibration error and negative log-likelihood.
 
 With bins :math:`B_m` of equal width over the probability of the predicted class,
 
@@ -7,7 +7,7 @@ With bins :math:`B_m` of equal width over the probability of the predicted class
 
 Source: C. Guo, G. Pleiss, Y. Sun, K. Weinberger, "On calibration of modern neural networks", ICML 2017, which uses 15
 bins. The estimate is biased upwards for few images: a calibrated network has an ECE of about
-:math:`\sum_m \sqrt{2 |B_m| v_m / \pi} / n`, with the variance :math:`v_m` of being right.
+:math:`\sum_m \sqrt{2 |B_m| v_m / \pi} / n`, with :math:`v_m` the variance of correctness in bin m.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ BINS = 15
 
 @dataclass(frozen=True)
 class Confidence:
-    """What a classifier believes about each image, in the order of the split.
+    """A classifier's confidence on each image, in the order of the split.
 
     Attributes:
         predicted: probability of the predicted class.
@@ -58,17 +58,19 @@ def expected_calibration_error(confidence: Float[ndarray, "n"], right: Bool[ndar
 
     Args:
         confidence: probability of the predicted class, in [0, 1].
-        right: whether the prediction is right.
+        right: whether the prediction is correct.
         bins: number of bins of equal width.
 
     Raises:
-        ValueError: there are no images, the lengths differ, a probability is none, or there is no bin.
+        ValueError: there are no images, the lengths differ, a probability is outside [0, 1], or ``bins`` is below 1.
 
     >>> expected_calibration_error(np.array([0.9, 0.9, 0.9, 0.9]), np.array([True, True, True, False]))
     0.15000000000000002
     """
     if len(confidence) == 0 or confidence.shape != right.shape or bins < 1:
-        raise ValueError(f"need one confidence for each of {len(right)} images, and a bin; got {confidence.shape}")
+        raise ValueError(
+            f"need one confidence per image ({len(right)}), and at least one image and bin; got {confidence.shape}"
+        )
     if not ((confidence >= 0) & (confidence <= 1 + 1e-6)).all():
         raise ValueError("confidences must be in [0, 1]")
     of_bin = np.clip(np.ceil(np.asarray(confidence, np.float64) * bins) - 1, 0, bins - 1).astype(np.int64)

@@ -1,19 +1,19 @@
 r"""Split-conformal prediction: intervals with guaranteed coverage, whatever the network.
 
-The *score* of an image is its error over the expected error that the network predicts for it, :math:`s = |e| / \sigma`.
+The *score* of an image is its error divided by the expected error that the network predicts, :math:`s = |e| / \sigma`.
 From the sorted scores of n validation images, which were not trained on, the interval at level :math:`1 - \alpha` is
 
 .. math:: \hat y \pm q\,\sigma, \qquad q = s_{(\lceil (n + 1)(1 - \alpha) \rceil)} ,
 
 infinite if the rank exceeds n. If a new image is exchangeable with them, the interval covers the truth with probability
 at least :math:`1 - \alpha`, and for scores without ties at most :math:`1 - \alpha + 1/(n + 1)`. Both are averages over
-validation sets and new images together. For one given validation set the coverage scatters by about
-:math:`\sqrt{\alpha(1 - \alpha)/n}`, and it is not the coverage for any particular kind of image. Choosing a checkpoint
-on the same validation images makes their scores slightly too small, which no formula here corrects.
+validation sets and new images together. For a given validation set, coverage varies by about
+:math:`\sqrt{\alpha(1 - \alpha)/n}`, and it is not guaranteed for any particular kind of image. Choosing a checkpoint on
+the same validation images makes their scores slightly too small, which is not corrected here.
 
 Crops of one panorama are not exchangeable with those of a new one. With m crops from each of K panoramas, the guarantee
-holds for one crop of a new panorama if the new panorama is given the weight of a whole one: the rank among the n = K m
-scores is :math:`\lceil (n + m)(1 - \alpha) \rceil`, so that levels above :math:`K/(K + 1)` give infinite intervals.
+holds for one crop of a new panorama if the new panorama counts as a whole one: the rank among the n = K m scores is
+:math:`\lceil (n + m)(1 - \alpha) \rceil`, so that levels above :math:`K/(K + 1)` give infinite intervals.
 
 Sources: J. Lei et al., "Distribution-free predictive inference for regression", JASA 2018; Y. Lee, R. F. Barber,
 R. Willett, "Distribution-free inference with hierarchical data", 2023, for clusters.
@@ -64,7 +64,7 @@ def cluster_resamples(clusters: Int64[ndarray, "n"], resamples: int, seed: int) 
 def conformal_rank(count: int, level: float, per_panorama: int = 1) -> int:
     """Rank, from 1, of the sorted score that bounds the intervals of a level; a rank above ``count`` means infinity.
 
-    It is ``ceil((n + m) level)``, where a product that is whole up to rounding is taken as whole: 0.55 x 100 is 55.
+    It is ``ceil((n + m) level)``, with products rounded if within rounding error of an integer: 0.55 x 100 is 55.
 
     Raises:
         ValueError: the level is not in (0, 1), or ``per_panorama`` does not divide ``count``.
@@ -77,7 +77,7 @@ def conformal_rank(count: int, level: float, per_panorama: int = 1) -> int:
     if not 0 < level < 1:
         raise ValueError(f"level must lie in (0, 1), got {level}")
     if per_panorama < 1 or count % per_panorama:
-        raise ValueError(f"{count} scores are not {per_panorama} from each of some panoramas")
+        raise ValueError(f"{count} scores cannot be split into panoramas with {per_panorama} each")
     exact = (count + per_panorama) * level
     return round(exact) if math.isclose(exact, round(exact), rel_tol=1e-12) else math.ceil(exact)
 

@@ -22,8 +22,8 @@ class CorruptionDifferences:
             corrected for multiplicity.
         p_holm: p-value of each corruption's paired t test over seeds, Holm-corrected for their number.
         holm_wins, holm_losses: numbers of wins and losses whose corrected p-value is below 1 - confidence.
-        p_value: Wilcoxon's signed-rank test over corruptions, two-sided. Corruptions of a family are alike, so this
-            overstates the evidence: the interval of ``mean`` over seeds is the one to quote.
+        p_value: Wilcoxon's signed-rank test over corruptions, two-sided. Corruptions of one family are correlated, so
+            this overstates the evidence; quote the interval of ``mean`` over seeds instead.
     """
 
     mean: PairedDifference

@@ -116,7 +116,7 @@ def present(corruptions: Sequence[str] | None, found: Mapping[str, object]) -> t
     """
     names = tuple(found if corruptions is None else corruptions)
     if missing := [name for name in names if name not in found]:
-        raise ValueError(f"no error is known for {', '.join(missing)}; there is one for {', '.join(found)}")
+        raise ValueError(f"no error for {', '.join(missing)}; available: {', '.join(found)}")
     if not names:
         raise ValueError("a mean needs at least one corruption")
     return names
@@ -283,7 +283,7 @@ class CorruptionScore:
 
 
 def corruption_ratio(errors: Sequence[float], baseline: Sequence[float]) -> float:
-    """:math:`CE = \\sum_s E_s / \\sum_s A_s` of one corruption; a baseline's mean over severities stands for each.
+    """:math:`CE = \\sum_s E_s / \\sum_s A_s` of one corruption; the baseline may be given as its mean over severities.
 
     Raises:
         ValueError: the numbers of severities differ, there are none, or the baseline makes no error.
@@ -299,19 +299,19 @@ def relative_corruption_ratio(
 ) -> float:
     """:math:`rCE = \\sum_s (E_s - E_0) / \\sum_s (A_s - A_0)` of one corruption.
 
-    It is undefined, and may change sign, if the corruption does not hurt the baseline.
+    It is undefined, and may change sign, if the corruption does not increase the baseline's error.
 
     Raises:
-        ValueError: the numbers of severities differ, there are none, or the baseline loses nothing.
+        ValueError: the numbers of severities differ, there are none, or the baseline's loss is zero.
 
     >>> round(relative_corruption_ratio([0.2, 0.4], 0.1, [0.3, 0.5], 0.1), 2)  # (0.1 + 0.3) / (0.2 + 0.4)
     0.67
     """
     if len(baseline) not in (1, len(errors)) or not errors:
-        raise ValueError(f"{len(errors)} severities need as many of the baseline, or their mean; got {len(baseline)}")
+        raise ValueError(f"{len(errors)} severities need as many baseline errors, or their mean; got {len(baseline)}")
     lost = float(np.mean(baseline)) - baseline_clean
     if lost == 0:
-        raise ValueError("the baseline loses nothing under this corruption, there is no ratio to it")
+        raise ValueError("the baseline's loss under this corruption is zero, so the ratio is undefined")
     return (float(np.mean(errors)) - clean) / lost
 
 
@@ -322,7 +322,7 @@ def corruption_score(
 
     Args:
         errors: of the model, as shares.
-        baseline: whose errors the ratios divide by; see the module.
+        baseline: its errors are the denominators of the ratios; see the module.
         corruptions: names of the set, such as :data:`BENCHMARK_15`; by default all that the model was tested on.
 
     Raises:

@@ -46,7 +46,8 @@ def flip_probability(predictions: Integer[ndarray, "sequences frames"], *, again
     Args:
         predictions: predicted class by sequence and frame.
         against_first: compare with the first frame, as noise perturbations require (:func:`is_noise`).
-        step: distance of the compared frames, over all phases (the benchmark's harder variants); noise keeps 1.
+        step: distance between compared frames, over all phases (the benchmark's harder variants); not used with
+            ``against_first``.
 
     Raises:
         ValueError: there is no sequence, sequences have no two frames ``step`` apart, or ``step`` is not positive.
@@ -57,7 +58,7 @@ def flip_probability(predictions: Integer[ndarray, "sequences frames"], *, again
     """
     count, frames = predictions.shape
     if step < 1 or count == 0 or frames <= step:
-        raise ValueError(f"need sequences of more than {step} frames, a step of at least 1; got {predictions.shape}")
+        raise ValueError(f"need sequences of more than {step} frames and a step of at least 1; got {predictions.shape}")
     if against_first:
         return float(np.mean(predictions[:, 1:] != predictions[:, :1]))
     return float(np.mean(predictions[:, step:] != predictions[:, :-step]))
@@ -72,5 +73,5 @@ def mean_flip_probability(
     0.2
     """
     if missing := [name for name in perturbations if name not in by_perturbation]:
-        raise ValueError(f"no flip probability is known for {', '.join(missing)}")
+        raise ValueError(f"no flip probability for {', '.join(missing)}")
     return float(np.mean([by_perturbation[name] for name in perturbations]))

@@ -1,4 +1,4 @@
-"""The one figure of a task that goes into a table of tasks under corruptions, named alike in all of them."""
+"""The headline figure of each task for tables of tasks under corruptions, under the same names in all tasks."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ class Headline:
     r"""The headline figure of one run on clean test images and under each corruption.
 
     The relative loss of a figure x against the clean one :math:`x_0` is :math:`(x_0 - x) / x_0` if higher is better and
-    :math:`(x - x_0) / x_0` if lower is better: 0 is no loss, and 1 is all of an accuracy, or twice the error.
+    :math:`(x - x_0) / x_0` if lower is better: 0 is no loss; 1 is an accuracy of zero, or twice the error.
 
     Attributes:
         name: of the figure, such as ``accuracy``.
@@ -42,13 +42,13 @@ class Headline:
             raise ValueError(f"the figure on clean images is missing among {', '.join(self.values) or 'none'}")
 
     def by_corruption(self) -> dict[str, float]:
-        """The figure under each corruption, averaged over its severities; nan if that of a severity is unknown."""
+        """The figure under each corruption, averaged over its severities; nan if any of them is nan."""
         severities: dict[str, list[float]] = {}
         for key, value in self.values.items():
             name, _, severity = key.rpartition("/")
             if name and severity:
                 severities.setdefault(name, []).append(value)
-        import numpy as np  # not when a command only looks at a config
+        import numpy as np  # not needed by commands that only read a config
 
         return {name: float(np.mean(values)) for name, values in severities.items()}
 
@@ -61,7 +61,7 @@ class Headline:
         return float(np.mean(found)) if found else float("nan")
 
     def loss(self, value: float) -> float:
-        """The relative loss of a figure against the clean one; nan if that is zero."""
+        """The relative loss of a figure against the clean one; nan if the clean one is zero."""
         return relative_loss(self.values[CLEAN], value, self.better)
 
     def metrics(self) -> dict[str, float]:
@@ -77,7 +77,7 @@ class Headline:
         return {f"{PREFIX}/{name}": value for name, value in found.items() if math.isfinite(value)}
 
     def facts(self, **more: Any) -> dict[str, Any]:
-        """What the figure is, and a table by corruption, as stored with the results of a run; empty without any."""
+        """Metadata of the figure and a table by corruption, as stored with a run's results; empty without any."""
         if not self.by_corruption():
             return {}
         about = {"name": self.name, "unit": self.unit, "better": self.better, **more}
@@ -98,7 +98,7 @@ class Headline:
 
 
 def relative_loss(clean: float, value: float, better: Literal["higher", "lower"]) -> float:
-    """The share of a clean figure that is lost; nan if that is zero.
+    """The share of a clean figure that is lost; nan if the clean figure is zero.
 
     >>> relative_loss(0.8, 0.6, "higher"), relative_loss(2.0, 3.0, "lower")
     (0.25000000000000006, 0.5)

@@ -18,8 +18,8 @@ from sextant.errors import ArgumentError
 
 Method = Literal["t", "bootstrap"]
 Better = Literal["higher", "lower"]
-#: Test images are averaged over so many stretches of neighbours before they count as a sample: neighbouring frames of
-#: a drive are correlated, stretches less. With as many as a claim needs seeds, little is lost where images are
+#: Number of stretches of neighbouring test images whose means count as the sample: neighbouring frames of a drive are
+#: correlated, stretches less so. With as many stretches as a claim needs seeds, little is lost where images are
 #: independent. Source of batch means: Schmeiser, Batch size effects in the analysis of simulation output, Oper. Res.
 #: 30, 1982.
 BLOCKS = 8
@@ -98,7 +98,7 @@ def paired_difference(
     images = (values[0] - values[1]).reshape(len(treatment), -1)
     per_seed = images.mean(axis=1)
     scale = np.abs(values).max(where=np.isfinite(values), initial=0.0) or 1.0
-    ranked = np.round(per_seed / scale, DIGITS)  # what is equal up to rounding is equal
+    ranked = np.round(per_seed / scale, DIGITS)  # values equal up to rounding are ties
     if np.ptp(ranked) == 0:
         per_seed = np.full_like(per_seed, per_seed.mean() if ranked.any() else 0.0)
     low, high = _t_interval(per_seed, confidence) if method == "t" else bootstrap_t_interval(images, confidence, seed)
@@ -123,13 +123,13 @@ def bootstrap_t_interval(
     """Studentized bootstrap interval of the mean over seeds, with images resampled within each resampled seed.
 
     Resampled means over images are drawn from a normal distribution with the images' standard error. The central limit
-    theorem allows that for some hundred images or more, and it saves a factor of their number; with one image per seed
-    nothing is nested. A percentile bootstrap is not offered: with few seeds its coverage is below nominal (Efron &
-    Tibshirani 1993, 12.5). Fewer than two seeds give nan, as do two with nothing nested: each of their resamples has
-    their mean, or no spread.
+    theorem justifies this for about a hundred images or more, and it is faster by a factor of their number; with one
+    image per seed nothing is nested. A percentile bootstrap is not offered: with few seeds its coverage is below
+    nominal (Efron & Tibshirani 1993, 12.5). Fewer than two seeds give nan, as do two seeds with one image each, whose
+    resamples have either the same mean or no spread.
 
     >>> low, high = bootstrap_t_interval(np.array([[1.0], [2.0], [2.0], [3.0], [2.0], [8.0]]))
-    >>> f"3 [{low:.1f}, {high:.1f}]"  # further up than down, as the values do
+    >>> f"3 [{low:.1f}, {high:.1f}]"  # skewed upwards, like the values
     '3 [1.3, 10.2]'
     """
     count, width = images.shape
@@ -153,15 +153,16 @@ def bootstrap_t_interval(
 
 
 def crossed_interval(images: Float[ndarray, "seeds images"], confidence: float = 0.95) -> tuple[float, float]:
-    """t interval of the mean when seeds and images are both random and every seed sees the same images.
+    """t interval of the mean when seeds and images are both random and all seeds share the images.
 
-    Images in the order of a drive are no independent sample, so they count as ``min(BLOCKS, N)`` means over stretches
-    of neighbours, each ``N / BLOCKS`` images long (batch means). Two-way random effects, with B the number of
+    Images in the order of a drive are not an independent sample, so they count as ``min(BLOCKS, N)`` means over
+    stretches of neighbours, each ``N / BLOCKS`` images long (batch means). Two-way random effects, with B the number of
     stretches: ``Var = s²(seed means)/S + V(B)``, ``V(B) = s²(stretch means)/B - MSE/(S B)``; min(S, B) - 1 degrees of
     freedom, which is conservative when images dominate. Neighbouring stretches are still correlated: V(B) is too small
-    by a part proportional to B, which V(B/2) has by half and ``2 V(B/2) - V(B)`` not at all; the larger counts.
-    Under the null, 3.8 % of the intervals exclude zero, 4.8 % where only images differ, if frames correlate over ten of
-    400 (by V(B) alone, 5.6 and 7.0 %); 3.2 % if they do not. Fewer than two seeds or images give nan.
+    by a term proportional to B, which is half as large in V(B/2) and cancels in ``2 V(B/2) - V(B)``; the larger of V(B)
+    and the latter is used. Under the null, with frames correlated over ten of 400, 3.8 % of the intervals exclude zero,
+    and 4.8 % where only images vary (with V(B) alone, 5.6 and 7.0 %); with uncorrelated frames, 3.2 %. Fewer than two
+    seeds or images give nan.
 
     Source: D. Vats, J. Flegal, "Lugsail lag windows for estimating time-average covariance matrices", Biometrika 109,
     2022.
@@ -182,7 +183,7 @@ def crossed_interval(images: Float[ndarray, "seeds images"], confidence: float =
 
 
 def _of_stretches(images: Float[ndarray, "seeds images"], count: int) -> float:
-    """The part of the variance of the mean that the choice of images makes, from ``count`` stretches of them."""
+    """The variance of the mean due to the choice of images, estimated from ``count`` stretches of them."""
     blocks = np.stack([part.mean(axis=1) for part in np.array_split(images, count, axis=1)], axis=1)
     residual = blocks - blocks.mean(axis=1)[:, None] - blocks.mean(axis=0) + blocks.mean()
     mse = (residual**2).sum() / ((len(images) - 1) * (count - 1))
@@ -232,8 +233,8 @@ def _wilcoxon(values: Float[ndarray, "seeds"]) -> float:
 def holm(p_values: Sequence[float]) -> list[float]:
     """Holm's step-down adjusted p-values; nan entries stay nan and do not count as tests.
 
-    Of n tests, the i-th smallest p is multiplied by n - i + 1, and adjusted values never decrease with p. It is written
-    out here because statsmodels' ``multipletests`` runs garbage collection on every call, which takes longer than
+    Of n tests, the i-th smallest p is multiplied by n - i + 1, and adjusted values never decrease with p. Implemented
+    here because statsmodels' ``multipletests`` runs garbage collection on every call, which takes longer than
     everything else.
 
     Source: S. Holm, A simple sequentially rejective multiple test procedure, Scand. J. Statistics 6, 1979.

@@ -1,14 +1,14 @@
-r"""How many particles a method needs, and how many times as many as another.
+r"""The number of particles that a method needs, and its ratio to that of another method.
 
-:math:`N_{95}` is the smallest of the counts tried at which at least 95 % of the seeds succeed. If a method reaches this
-at none, its :math:`N_{95}` is censored: it lies above the largest count tried, and a ratio with it lies in an interval
-instead of being a number. Both are carried as intervals: :math:`N_a / N_b` is in ``[least, most]``, with
-``most = inf`` if a is censored, ``least = 0`` if b is, and both if both are.
+:math:`N_{95}` is the smallest of the counts tried at which at least 95 % of the seeds succeed. If none of them is
+enough, :math:`N_{95}` is censored: it lies above the largest count tried, and a ratio with it is known only as an
+interval. All ratios are represented as intervals: :math:`N_a / N_b` is in ``[least, most]``, with ``most = inf`` if a
+is censored, ``least = 0`` if b is, and both if both are.
 
 The interval for the ratio resamples seeds with replacement (a percentile bootstrap). It takes the lower quantile of the
 lower ends and the upper quantile of the upper ends, so that censoring can only make it wider. Seeds are resampled
-jointly if both methods have the same ones. Where all seeds agree at every count, the bootstrap has nothing to vary and
-the interval is a point: it says nothing about the counts between those tried, or about rarer failures.
+jointly if both methods have the same ones. Where all seeds agree at every count, the resamples do not vary and the
+interval is a point, which reflects neither the counts between those tried nor rarer failures.
 """
 
 import math

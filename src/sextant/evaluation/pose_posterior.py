@@ -1,4 +1,4 @@
-r"""Calibration of posteriors over poses in the plane: whether a posterior is as sure as it is right.
+r"""Calibration of posteriors over poses in the plane: whether their spread matches their errors.
 
 An error is :math:`e = (x - \hat x,\; y - \hat y,\; \mathrm{wrap}(\theta - \hat\theta))`, in metres and radians in the
 axes of the map; covariances are in the same coordinates. For a Gaussian posterior
@@ -6,7 +6,7 @@ axes of the map; covariances are in the same coordinates. For a Gaussian posteri
 .. math:: \mathrm{NEES} = e^\top \Sigma^{-1} e \sim \chi^2_d
 
 (normalized estimation error squared; Bar-Shalom, Li & Kirubarajan, "Estimation with Applications to Tracking and
-Navigation", 2001, section 5.4). A mean above d says that the filter is overconfident. The sum of n independent NEES is
+Navigation", 2001, section 5.4). A mean above d indicates an overconfident filter. The sum of n independent NEES is
 :math:`\chi^2_{nd}`, which gives the interval in which the mean should lie. The frames of one drive are **not**
 independent: the number of drives may be given in place of theirs.
 
@@ -16,7 +16,7 @@ The density of the true pose under weighted particles is a kernel density estima
    \frac{e^{\kappa \cos(\theta - \theta_i)}}{2\pi I_0(\kappa)} + \epsilon\, u, \qquad \kappa = h_\theta^{-2}
 
 per m² rad (per m² or m without heading), in which a von Mises kernel keeps the heading periodic. Where a filter is
-lost, the truth lies so far from all particles that its density is zero but for the tail of the kernel, and the mean
+lost, the truth lies so far from all particles that its density is zero apart from the tail of the kernel, and the mean
 would depend on the bandwidth alone. The uniform density :math:`u` of the map, with a small share :math:`\epsilon`,
 bounds it.
 """
@@ -81,7 +81,7 @@ def nees(
     covariance: Float[ndarray, "*n 3 3"],
     axes: tuple[int, ...] = PLANE,
 ) -> Float[ndarray, "*n"]:
-    """Normalized estimation error squared of each pose; inf where an error lies in a direction of no variance.
+    """Normalized estimation error squared of each pose; inf where an error lies in a direction of zero variance.
 
     Args:
         truth, mean: poses: x and y in metres, heading in radians.
@@ -118,7 +118,7 @@ def posterior_calibration(
     Raises:
         ValueError: there is no value, or one is nan.
 
-    >>> right = np.random.default_rng(0).chisquare(3, 1000)  # NEES of a filter that is as sure as it is right
+    >>> right = np.random.default_rng(0).chisquare(3, 1000)  # NEES of a calibrated filter
     >>> posterior_calibration(right, dof=3).calibrated, posterior_calibration(2 * right, dof=3).calibrated
     (True, False)
     """
@@ -163,7 +163,7 @@ def particle_nll(
         background_density: density of a pose anywhere in the map, such as 1 / (area x 2π) in the plane.
 
     Raises:
-        ValueError: a bandwidth is not positive, or the background is not a share of a positive density.
+        ValueError: a bandwidth is not positive, the background is outside [0, 1), or its density is not positive.
 
     >>> one = {"poses": np.zeros((1, 3)), "log_weights": np.zeros(1), "bandwidth_m": 1.0, "bandwidth_rad": 0.1}
     >>> there, away = (particle_nll(np.array([x, 0.0, 0.0]), **one, axes=POSITION) for x in (0.0, 2.0))

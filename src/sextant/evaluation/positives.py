@@ -1,4 +1,4 @@
-"""Which references show the place of a query: the ground truth of place recognition, kept sparse.
+"""The references that show the place of each query: the ground truth of place recognition, stored sparsely.
 
 Metric positions, frame numbers of aligned traverses and published index lists are all converted to this form, so that
 every metric is defined once. A query may have no positive: metrics count such queries and state how they treat them.
@@ -83,7 +83,7 @@ class Positives:
             ValueError: the tolerance is negative.
 
         >>> frames = np.arange(4)
-        >>> Positives.within_frames(frames, frames, tolerance=1).counts  # at the ends there is but one neighbour
+        >>> Positives.within_frames(frames, frames, tolerance=1).counts  # at the ends there is only one neighbour
         array([2, 3, 3, 2])
         """
         if tolerance < 0:
@@ -121,7 +121,7 @@ class Positives:
         """Whether each of the k references found for a query is one of its positives.
 
         Raises:
-            ValueError: the neighbours are not of these queries, or not indices of these references.
+            ValueError: there is not one row of neighbours for each query, or one is not an index of a reference.
         """
         if neighbours.ndim != 2 or len(neighbours) != len(self):
             raise ValueError(f"need neighbours of {len(self)} queries, one per row; got {neighbours.shape}")
@@ -148,7 +148,7 @@ class Positives:
 
     @property
     def _keys(self) -> Int64[ndarray, "p"]:
-        """Pairs as increasing numbers."""
+        """Each pair of query and reference as one number, in increasing order."""
         return np.asarray(np.repeat(np.arange(len(self)), self.counts) * self.references + self.indices)
 
 

@@ -1,11 +1,11 @@
-r"""The probability that a descriptor gives to the right places: a posterior over the references.
+r"""The probability that a descriptor assigns to the correct places: a posterior over the references.
 
 .. math:: p(j \mid i) = \frac{e^{s_{ij} / T}}{\sum_{j'} e^{s_{ij'} / T}}, \qquad
    \mathrm{NLL} = -\frac{1}{M} \sum_{i \in M} \log \sum_{j \in P_i} p(j \mid i) \quad \text{(nats)}
 
-over the M queries that have a positive; for the others no place is right, and they are counted separately. A posterior
-that is uniform over the n references has :math:`\log n - \log |P_i|` for query i. The temperature T, in the unit of the
-similarity, is fitted on queries other than those it is reported for.
+over the M queries that have a positive; the others have no correct place and are counted separately. For query i, a
+posterior that is uniform over the n references has the value :math:`\log n - \log |P_i|`. The temperature T, in the
+unit of the similarity, is fitted on queries other than those it is reported for.
 
 Source: temperature scaling is that of C. Guo et al., "On Calibration of Modern Neural Networks", ICML 2017.
 """
@@ -103,7 +103,7 @@ def fit_temperature(similarities: Float[ndarray, "m n"], positives: Positives) -
     _check(similarities, positives)
     spread = float(similarities.std(dtype=np.float64))
     if spread == 0 or not positives.matchable.any():
-        raise ValueError("a temperature needs similarities that differ and a query with a positive")
+        raise ValueError("fitting a temperature needs similarities that differ and a query with a positive")
     grid = np.linspace(np.log(RANGE[0]), np.log(RANGE[1]), STEPS) + np.log(spread)
     losses = [_nll(similarities, positives, float(np.exp(log))) for log in grid]
     best = int(np.argmin(losses))
@@ -126,7 +126,7 @@ def _nll(similarities: Float[ndarray, "m n"], positives: Positives, temperature:
         scores = similarities[some].astype(np.float64) / temperature
         counts = positives.counts[some]
         row, first = np.repeat(np.arange(len(some)), counts), np.cumsum(counts) - counts
-        # queries without a positive have no indices, so that those of these queries follow each other
+        # queries without a positive have no indices, so the indices of these queries are contiguous
         right = scores[row, positives.indices[positives.starts[some[0]] : positives.starts[some[-1] + 1]]]
         highest = np.maximum.reduceat(right, first)
         among = highest + np.log(np.add.reduceat(np.exp(right - highest[row]), first))

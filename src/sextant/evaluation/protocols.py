@@ -1,4 +1,4 @@
-"""The definitions on which results rest, fixed here before any result exists."""
+"""The definitions behind all results, fixed before any result was obtained."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,8 +6,8 @@ from typing import Literal
 #: A claim needs this many seeds; with fewer, it is labelled exploratory. With 5 a sign test cannot go below p = 0.0625.
 SEEDS_FOR_A_CLAIM = 8
 
-#: Worlds - layouts drawn anew, or sources of real data - that a claim needs where they are the replicate: each holds
-#: runs of its own, and t intervals over three are valid, if wide.
+#: Number of worlds (independently drawn layouts, or sources of real data) that a claim needs where worlds are the unit
+#: of replication: each has runs of its own, and t intervals over three are valid, if wide.
 WORLDS_FOR_A_CLAIM = 3
 
 #: A classification run has converged if its validation accuracy after training is at least this share of the way from
@@ -107,11 +107,11 @@ class LocalizationProtocol:
 OFFICE_LOCALIZATION = LocalizationProtocol(0.5, 10.0, 10)
 #: Streets: the tightest of the limits commonly used under changing seasons (5 m), with heading.
 TOWN_LOCALIZATION = LocalizationProtocol(5.0, 20.0, 10)
-#: A railway, where a position is a frame of the reference traverse; one frame every ten seconds, some 230 m at full
+#: A railway, where a position is a frame of the reference traverse; one frame every ten seconds, about 230 m at full
 #: speed.
 NORDLAND_LOCALIZATION = LocalizationProtocol(2.0, None, 10, "frames")
 
-#: A run whose estimated mode holds less of the weight than this declares itself lost.
+#: A run whose estimated mode holds less of the weight than this is reported as lost.
 MODE_MASS = 0.5
 #: Frames after a kidnap within which a run must have converged again, to count as recovered.
 RECOVERY_HORIZON = 60

@@ -2,7 +2,7 @@
 
 Scores are a matrix of trials x seeds: higher is better, nan where a seed has not been run, minus infinity where a run
 had no result. The seeds of every trial are run in the same order, so two trials are compared seed by seed over the
-seeds that both have, which cancels what makes a seed easy or hard for all.
+seeds that both have, which cancels the difficulty of a seed that they share.
 """
 
 import math
@@ -43,7 +43,7 @@ def leader(scores: Scores) -> int | None:
 
 
 def racing(scores: Scores, confidence: float = 0.95, *, last: bool = False) -> list[int]:
-    r"""The trials that get another seed: those that may yet beat the best, and the best if one has as many.
+    r"""The trials that get another seed: those that may still beat the best, and the best if one of them has as many.
 
     A trial with :math:`n` seeds is eliminated once the upper end of a one-sided interval for its mean paired difference
     :math:`\bar d` from the leader is not above zero,
@@ -51,12 +51,12 @@ def racing(scores: Scores, confidence: float = 0.95, *, last: bool = False) -> l
     .. math:: \bar d + t_{\nu, c}\, s / \sqrt{n} \le 0,
 
     where :math:`s^2` is the variance of paired differences, pooled over all trials with two seeds or more, and
-    :math:`\nu` its degrees of freedom. One seed is thus enough to eliminate a trial that is far off, once others have
-    shown how much seeds vary. Nothing is eliminated while :math:`\nu < 4`. Every decision is made afresh, so a trial
-    returns if another takes the lead, or if seeds turn out to vary more than thought.
+    :math:`\nu` its degrees of freedom. One seed is thus enough to eliminate a trial that is far off, once the variance
+    over seeds is known from others. Nothing is eliminated while :math:`\nu < 4`. Every decision is made anew, so a
+    trial may return if another takes the lead or the estimated variance grows.
 
     Args:
-        scores: as in the module; a trial without a run deserves one.
+        scores: as in the module; trials without a run are always returned.
         confidence: :math:`c`, of each comparison.
         last: no other trials will follow; then the best gets all seeds too.
 
@@ -129,5 +129,5 @@ def every(scores: Scores) -> list[int]:
 
 
 def _sound(scores: Scores) -> ndarray:
-    """Trials of which no run failed to give a result."""
+    """Which trials have no failed run."""
     return np.asarray(~np.isneginf(scores).any(1))

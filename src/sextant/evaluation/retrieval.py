@@ -117,7 +117,7 @@ def recall(neighbours: Integer[ndarray, "m k"], positives: Positives, ranks: Seq
     {1: 0.5, 2: 1.0}
     """
     if not ranks or min(ranks) < 1 or max(ranks) > neighbours.shape[1]:
-        raise ValueError(f"ranks {tuple(ranks)} must be in [1, {neighbours.shape[1]}], the neighbours of each query")
+        raise ValueError(f"ranks {tuple(ranks)} must be in [1, {neighbours.shape[1]}], the number of neighbours")
     found = np.logical_or.accumulate(positives.hits(neighbours), axis=1)
     matchable, queries = positives.matchable, len(positives)
     hits = {k: int(found[:, k - 1].sum()) for k in ranks}
@@ -184,7 +184,7 @@ def recall_within_frames(
     0.75
     """
     if len(reference) != len(query):
-        raise ValueError(f"aligned traverses have as many frames each; got {len(reference)} and {len(query)}")
+        raise ValueError(f"aligned traverses need the same number of frames; got {len(reference)} and {len(query)}")
     frames = np.arange(len(query))
     nearest = nearest_neighbours(reference, query, 1, similarity)
     return recall(nearest, Positives.within_frames(frames, frames, tolerance), (1,)).over_all[1]

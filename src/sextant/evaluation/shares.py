@@ -7,7 +7,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy import stats
 
-#: by which means may leave [0, 1] or differ through rounding
+#: tolerance for rounding, by which means may leave [0, 1] or differ
 ROUNDING = 1e-12
 
 
@@ -87,4 +87,4 @@ def median_error(errors: Float[ndarray, "n"]) -> float:
     """
     ordered = np.sort(np.where(np.isnan(errors), np.inf, errors))
     low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
-    return float(low if low == high else (low + high) / 2)  # infinite errors have no difference, but a mean
+    return float(low if low == high else (low + high) / 2)  # the difference of infinite errors would be nan

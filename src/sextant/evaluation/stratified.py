@@ -79,7 +79,7 @@ def stratified_difference(
         D = (1/K) Σ_k (m_tk - m_ck),    V = Σ_k (v_tk + v_ck),    v = s² / (K² n),
         D ± t_ν sqrt(V),    ν = V² / Σ v² / (n - 1).
 
-    Every stratum has its own spread, and none counts for more because its runs happen to agree.
+    Every stratum has its own variance but the same weight, even if its runs happen to agree.
 
     Args:
         strata: treatment and control of each.

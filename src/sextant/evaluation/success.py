@@ -141,7 +141,7 @@ def share_of(holds: Bool[ndarray, " runs"], confidence: float = 0.95) -> Share:
     """The share of runs for which something holds, with its interval.
 
     >>> found = share_of(np.ones(8, bool))
-    >>> f"{found.rate:.2f} [{found.low:.2f}, {found.high:.2f}]"  # so few runs do not show more than two in three
+    >>> f"{found.rate:.2f} [{found.low:.2f}, {found.high:.2f}]"  # eight runs support no more than two in three
     '1.00 [0.68, 1.00]'
     """
     count, runs = int(holds.sum()), len(holds)

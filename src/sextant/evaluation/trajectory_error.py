@@ -9,7 +9,7 @@ or the angle of the rotation in place of the length of the translation t. The es
 motion or similarity that brings its positions nearest to the reference in the least squares sense.
 
 Poses are ``(n, 3)`` triples x, y, heading (radians), or ``(n, 4, 4)`` matrices. Rotations are inverted by
-transposition; where a file has few digits, the inverse matrix differs.
+transposition; for poses with few digits, the inverse matrix would differ.
 
 Sources: S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns", TPAMI 13(4),
 1991; J. Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012; the conventions (pairs, their
@@ -61,7 +61,7 @@ class ErrorStatistics:
         (5.0, 4.0, 3.0)
         """
         if errors.size == 0:
-            raise ValueError("a trajectory without errors has no statistics: no frame, or no pair at this distance")
+            raise ValueError("there are no errors to summarize: no frame, or no pair of poses at this distance")
         squares = errors**2
         return cls(
             float(np.sqrt(squares.mean())),
@@ -218,7 +218,7 @@ def pooled_errors(reference: Float[ndarray, "t r 3"], estimate: Float[ndarray, "
         truth, guess = reference[first:end, run], estimate[first:end, run]
         if len(truth) == 0:
             continue
-        if not np.min([np.ptp(poses[:, :2], axis=0).max() for poses in (truth, guess)]) <= STILL:  # nan is told below
+        if not np.min([np.ptp(poses[:, :2], axis=0).max() for poses in (truth, guess)]) <= STILL:  # nan fails below
             aligned.append(absolute_errors(truth, guess, alignment="rigid"))
         step.append(relative_errors(truth, guess))
         turned.append(relative_errors(truth, guess, part="rotation_deg"))
@@ -230,7 +230,7 @@ def align(
 ) -> Float[ndarray, "n k k"]:
     r"""Align the estimate by the s, R, t with least :math:`\sum_i \|s R\,t(P_i) + t - t(Q_i)\|^2`, R a rotation.
 
-    Planar poses are rotated within their plane; evo, which works in space, could also turn them over.
+    Planar poses are rotated within their plane; evo, which aligns in 3D, may also turn them over.
 
     Args:
         reference, estimate: homogeneous matrices, with 3 rows in the plane and 4 in space.
@@ -250,7 +250,7 @@ def align(
         if wrong := np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2))).tolist():
             raise ArgumentError(
                 f"{name}: pose {wrong[0]}, counted from 0, is not finite ({len(wrong)} of {len(poses):,} are not)",
-                "Leave these frames out of both trajectories, or align nothing: alignment='none'",
+                "Leave these frames out of both trajectories, or skip the alignment: alignment='none'",
             )
     target, source = reference[:, :-1, -1], estimate[:, :-1, -1]
     middle, centre = target.mean(axis=0), source.mean(axis=0)

@@ -19,7 +19,7 @@ LEAST = {"seeds": SEEDS_FOR_A_CLAIM, "worlds": WORLDS_FOR_A_CLAIM}
 TAIL = 0.025
 #: probability that the advised number of further seeds gives a verdict
 POWER = 0.8
-#: more seeds, or times as many test images, than this are not advised: the effect is practically at the border
+#: larger numbers of seeds, or factors of test images, are not advised: the effect is practically at the border
 MOST_SEEDS = 1000
 
 
@@ -33,14 +33,14 @@ class Estimate:
         freedom: degrees of freedom of the error.
         seeds: number of seeds, or of worlds, it is based on.
         known: a 95 % interval found other than by Student's t.
-        floor: the noise floor: the difference that the choice of seeds alone makes.
+        floor: the noise floor: the difference due to the choice of seeds alone.
         counted: whether it is exact, such as a number of parameters, and needs no seeds.
-        images: the part of ``error`` that the choice of test images makes, whatever the number of seeds; 0 if it is
-            not known, or part of what differs from world to world.
+        images: the part of ``error`` due to the choice of test images, independent of the number of seeds; 0 if it is
+            unknown, or included in the variation between worlds.
         replicate: what ``seeds`` counts.
-        learnt: whether both arms are better than a constant; arms that are not have nothing to compare.
-        cut_short: whether it is of runs that were cut short to try a design, which decide nothing.
-        run: whether there are runs to estimate it from; without them nothing else is meant.
+        learnt: whether both arms are better than a constant; otherwise there is nothing to compare.
+        cut_short: whether its runs were cut short to try a design; such runs decide nothing.
+        run: whether there are runs to estimate it from; without them the other values are meaningless.
 
     Example:
         >>> low, high = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9).interval()
@@ -108,7 +108,7 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
 
     Args:
         found: the effect, positive where it favours the claim.
-        expects: what the claim says about it.
+        expects: the effect that the claim expects.
         matters: smallest effect that matters, in its unit, at least 0.
         parts: number of parts of the claim. All must hold, so holding needs no correction; one failure is enough, so
             failing is tested with Bonferroni's correction.
@@ -139,7 +139,7 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
 def together(verdicts: Sequence[Verdict]) -> Verdict:
     """The verdict on a claim with several parts: it holds if all do, and fails if one does.
 
-    Otherwise it is not learnt if a part is: no further seed would decide that part.
+    Otherwise it is *not learnt* if a part is, because further seeds would not decide that part.
 
     >>> together(["holds", "undecided"]), together(["holds", "undecided", "fails"])
     ('undecided', 'fails')
@@ -156,13 +156,13 @@ def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: 
 
     The smallest n whose interval clears the border that the mean is beyond, with probability ``POWER``:
     ``(t_{1 - a} + t_{0.8}) sqrt(s² / n + i²) <= distance``, with a the tail of that verdict in :func:`decide`, i the
-    part of the error that the test images make, and n never below the least that decides.
+    part of the error due to the test images, and n at least the smallest number that decides.
 
     Args:
         found, expects, matters, parts: as for :func:`decide`.
 
     Returns:
-        The number; infinite beyond ``MOST_SEEDS``, None if the spread of enough seeds is unknown.
+        The number; infinite beyond ``MOST_SEEDS``, None if there are enough seeds but their spread is unknown.
 
     >>> found = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9)
     >>> further_seeds(found, "better", 1.5), further_seeds(found, "better", 2.0)  # a mean at the border stays undecided
@@ -180,7 +180,7 @@ def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: 
 
 
 def further_images(found: Estimate, expects: Expectation, matters: float, parts: int = 1) -> float:
-    """Times as many test images that an undecided comparison needs with its seeds as they are; infinite if none do.
+    """How many times the test images an undecided comparison needs with its current seeds; infinite if none suffice.
 
     >>> found = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9, image_half=2.0)  # from 0 to 4, mostly by the images
     >>> further_seeds(found, "better", 0.5), further_images(found, "better", 0.5)
@@ -196,7 +196,7 @@ def further_images(found: Estimate, expects: Expectation, matters: float, parts:
 
 
 def _seed_error(found: Estimate) -> float:
-    """The part of an estimate's error that more seeds make smaller."""
+    """The part of an estimate's error that shrinks with more seeds."""
     return math.sqrt(max(0.0, found.error**2 - found.images**2))
 
 

@@ -88,7 +88,7 @@ def kinds(field: str, names: Sequence[str], axes: Sequence[str] = ("x",)) -> tup
 
 
 def tips(rows: Sequence[Mapping[str, str]]) -> tuple[list[Spec], list[Spec]]:
-    """Tooltips: the encoding, and the values of each row, under names that no format can break.
+    """Tooltips: the encoding, and the values of each row, under names that are safe in any format.
 
     >>> tips([{"runs": "5"}, {"runs": "3", "note": "kept"}])[1]
     [{'tip0': '5', 'tip1': ''}, {'tip0': '3', 'tip1': 'kept'}]

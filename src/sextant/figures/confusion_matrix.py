@@ -16,7 +16,7 @@ def confusion_matrix(
     """Counts by true class (rows) and predicted class (columns), coloured by the share of the row.
 
     >>> figure = confusion_matrix(np.array([0, 0, 1]), np.array([0, 1, 1]), ["cat", "dog"])
-    >>> figure.axes[0].images[0].get_array().data  # of two cats one was taken for a dog
+    >>> figure.axes[0].images[0].get_array().data  # one of two cats was classified as a dog
     array([[0.5, 0.5],
            [0. , 1. ]])
     """

@@ -22,7 +22,7 @@ COLUMNS = 3
 
 @dataclass(frozen=True)
 class FactorCurve:
-    """A measure of one arm at each value of the factor; nan where it was not tried.
+    """A measure of one arm at each value of the factor; nan where it was not run.
 
     Attributes:
         values: in the unit of the measure.
@@ -106,6 +106,6 @@ def _draw(axes: Axes, levels: Float[ndarray, " k"], curves: Mapping[str, FactorC
 
 
 def _last(curve: FactorCurve) -> float:
-    """The measure at the largest value of the factor with which the arm was tried."""
+    """The measure at the largest value of the factor with which the arm was run."""
     there = curve.values[~np.isnan(curve.values)]
     return float(there[-1]) if len(there) else -math.inf

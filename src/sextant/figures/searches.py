@@ -72,7 +72,7 @@ def search_history(trials: Sequence[TrialPoint], metric: str, *, maximize: bool)
     found = [trial for trial in trials if trial.values]
     for full, face in ((True, COLOURS[0]), (False, "white")):
         some = [trial for trial in found if trial.full == full]
-        label = "mean over all seeds" if full else "mean over the seeds it was given"
+        label = "mean over all seeds" if full else "mean over its seeds so far"
         if some:
             axes.plot([t.number for t in some], [t.mean for t in some], "o", color=COLOURS[0], mfc=face, label=label)
     for trial in found:

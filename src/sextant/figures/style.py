@@ -34,6 +34,21 @@ def plain(axes: Axes) -> Axes:
     return axes
 
 
+def titled(figure: Figure, title: str) -> Figure:
+    """Put a title above the panels of a figure, unless it has one: above all of them, or above its only panel.
+
+    >>> figure, (axes,) = new_figure(3.0, 2.0)
+    >>> titled(figure, "confusion matrix").get_suptitle()
+    'confusion matrix'
+    """
+    panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+    only = panels[0] if len(panels) == 1 else None
+    above = only is not None and (only.get_title() or only.get_title("left") or only.get_title("right"))
+    if not (above or figure.get_suptitle()):
+        figure.suptitle(title, fontsize=9)
+    return figure
+
+
 def printable(text: str) -> str:
     r"""Text with the non-UTF-8 bytes of file names escaped, which Matplotlib would refuse to draw.
 
@@ -44,13 +59,13 @@ def printable(text: str) -> str:
 
 
 def shortened(text: str, most: int) -> str:
-    """The last ``most`` characters of each line, which tell files apart, printable and taken literally by Matplotlib.
+    """The last ``most`` characters of each line, which distinguish files, printable and taken literally by Matplotlib.
 
     >>> shortened("rides/2026-11-28/morning/0001.jpg", 20)
     '…28/morning/0001.jpg'
     """
     lines = (line if len(line) <= most else f"…{line[1 - most :]}" for line in printable(text).split("\n"))
-    return "\n".join(lines).replace("$", r"\$")  # what stands between two of them would be mathematics
+    return "\n".join(lines).replace("$", r"\$")  # text between two of them would be set as mathematics
 
 
 def save_figure(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png",)) -> list[Path]:

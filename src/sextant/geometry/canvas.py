@@ -1,7 +1,7 @@
 r"""Pictures of any shape in the middle of a square, whose side is the picture's longer one.
 
-So one network serves upright and wide pictures, with square pixels and nothing cut off. A camera is *on the canvas*
-when its focal length is measured in sides of the square: of a picture of aspect a, width over height,
+One network can thus process portrait and landscape pictures, with square pixels and without cropping. A camera is *on
+the canvas* when its focal length is in sides of the square: for a picture of aspect a, width over height,
 :math:`f_\text{canvas} = f / \max(a, 1)`, and its nominal vertical field of view is that of the picture's longer side.
 Tilt, roll and k1 are the same.
 """
@@ -15,12 +15,12 @@ from sextant.geometry.parameterization import CameraParameters
 
 
 def on_canvas(camera: CameraParameters, aspect: Float[Tensor, "*b"]) -> CameraParameters:
-    """Cameras of pictures as those of their squares."""
+    """Convert cameras of pictures to cameras of their squares."""
     return camera._replace(focal=camera.focal / aspect.clamp(min=1))
 
 
 def of_picture(camera: CameraParameters, aspect: Float[Tensor, "*b"]) -> CameraParameters:
-    """Cameras of squares as those of the pictures in them."""
+    """Convert cameras of squares to cameras of the pictures in them."""
     return camera._replace(focal=camera.focal * aspect.clamp(min=1))
 
 

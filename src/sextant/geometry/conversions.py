@@ -1,4 +1,4 @@
-r"""A calibrated camera in the conventions of other programs, and back, exactly.
+r"""Exact conversion of a calibrated camera to the conventions of other programs and back.
 
 The distortion polynomial is the same everywhere, :math:`d = 1 + k_1 r^2 + k_2 r^4` on normalised coordinates, so k1
 and k2 pass unchanged; what differs is the unit of the focal length and where pixels have their centres.
@@ -9,16 +9,16 @@ program    focal length                 pixel (i, j) has its centre   principal 
 Sextant    image heights                at (i + 0.5, j + 0.5)         (W/2, H/2)
 OpenCV     pixels                       at (i, j)                     (W/2 - 0.5, H/2 - 0.5)
 COLMAP     pixels                       at (i + 0.5, j + 0.5)         (W/2, H/2)
-OpenSfM    the longer side, max(W, H)   at (i, j), shifted by itself  the image centre, coordinates count from it
-GeoCalib   pixels, or vfov              at (i, j)                     (W/2, H/2): half a pixel beside the centre
+OpenSfM    the longer side, max(W, H)   at (i, j), shifted internally the image centre, the origin of coordinates
+GeoCalib   pixels, or vfov              at (i, j)                     (W/2, H/2): half a pixel off the centre
 ========== ============================ ============================= =========================================
 
-A camera of another program that is not centred, has no square pixels or more distortion than k1 and k2 is refused.
+A camera of another program that is not centred, has non-square pixels or other distortion than k1 and k2 is refused.
 
 GeoCalib: roll and pitch are roll and tilt here, with the same signs; its ``Gravity.vec3d`` points *up*, as
 :func:`~sextant.geometry.up_in_camera`. Its :math:`\hat k_1` is :math:`k_1/f^2` with f in image heights, as in
-:mod:`sextant.geometry.parameterization`; AnyCalib, which has the name from there, means :math:`k_1/f`. Its undistortion
-is a truncated series, so that its rays differ: by 6 px at k1 = -0.2, f = 640 px and 0.6 f from the centre.
+:mod:`sextant.geometry.parameterization`; AnyCalib uses the same name for :math:`k_1/f`. GeoCalib undistorts by a
+truncated series, so that its rays differ: by 6 px at k1 = -0.2, f = 640 px and 0.6 f from the centre.
 
 Sources: OpenCV, "Camera Calibration and 3D Reconstruction"; COLMAP, "Camera Models" (RADIAL); OpenSfM, ``features.py``
 and "Geometric models" (perspective); GeoCalib, ``camera.py`` and ``gravity.py``.
@@ -39,14 +39,14 @@ OPENCV_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3"
 
 
 class GeoCalibCamera(NamedTuple):
-    """What GeoCalib says of an image.
+    """GeoCalib's estimate for an image.
 
     Attributes:
         roll: radians.
-        pitch: radians, positive looks up.
+        pitch: radians, positive upwards.
         vfov: nominal vertical field of view, radians.
         k1_hat: ``k1 / f²``, f in image heights.
-        k2: second coefficient, which GeoCalib leaves as it is; 0 for its ``simple_radial``.
+        k2: second coefficient, which GeoCalib does not scale; 0 for its ``simple_radial``.
     """
 
     roll: Float[Tensor, "*b"]
@@ -59,7 +59,7 @@ class GeoCalibCamera(NamedTuple):
 def opencv_from_perspective(camera: PerspectiveCamera) -> tuple[Float[Tensor, "*b 3 3"], Float[Tensor, "*b 5"]]:
     """Camera matrix, and distortion coefficients (k1, k2, p1, p2, k3) of which the last three are 0.
 
-    OpenCV's pixels are those of this package less 0.5.
+    OpenCV's pixel coordinates are those of this package minus 0.5.
     """
     focal, k1, k2 = _broadcast(camera)
     one, zero = torch.ones_like(focal), torch.zeros_like(focal)
@@ -79,15 +79,15 @@ def perspective_from_opencv(
     """The camera of OpenCV's matrix and 4, 5, 8, 12 or 14 distortion coefficients.
 
     Args:
-        matrix: of the camera, in pixels with their centres at integers.
+        matrix: camera matrix, in pixels with their centres at integers.
         distortion: coefficients; only k1 and k2 may differ from 0.
-        width: of the image in pixels.
-        height: of the image in pixels.
-        tolerance_px: how far the principal point may lie from the image centre, the two focal lengths from each other
-            and the skew from 0. Larger ones drop what a camera here cannot have: the focal length is their mean.
+        width: width of the image in pixels.
+        height: height of the image in pixels.
+        tolerance_px: largest offset of the principal point from the image centre, difference of the two focal lengths,
+            and skew. They are dropped, and the focal length is the mean of the two.
 
     Raises:
-        UserError: the camera is not centred, its pixels are not square, it has other distortion, or it is none.
+        UserError: the camera is not centred, its pixels are not square, it has other distortion, or it is impossible.
     """
     if distortion.shape[-1] not in OPENCV_COEFFICIENTS:
         raise UserError(
@@ -96,7 +96,7 @@ def perspective_from_opencv(
             "Give (k1, k2, p1, p2) at least, zeros included.",
         )
     for name, values in zip(OPENCV_NAMES[2:], distortion[..., 2:].unbind(-1), strict=False):
-        _check_zero(f"distortion coefficient {name}", values, 0.0, "Only k1 and k2 can be converted: calibrate so.")
+        _check_zero(f"distortion coefficient {name}", values, 0.0, "Only k1 and k2 are supported: calibrate so.")
     fx, fy = matrix[..., 0, 0], matrix[..., 1, 1]
     _check_zero("fx - fy", fx - fy, tolerance_px, "Resize the image to square pixels first, or raise tolerance_px.")
     _check_zero("skew", matrix[..., 0, 1], tolerance_px, "A camera here has none; raise tolerance_px to drop it.")
@@ -175,8 +175,8 @@ def _check_centre(offset: Float[Tensor, "*b 2"], tolerance_px: float) -> None:
         worst = offset.reshape(-1, 2)[offset.abs().amax(-1).argmax()].tolist()
         raise UserError(
             f"the principal point lies ({worst[0]:.4g}, {worst[1]:.4g}) pixels from the image centre, "
-            f"where it has to be to within tolerance_px={tolerance_px:g}",
-            "Crop the image around the principal point, or raise tolerance_px to take the centre instead.",
+            f"more than tolerance_px={tolerance_px:g}",
+            "Crop the image around the principal point, or raise tolerance_px to use the centre instead.",
         )
 
 

@@ -1,15 +1,15 @@
-r"""The camera that fits a perspective field best, point by point as far as each is trusted.
+r"""The camera that best fits a perspective field, whose points are weighted by their expected errors.
 
-From a first answer :math:`x_0` of tilt, roll, log focal length and k1, a few damped Gauss-Newton steps minimise
+From a first estimate :math:`x_0` of tilt, roll, log focal length and k1, a few damped Gauss-Newton steps minimise
 
 .. math:: \tfrac12 |T (x - x_0)|^2 + \tfrac12 \sum_i \left[
           \rho\!\left(\frac{\sqrt{w}\, \Delta\varphi_i}{\sigma_{\varphi,i}}\right)
         + \rho\!\left(\frac{\sqrt{w}\, \Delta\upsilon_i}{\sigma_{\upsilon,i}}\right) \right] ,
           \qquad \rho(e) = 2 (\sqrt{1 + e^2} - 1) ,
 
-with the errors of latitude and up direction in units of those expected, and the trust T in the first answer. Errors of
-neighbouring points are correlated, so a point counts less than an independent one would (:math:`w`). All steps are
-differentiable, so that the expected errors are learnt from the camera that follows from all points.
+with the errors of latitude and up direction in units of those expected, and the trust T in the first estimate. Errors
+of neighbouring points are correlated, so a point has less weight than an independent one (:math:`w`). All steps are
+differentiable, so that the expected errors are learnt from the loss of the fitted camera.
 
 Source: A. Veicht et al., "GeoCalib: learning single-image calibration with geometric optimization", ECCV 2024.
 """
@@ -27,17 +27,17 @@ from sextant.geometry.perspective_field import PerspectiveField, field_errors, p
 #: weight of a point, w
 EVIDENCE = 0.15
 STEPS, LONGEST_STEP, DAMPING, DIFFERENCE = 5, 0.3, 1e-3, 1e-4
-#: ends of tilt, roll, log focal length and k1: beyond those of any camera
+#: bounds of tilt, roll, log focal length and k1, wider than those of any camera
 LOWEST, HIGHEST = (-1.55, -3.2, -3.0, -2.0), (1.55, 3.2, 4.0, 2.0)
 
 
 class BelievedField(NamedTuple):
-    """A predicted perspective field, with the errors that are expected of it.
+    """A predicted perspective field with its expected errors.
 
     Attributes:
         field: latitudes and up directions of n points.
-        log_error: logarithms of the errors expected of each, radians.
-        trust: in the first answer beside the field, T: roots of the weights of tilt, roll, log focal length and k1.
+        log_error: logarithms of the expected errors of each, radians.
+        trust: T, roots of the weights of the first estimate's tilt, roll, log focal length and k1.
     """
 
     field: PerspectiveField
@@ -55,11 +55,11 @@ def fit_field(
     """Cameras fitted to fields, in double precision.
 
     Args:
-        start: first answers.
+        start: first estimates.
         believed: the fields.
-        points: where these are, in image heights from the centre.
+        points: positions of their points, in image heights from the centre.
         seen: points that count; those beyond the fold of a lens never do.
-        family: of the lenses.
+        family: family of the lenses.
 
     >>> true, near = (CameraParameters(*torch.tensor(x).T) for x in ([[0.2, 0.1, 0.9, -0.1]], [[0.1, 0.0, 1.2, 0.0]]))
     >>> points = torch.rand(1, 40, 2, generator=torch.Generator().manual_seed(0)) - 0.5

@@ -1,6 +1,6 @@
-r"""Where the horizon is seen: its offset from the image centre, τ without distortion and ρ with it.
+r"""The horizon in an image: its offset from the image centre, τ without distortion and ρ with it.
 
-A camera with tilt θ and roll ψ sees the horizon, without distortion, along :math:`u\sin\psi + v\cos\psi = \tau`, with
+For tilt θ and roll ψ, the horizon without distortion is the line :math:`u\sin\psi + v\cos\psi = \tau`, with
 :math:`\tau = f\tan\theta`. Distortion moves points along rays from the centre and keeps their order, so the point of
 the distorted horizon that is nearest to the centre, its *foot*, is :math:`\rho(\sin\psi, \cos\psi)`. It is not the
 crossing with the vertical centre line. Offsets are in image heights, positive below the centre (θ > 0: looking up).
@@ -43,7 +43,7 @@ def rho_from_tilt(
 ) -> Float[Tensor, "*#batch"]:
     r"""Distorted offset :math:`\rho = f t (1 + k_1 t^2 + k_2 t^4)`, :math:`t = \tan\theta`, in image heights.
 
-    Only where ``|t|`` is below the fold radius is the horizon's foot seen at ρ, and the tilt found again from it.
+    Only where ``|t|`` is below the fold radius is the horizon's foot visible at ρ, and the tilt recoverable from it.
 
     >>> rho_from_tilt(torch.deg2rad(torch.tensor(45.0)), torch.tensor(1.2), torch.tensor(-0.2), torch.tensor(0.0))
     tensor(0.9600)
@@ -90,10 +90,10 @@ def horizon_line(tau: Float[Tensor, "*#batch"], roll: Float[Tensor, "*#batch"]) 
 def horizon_points(
     camera: Camera, tilt: Float[Tensor, "*#batch"], roll: Float[Tensor, "*#batch"], azimuths: Float[Tensor, "n"]
 ) -> tuple[Float[Tensor, "*#batch n 2"], Bool[Tensor, "*#batch n"]]:
-    """Pixels of the horizon as the camera sees it, a curve under distortion, at azimuths from the viewing direction.
+    """Pixels of the horizon, a curve under distortion, at azimuths from the viewing direction.
 
-    ``azimuths`` are radians, positive to the right; the second result is false where the camera does not see one. Tilt
-    and roll have the shape of the camera's batch, or any shape for a single camera.
+    ``azimuths`` are radians, positive to the right; the second result is false for points not in view. Tilt and roll
+    have the shape of the camera's batch, or any shape for a single camera.
 
     >>> from sextant.geometry import PerspectiveCamera
     >>> camera = PerspectiveCamera.from_focal(1.0, 640, 480)

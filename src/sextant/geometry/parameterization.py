@@ -1,4 +1,4 @@
-r"""What a network predicts of a camera: four numbers, from which tilt, roll, focal length and distortion follow.
+r"""The four numbers that a network predicts for a camera, which give its tilt, roll, focal length and distortion.
 
 ======================= ========== ====== ======== ===========
 parameterization         1st        2nd    3rd      4th
@@ -12,7 +12,7 @@ parameterization         1st        2nd    3rd      4th
 ρ and τ are the offsets of the horizon from the image centre with and without distortion
 (:mod:`sextant.geometry.horizon`), vfov the nominal vertical field of view 2 atan(1 / 2f), and
 :math:`\hat k_1 = k_1 / f^2` the *apparent* distortion: with :math:`R = f r` in image heights the lens displaces by
-:math:`1 + \hat k_1 R^2 + \ldots`, so that this coefficient, unlike k1, is what the picture shows. Angles are in
+:math:`1 + \hat k_1 R^2 + \ldots`, so that this coefficient, unlike k1, is observable in the picture. Angles are in
 radians, lengths in image heights.
 
 Source: M. Lopez-Antequera et al., "Deep single image camera calibration with radial distortion", CVPR 2019, section 3.
@@ -31,19 +31,19 @@ from sextant.geometry.distortion import K2Family, k2_of_k1
 from sextant.geometry.horizon import rho_from_tilt, tau_from_tilt, tilt_from_rho, tilt_from_tau
 
 Name = Literal["direct", "angles", "horizon", "undistorted_horizon"]
-#: upper ends of the numbers that say how much is seen; the lower are 0
+#: upper limits of the focal length and field of view; the lower limits are 0
 SIZE_LIMITS = {"focal": math.inf, "vfov": math.pi}
 
 
 class CameraParameters(NamedTuple):
-    """What is calibrated, one tensor each, of one shape.
+    """The calibrated parameters, as tensors of one shape.
 
     >>> camera = CameraParameters(*torch.tensor([0.1, 0.0, 1.2, -0.2]))
     >>> camera.focal
     tensor(1.2000)
 
     Attributes:
-        tilt: radians, positive looks up.
+        tilt: radians, positive upwards.
         roll: radians.
         focal: image heights.
         k1: first coefficient of radial distortion; the second follows from the lens family.
@@ -85,15 +85,15 @@ def focal_from_vfov(vfov: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
 class Parameterization:
     """A map between cameras and the four numbers that a network predicts; see the module's table.
 
-    One to one for tilts in (-π/2, π/2) and positive focal lengths; with ``horizon`` also ``|tan θ|`` has to be below
-    the fold radius of the lens, beyond which the foot of the horizon is not seen (with ``lopez`` none lies below 3.26).
+    One to one for tilts in (-π/2, π/2) and positive focal lengths; with ``horizon``, ``|tan θ|`` must also be below the
+    fold radius of the lens, beyond which the foot of the horizon is not visible (with ``lopez``, it is at least 3.26).
 
     Args:
         name: ``direct``, ``angles``, ``horizon`` or ``undistorted_horizon``.
         k2_of_k1: the lens family, ``lopez`` or ``zero``.
 
     Raises:
-        UserError: the name is unknown, or the family leaves k2 free.
+        UserError: the name is unknown, or the family does not determine k2 from k1.
 
     Example:
         >>> camera = CameraParameters(*torch.tensor([[0.0], [0.0], [0.5], [-0.1]]))  # tilt, roll, focal, k1
@@ -158,7 +158,7 @@ class Parameterization:
 
 @dataclass(frozen=True, eq=False)
 class ParameterSpace:
-    """A parameterization with the range of each number: what a bounded network can say.
+    """A parameterization with the range of each number: the possible outputs of a bounded network.
 
     Args:
         parameterization: the four numbers.
@@ -166,7 +166,7 @@ class ParameterSpace:
         high: upper ends, ``(4,)``.
 
     Raises:
-        UserError: a range is empty or not finite, or has a focal length or field of view that no camera has.
+        UserError: a range is empty or not finite, or contains an impossible focal length or field of view.
 
     Example:
         >>> low, high = torch.tensor([-1.0, -1.0, 1.0, -1.0]), torch.tensor([1.0, 1.0, 3.0, 1.0])
@@ -184,12 +184,12 @@ class ParameterSpace:
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
                 raise UserError(
                     f"the range of {name} is empty or not finite: from {low:.6g} to {high:.6g}",
-                    "Lower ends lie below upper ends.",
+                    "The lower end must be below the upper end.",
                 )
             limit = SIZE_LIMITS.get(name)
             if limit is not None and not (low > 0 and high < limit):
                 raise UserError(
-                    f"the range of {name}, from {low:.6g} to {high:.6g}, leaves 0 to {limit:.6g}",
+                    f"the range of {name}, from {low:.6g} to {high:.6g}, exceeds 0 to {limit:.6g}",
                     "A focal length is positive, and a nominal field of view lies between 0 and pi radians.",
                 )
 
@@ -199,7 +199,7 @@ class ParameterSpace:
     ) -> "ParameterSpace":
         """The smallest space that holds ``cameras``, widened by ``margin`` of its extent on each side.
 
-        The ends of a focal length or field of view go at most half-way to where no camera is: 0, and π.
+        The ends of a focal length or field of view move at most half-way to the impossible values 0 and π.
         """
         values = parameterization.encode(cameras)
         low, high = values.amin(0), values.amax(0)
@@ -222,6 +222,6 @@ class ParameterSpace:
         return low + (high - low) * unit
 
     def to_unit(self, values: Float[Tensor, "*b 4"]) -> Float[Tensor, "*b 4"]:
-        """Where values lie along each range; 0 to 1 inside it."""
+        """Positions of values along each range; 0 to 1 inside it."""
         low, high = self.low.to(values), self.high.to(values)
         return (values - low) / (high - low)

@@ -1,12 +1,12 @@
-r"""The perspective field of a camera: where up is, seen from each point of its image.
+r"""The perspective field of a camera: the latitude and up direction at each point of its image.
 
 With b the unit ray of an image point and g up in the camera frame, the *latitude* of the point is
-:math:`\arcsin(b \cdot g)`. Its *up direction* is the one in which the image moves when what is seen there is lifted:
+:math:`\arcsin(b \cdot g)`. Its *up direction* is that in which the image point moves when its scene point is lifted:
 
 .. math:: \dot p = g_{xy} - g_z\, p, \qquad u \propto d\, \dot p + 2 (k_1 + 2 k_2 r^2)(p \cdot \dot p)\, p ,
 
-with :math:`p = b_{xy} / b_z`, :math:`r = |p|` and the distortion :math:`d = 1 + k_1 r^2 + k_2 r^4`. One point tells
-little of a camera, but all together they give it (:mod:`sextant.geometry.field_fit`).
+with :math:`p = b_{xy} / b_z`, :math:`r = |p|` and the distortion :math:`d = 1 + k_1 r^2 + k_2 r^4`. One point hardly
+constrains a camera, but all together determine it (:mod:`sextant.geometry.field_fit`).
 
 Source: L. Jin et al., "Perspective Fields for single image camera calibration", CVPR 2023.
 """
@@ -23,13 +23,12 @@ from sextant.geometry.parameterization import CameraParameters
 from sextant.geometry.perspective import perspective_bearings
 from sextant.geometry.rotations import up_in_camera
 
-#: sine of the latitude beyond which it counts as this, least depth of a ray, and what is added to a cosine: all only
-#: keep gradients finite
+#: largest sine of a latitude, least depth of a ray, and a term added to a cosine; they only keep gradients finite
 STEEPEST, NEAREST, TINY = 0.9999, 0.02, 1e-6
 
 
 class PerspectiveField(NamedTuple):
-    """Of n image points each.
+    """Latitudes and up directions of n image points.
 
     Attributes:
         latitude: radians, 0 at the horizon and positive above it.

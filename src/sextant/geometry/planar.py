@@ -1,6 +1,6 @@
 """Rigid motions in the plane, SE(2), as triples ``(x, y, theta)``: position, and heading in radians counter-clockwise.
 
-A pose ``a_from_b`` takes the coordinates of frame b to those of frame a. Angles that are returned lie in [-π, π).
+A pose ``a_from_b`` maps coordinates of frame b to coordinates of frame a. Returned angles are in [-π, π).
 """
 
 import math
@@ -13,7 +13,7 @@ from sextant.geometry._series import sinc_of_square
 
 
 def wrap_angle(angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """The same angle in [-π, π), with gradient 1; angles that are there already come back bit for bit.
+    """The same angle in [-π, π), with gradient 1; angles already in this range are returned bit for bit.
 
     >>> wrap_angle(torch.tensor([0.5, 3.5]))
     tensor([ 0.5000, -2.7832])
@@ -46,9 +46,9 @@ def se2_inverse(a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"
 def se2_between(
     a_from_b: Float[Tensor, "*#batch 3"], a_from_c: Float[Tensor, "*#batch 3"]
 ) -> Float[Tensor, "*#batch 3"]:
-    """``b_from_c``: the motion from pose b to pose c, seen from b.
+    """``b_from_c``: the motion from pose b to pose c, in the frame of b.
 
-    Positions are subtracted first, so far from the origin nothing more is lost than they had lost already.
+    Positions are subtracted first, so that far from the origin no precision is lost beyond that of the positions.
 
     >>> se2_between(torch.tensor([1.0, 2.0, 0.5]), torch.tensor([1.0, 2.0, 0.75]))
     tensor([0.0000, 0.0000, 0.2500])

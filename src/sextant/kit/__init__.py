@@ -1,1 +1,1 @@
-"""What every chapter builds on: its interface, and what reads, builds and serves trained models."""
+"""The foundation of all chapters: their interface, and reading, building and serving of trained models."""

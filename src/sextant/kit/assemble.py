@@ -20,16 +20,16 @@ WORLDS = "sextant.data.worlds."
 
 
 def build_dataset(config: Config) -> Any:
-    """The dataset, which looks for files first in the data folder and then in the cache.
+    """The dataset, which searches for files first in the data folder and then in the cache.
 
     Raises:
-        UserError: fits are to happen in another world, and the task knows no such fits.
+        UserError: ``dataset.fit_world`` is set, and the task does not support it.
     """
     if config.plain["dataset"].get("fit_world") is not None and not chapter_of(config.task.name).fits_elsewhere:
         raise UserError(
-            f"dataset.fit_world={config.plain['dataset']['fit_world']}: task={config.task.name} trains on towns of "
-            "their own, or on another part of the city",
-            "Leave it out: it is of task=localization.",
+            f"dataset.fit_world={config.plain['dataset']['fit_world']}: task={config.task.name} trains on separate "
+            "towns, or on another part of the city",
+            "Leave it out: it belongs to task=localization.",
         )
     return _built(config, config.plain["dataset"])
 
@@ -46,7 +46,7 @@ def _built(config: Config, node: Mapping[str, Any]) -> Any:
 
 
 def _in_its_world(node: Any) -> Any:
-    """A dataset's node, at any depth of which the number of a world has become the seed of that world."""
+    """A dataset's node with the number of a world replaced by its seed, at any depth."""
     if not isinstance(node, Mapping):
         return node
     plain = {key: _in_its_world(value) for key, value in node.items()}
@@ -63,7 +63,7 @@ def build_suite(config: Config) -> "CorruptionSuite":
 
 
 def is_corrupted(config: Config) -> bool:
-    """Whether there is a test condition beside clean images."""
+    """Whether there is a test condition other than clean images."""
     return not isinstance(config.corruption, CorruptionSuiteNode) or bool(config.corruption.corruptions)
 
 

@@ -69,10 +69,10 @@ class Chapter(ABC, Generic[Kind]):
 
     Attributes:
         about: what the task is for, in a sentence with the chapter of the thesis.
-        evaluation_example: arguments of ``evaluate.py`` that a user may want next.
+        evaluation_example: arguments of ``evaluate.py`` to suggest as a next step.
         fits_elsewhere: whether ``dataset.fit_world`` may name another world, in which everything is fitted.
         monitor: validation metric that selects checkpoints, and whether its "max" or "min" is best.
-        sweep_example: a group or key and two values, compared in a sweep that a user may want next.
+        sweep_example: a group or key and two values, compared in a sweep that is suggested as a next step.
         cannot_test: kinds of the group ``corruption`` under which the task is not tested; most can only be tested under
             corruptions that are drawn.
         alone: why it is trained in a single process and uncompiled, if it is.
@@ -95,7 +95,7 @@ class Chapter(ABC, Generic[Kind]):
         self.reporter = reporter
 
     def evaluation_words(self, config: Kind) -> tuple[str, ...]:
-        """:attr:`evaluation_example`, as it fits what a run was trained on."""
+        """:attr:`evaluation_example`, adapted to the training data of a run."""
         return self.evaluation_example
 
     def prediction_example(self, config: Kind) -> tuple[str, ...]:
@@ -117,7 +117,7 @@ class Chapter(ABC, Generic[Kind]):
         if isinstance(suite, self.cannot_test):
             kind = "files" if isinstance(suite, StoredSuite) else "sequences"
             raise UserError(
-                f"corruption: task={config.task.name} draws the corruptions of its images and has no use for {kind}",
+                f"corruption: task={config.task.name} draws the corruptions of its images and cannot use {kind}",
                 "corruption=cifar10_c for small images, corruption=imagenet_c, or corruption=none",
             )
 
@@ -166,7 +166,7 @@ class Chapter(ABC, Generic[Kind]):
         """The summary that a run shows before it starts. Light."""
 
     def batches(self, config: Kind) -> str:
-        """What an epoch consists of, for that summary."""
+        """The content of an epoch, for that summary."""
         return f" of batches of {config.trainer.batch_size}"
 
     @abstractmethod
@@ -205,7 +205,7 @@ class Chapter(ABC, Generic[Kind]):
         """
 
     def new_network(self, config: Kind, spec: Mapping[str, Any]) -> "nn.Module":
-        """The network alone, with new weights, where other tasks may look at one of its layers.
+        """The network alone, with new weights, where other tasks may use one of its layers.
 
         Raises:
             UserError: a part cannot be built.
@@ -221,5 +221,5 @@ class Chapter(ABC, Generic[Kind]):
         raise NotImplementedError
 
     def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
-        """Answers of a loaded checkpoint to single photos, where it has any; see ``kit.offers``."""
+        """Predictions of a loaded checkpoint for single photos, where it makes any; see ``kit.offers``."""
         raise NotImplementedError

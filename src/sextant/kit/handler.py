@@ -43,7 +43,7 @@ class Trained:
 
 
 class Handler:
-    """A task in ``predict.py``: its keys, and what is done with them.
+    """A task in ``predict.py``: its keys, and the function for them.
 
     Attributes:
         task: name of the task in runs, for messages.
@@ -78,7 +78,7 @@ class Handler:
         """Raise a ``UserError`` if a value of its keys is invalid, before the checkpoint is read."""
 
     def predict(self, given: Mapping[str, str]) -> None:
-        """Predict, show and write what arguments claimed by this task ask for."""
+        """Predict for arguments claimed by this task, and show and write the results."""
         raise NotImplementedError
 
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
@@ -94,7 +94,7 @@ class Handler:
             UserError: the photos cannot be predicted.
         """
         raise UserError(
-            f"run={trained.reference} is a model of task={trained.task}, which predict.py does not know",
+            f"run={trained.reference} is a model of task={trained.task}, which predict.py does not support",
             "The checkpoint was altered, or written by another version of Sextant.",
         )
 

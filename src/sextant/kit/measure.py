@@ -29,7 +29,7 @@ class SharedSet:
             runs were tested on different images.
         severities: severities of the shared conditions, by corruption in the order of the test.
         left_out: number of conditions under which only some runs were tested.
-        beside: keys of shared conditions that are not of the set, by corruption.
+        beside: keys of shared conditions outside the set, by corruption.
     """
 
     tested: tuple[tuple[str, str], ...]
@@ -102,7 +102,7 @@ class Measure:
         statistic: statistic over the images of a run. Means can be compared image by image, medians only run by run.
         better: whether higher or lower is better.
         diverged: when a run counts as diverged, in words for the reader.
-        trained_by: keys that set how long runs train, which may make one learn that diverged.
+        trained_by: keys for the length of training, as longer training may help a diverged run.
         remedy: what to try without such keys.
         digits: number of decimals.
         items: name of the test items, each of which has a value.
@@ -218,7 +218,7 @@ def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -
     """Accuracy under each condition of the test, or errors under a published set of corruptions.
 
     Under a set the report has few conditions: ``clean``, ``corrupted`` (the mean over severities, then over all shared
-    corruptions), if more corruptions than those are shared ``benchmark 15``, and each corruption beside the set. The
+    corruptions), if more corruptions than those are shared ``benchmark 15``, and each corruption outside the set. The
     value of an image is 100 times the mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per
     cent.
 
@@ -246,12 +246,12 @@ def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -
 
 
 def conditions_in(arrays: Iterable[str]) -> list[str]:
-    """The keys of the arrays of a classifier that hold predictions: all but labels and what it believed of them."""
+    """The keys of the arrays of a classifier that hold predictions: all but the labels and its confidence."""
     return [key for key in arrays if key != "labels" and not key.startswith(BELIEVED)]
 
 
 def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:
-    """The conditions of a report beside ``clean``, with the corruptions over which each is averaged."""
+    """The conditions of a report other than ``clean``, with the corruptions over which each is averaged."""
     everything = tuple(shared.severities)
     conditions = {"corrupted": everything}
     if set(BENCHMARK_15) < set(everything):

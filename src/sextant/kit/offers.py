@@ -1,4 +1,4 @@
-"""What trained models offer other programs: a network from tensors to tensors, answers to single photos."""
+"""What trained models offer other programs: a network from tensors to tensors, predictions for single photos."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from sextant.errors import UserError
 
 Kind = Literal["string", "double", "doubles"]
 Row = dict[str, Any]
-#: column of every table: why a photo has no answer; empty if it has one
+#: column of every table: why a photo has no prediction; empty if it has one
 ERROR = "error"
 
 
@@ -22,20 +22,20 @@ class PhotoPredictor:
 
     Attributes:
         columns: columns of the prediction and their types: strings, numbers or lists of numbers.
-        answer: returns rows for photos of any kind and size, in order; columns without an answer are left out.
+        answer: returns rows for photos of any kind and size, in order; columns without a value are left out.
     """
 
     columns: Mapping[str, Kind]
     answer: Callable[[Sequence[Path]], list[Row]]
 
     def predict(self, photos: Sequence[Path]) -> list[Row]:
-        """A row with all columns for each photo, None where there is no answer, and the column ``error``."""
+        """A row with all columns for each photo, None where there is no value, and the column ``error``."""
         missing: Row = dict.fromkeys(self.columns)
         return [{**missing, ERROR: "", **row} for row in self.answer(photos)]
 
 
 def failed_row(error: UserError) -> Row:
-    """The row of a photo that cannot be answered."""
+    """The row of a photo without a prediction."""
     return {ERROR: error.problem}
 
 

@@ -14,7 +14,7 @@ from sextant.runs.outputs_folder import default_outputs
 def published_content(path: Path) -> dict[str, Any]:
     """A published network in the form of a checkpoint: the config that builds it, the shape of its images, its weights.
 
-    The training settings in the config are not those of the authors; what the file says of training is in
+    The training settings in the config are not those of the authors; the file's statements about training are in
     ``published``.
 
     Raises:

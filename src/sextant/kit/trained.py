@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sextant.data.source import ImageSpec
 
 
-PUBLISHED = ".pth.tar"  # what the push-pull paper's authors call their files
+PUBLISHED = ".pth.tar"  # suffix of the files of the push-pull paper's authors
 RUNNING = ("running_mean", "running_var")  # statistics of normalisation, which are weights as well
 
 
@@ -60,7 +60,7 @@ def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> Config:
 def load_weights(module: "nn.Module", content: Mapping[str, Any], checkpoint: Path) -> None:
     """Load the weights of a checkpoint into a module, in place.
 
-    Values that a task stores besides its weights, such as the score of what was never seen, may be infinite.
+    Values that a task stores besides its weights, such as scores of events without observations, may be infinite.
 
     Raises:
         UserError: the weights do not fit, or are not finite.

@@ -39,7 +39,7 @@ def blur_pool(
     Args:
         taps: n, the length of the filter; 1 only subsamples.
         stride: pixels between samples, for height and width.
-        padding_mode: how the border is filled; ``zeros`` darkens the edges, the others leave a constant image as it is.
+        padding_mode: how the border is filled; ``zeros`` darkens the edges, others leave a constant image unchanged.
 
     Raises:
         ArgumentError: ``taps`` or ``stride`` is below 1.
@@ -76,7 +76,7 @@ class BlurPool2d(nn.Module):
         """Filter and subsample images of shape (*b, c, h, w)."""
         channels = x.size(-3)
         if torch.jit.is_tracing():  # type: ignore[attr-defined]
-            channels = int(channels)  # the older ONNX exporter needs a constant to know the kernel's shape
+            channels = int(channels)  # the older ONNX exporter needs a constant to infer the kernel's shape
         padded = F.pad(x, self.border, mode=self.border_mode)
         kernel = self.kernel.to(x).expand(channels, 1, self.taps, self.taps)
         return F.conv2d(padded, kernel, None, self.stride, groups=channels)
@@ -88,7 +88,7 @@ class BlurPool2d(nn.Module):
 
 @dataclass(frozen=True)
 class AntiAliasing:
-    """Blurs before every subsampling of a network: the rival of inhibition that also stabilises predictions.
+    """Blurs before every subsampling of a network: an alternative to inhibition that also stabilises predictions.
 
     Source: R. Zhang, "Making convolutional networks shift-invariant again", ICML 2019, section 3.2.
 
@@ -108,7 +108,7 @@ class AntiAliasing:
 
 
 def anti_alias(network: nn.Module, taps: int = 3, where: str = "*") -> Conversion:
-    """Make the max-pools and convolutions of ``network`` that subsample blur first, in place.
+    """Blur before subsampling in the max-pools and strided convolutions of ``network``, in place.
 
     >>> network = nn.Sequential(nn.Conv2d(3, 8, 3, stride=2, padding=1), nn.ReLU())
     >>> conversion = anti_alias(network)

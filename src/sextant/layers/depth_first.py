@@ -1,7 +1,7 @@
 """Run the steps of a layer on a few images at a time, so that intermediate results stay in the cache.
 
-In training, where the steps keep their results for the backward pass, larger parts are enough: the gain is that memory
-is reused instead of being allocated anew.
+In training, where the steps keep their results for the backward pass, larger parts suffice: the gain is that memory is
+reused instead of being allocated anew.
 """
 
 from collections.abc import Callable

@@ -73,10 +73,10 @@ GLOBAL: dict[type[nn.Module], Any] = {nn.BatchNorm1d: _Global1d, nn.BatchNorm2d:
 
 @contextmanager
 def global_batch_norm(network: nn.Module) -> Iterator[None]:
-    """Let batch normalisation see the batches of all processes while the context is open; one process changes nothing.
+    """Normalise over the batches of all processes within the context; with one process this has no effect.
 
     Args:
-        network: its parameters and buffers keep their identity and names.
+        network: the network; its parameters and buffers keep their identity and names.
     """
     changed = [(module, type(module)) for module in network.modules() if type(module) in GLOBAL]
     for module, kind in changed:

@@ -1,8 +1,8 @@
 """The choice of a layer's pull implementation: a fixed rule on its shape, from a table of timings.
 
 Rounding differs between implementations and training amplifies rounding, so nothing is timed while a network runs: the
-same shape gets the same implementation on every machine and every day. ``pull_timings.json`` holds what
-``python -m benchmarks.push_pull_table`` measured once.
+same shape always gets the same implementation, on every machine. ``pull_timings.json`` holds the timings measured once
+by ``python -m benchmarks.push_pull_table``.
 """
 
 import json
@@ -53,7 +53,7 @@ def choose_implementation(shape: PullShape) -> Implementation:
     """The implementation that was fastest, in evaluation and training, on the measured shape nearest to ``shape``.
 
     Distances are between the base-2 logarithms of kernel, pull kernel, stride, image side, channels per group and
-    groups; of two equally near shapes the earlier in the table counts. The fastest is the one with the lowest geometric
+    groups; of two equally near shapes, the table's first is used. The fastest is the one with the lowest geometric
     mean of both times, so that a network computes the same in training and afterwards. ``direct`` is kept unless
     another saves 5 %.
     """

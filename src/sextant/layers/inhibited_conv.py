@@ -50,7 +50,7 @@ class InhibitedConv2d(nn.Conv2d):
         return layer.train(conv.training)
 
     def strengths(self) -> float | Float[Tensor, "co"]:
-        """α as it acts, trained strengths after their ReLU."""
+        """The effective α: trained strengths after their ReLU."""
         # not by the type of self.alpha, which differs while torch.fx traces
         return F.relu(self.alpha) if "alpha" in self._parameters else self.alpha  # type: ignore[arg-type]
 
@@ -58,8 +58,8 @@ class InhibitedConv2d(nn.Conv2d):
         """The replacement that ``torch.jit.script`` asks for when it cannot compile a module.
 
         Raises:
-            UserError: always. A folded layer could stand in, but its pull kernels no longer follow the weights, which
-                nobody would notice in training.
+            UserError: always. A folded layer could replace it, but in training its pull kernels would silently stop
+                following the weights.
         """
         raise UserError(
             f"torch.jit.script cannot compile {type(self).__name__}",

@@ -13,7 +13,7 @@ from sextant.layers.push_pull_avg import AvgChoice, PushPullAvgConv2d
 from sextant.layers.surgery import Conversion, Rule, candidates, convert, exactly, first_conv, some
 
 EVEN = "push-pull with scale > 1 needs odd kernel sides"
-KEPT = "_convolutions_without_inhibition"  # attribute of a network that records what inhibit left alone
+KEPT = "_convolutions_without_inhibition"  # attribute of a network: the convolutions that inhibit kept
 #: attributes in which a module keeps hooks, which a replacement would lose, and the names of the hooks
 HOOKS = {
     "_forward_pre_hooks": "forward pre",
@@ -29,7 +29,7 @@ HOOKS = {
 
 @dataclass(frozen=True)
 class NoInhibition:
-    """Leaves the network as it is: the control of every inhibition experiment.
+    """Leaves the network unchanged: the control of every inhibition experiment.
 
     >>> network = nn.Sequential(nn.Conv2d(1, 4, 3))
     >>> NoInhibition()(network) is network
@@ -123,9 +123,9 @@ def inhibit(
         where: ``first``, the first convolution in registration order; ``first_block``, those of the first stage after
             the stem (:func:`sextant.layers.first_stage_convs`), but not the stem; ``all``, every convolution; or one or
             several patterns of module paths as in :class:`sextant.layers.Rule`, such as ``layer1.*``. Except with
-            ``first``, 1x1 convolutions stay as they are: they have no spatial pattern that could be inhibited.
+            ``first``, 1x1 convolutions are kept: they have no spatial pattern to inhibit.
         factory: makes the layer from a convolution.
-        odd: leave even kernels as they are, since they have no centre.
+        odd: keep even kernels, since they have no centre.
 
     Raises:
         ValueError: the network has no convolution, none after its stem, or its first one cannot be replaced; or
@@ -146,7 +146,7 @@ def inhibit(
 
 
 def skipped(network: nn.Module) -> dict[str, str]:
-    """Paths of the convolutions that :func:`inhibit` was asked to replace but did not, with the reason.
+    """Paths of the convolutions that were selected for :func:`inhibit` but kept, with the reason.
 
     >>> network = PushPullInhibition(where="all")(nn.Sequential(nn.Conv2d(1, 4, 3), nn.Conv2d(4, 4, 1)))
     >>> inhibited(network), skipped(network)
@@ -208,13 +208,13 @@ def _patterns(network: nn.Module, where: str | Sequence[str], first: str) -> lis
 def _require_first(
     network: nn.Module, path: str, reason: str | None, objection: Callable[[nn.Module], str | None]
 ) -> None:
-    """Raise a ``ValueError`` that says what would work, if there is a reason to leave the first convolution."""
+    """Raise a ``ValueError`` with alternatives if the first convolution cannot be replaced."""
     if reason is None:
         return
     possible = candidates(network, objection=objection)
     ways = [f"where={exactly(possible[0])!r}, or another of {some(possible)}"] if possible else []
-    ways += ["PushPullAvgInhibition, which takes even kernels too"] if reason.startswith(EVEN) else []
-    advice = f"What would work: {'; '.join(ways)}" if ways else "It has no convolution that can be replaced"
+    ways += ["PushPullAvgInhibition, which also accepts even kernels"] if reason.startswith(EVEN) else []
+    advice = f"Alternatives: {'; '.join(ways)}" if ways else "It has no convolution that can be replaced"
     raise ValueError(
         f"the first convolution of {type(network).__name__}, {path}, cannot be replaced: {reason}. {advice}"
     )

@@ -1,4 +1,4 @@
-"""The first stage of a network: what comes after its stem and before the next change of resolution."""
+"""The first stage of a network: after its stem and before the next change of resolution."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -19,7 +19,7 @@ def first_stage_convs(network: nn.Module) -> list[str]:
     VGG, and the second of AlexNet.
 
     The resolutions are recorded in one run on an empty image, in evaluation mode. An error after the first stage, such
-    as that of a classifier made for another image size, does not matter.
+    as in a classifier for another image size, is ignored.
 
     >>> from sextant.models import ResNetCifar
     >>> first_stage_convs(ResNetCifar(3, (32, 32), 10))[:2]
@@ -73,8 +73,7 @@ def _resolutions(network: nn.Module) -> list[tuple[str, tuple[int, ...], tuple[i
         1, first.in_channels, PROBE_SIDE, PROBE_SIDE, dtype=first.weight.dtype, device=first.weight.device
     )
     try:
-        # a network may refuse the image at its head: what was recorded until then is enough, or the caller finds that
-        # there is too little and says so
+        # a network's head may reject the image: the records up to there suffice; otherwise the caller raises an error
         with suppress(RuntimeError, ValueError, AssertionError), evaluating(network), torch.no_grad():
             network(image)
     finally:

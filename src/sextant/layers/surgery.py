@@ -22,7 +22,7 @@ class Rule:
             ``?`` one character, ``[0-3]`` one of a range.
         kind: only modules of this class match.
         factory: makes the new module from the old one, whose parameters it may share or which it may wrap.
-        objection: says why a module that matches has to stay as it is; None if it need not.
+        objection: gives the reason why a matching module must be kept; None if there is none.
     """
 
     pattern: str
@@ -37,11 +37,11 @@ class Rule:
 
 @dataclass(frozen=True)
 class Conversion:
-    """What :func:`convert` did.
+    """The result of :func:`convert`.
 
     Args:
         changed: paths whose module was replaced, in registration order; a shared module is listed at each of its paths.
-        skipped: paths that match a pattern but stay as they are, with the reason.
+        skipped: paths that match a pattern but are kept, with the reason.
     """
 
     changed: tuple[str, ...]

@@ -44,7 +44,7 @@ def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str
     if config.launcher.kind != "local":
         raise UserError(
             f"launcher={config.launcher.kind} runs sweeps",
-            f"Add -m, a sweep of one run is a sweep: {sweep_command(overrides)}",
+            f"Add -m; a sweep may consist of one run: {sweep_command(overrides)}",
         )
     require_environment(config, reporter)
     return raw
@@ -66,11 +66,11 @@ def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
 
 
 def require_apart(config: Config) -> None:
-    """Raise a ``UserError`` if a run would write among images that its dataset reads, and the next would read those."""
+    """Raise a ``UserError`` if a run would write into a folder of images that its dataset reads."""
     dataset = config.plain["dataset"]
     for part in (dataset, *(dataset.get("sources") or {}).values()):
         folder = part.get("folder")
-        if not isinstance(folder, str) or part["_target_"].endswith(".ImageFolder"):  # which reads no folders below
+        if not isinstance(folder, str) or part["_target_"].endswith(".ImageFolder"):  # which does not read subfolders
             continue
         groups = [part.get(key) for key in ("train", "val", "test", "validation")]
         drives = {part.get("map")} | {name for each in groups if isinstance(each, Mapping) for name in each.values()}
@@ -108,7 +108,7 @@ def require_possible(config: Config, source: Source) -> None:
 
 
 def require_device(config: Config) -> None:
-    """Raise a ``UserError`` if the config asks for a GPU that does not exist."""
+    """Raise a ``UserError`` if the config requires a GPU and there is none."""
     if config.trainer.accelerator == "gpu":
         import torch
 

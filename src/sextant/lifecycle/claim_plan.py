@@ -1,4 +1,4 @@
-"""What the design of a claim can show before it is run: its power, the effect that it can detect, and its cost."""
+"""The design of a claim before it is run: its power, the effect that it can detect, and its cost."""
 
 import math
 from collections.abc import Iterator
@@ -23,8 +23,8 @@ class ClaimPlan:
         arguments: overrides that run it.
         number, seeds: numbers of replicates, and of seeds in each world.
         spread: standard deviation of one replicate's difference.
-        detectable: the least true effect that is found four times in five: for a claim of a difference beyond the
-            smallest that matters; for one that nothing is lost, the loss that can be ruled out if there is none.
+        detectable: the least true effect that is detected with probability 0.8; for a claim of a difference, beyond the
+            smallest that matters; for a claim of no loss, the loss that can be ruled out if there is none.
         power: probability that each comparison holds if the true effect is the design's.
         needed: least number of replicates whose power is ``POWER``; infinite beyond ``MOST_SEEDS``.
         runs: number of runs.
@@ -46,7 +46,7 @@ class ClaimPlan:
 
 
 def plan_claims(claims: Claims, tables: Tables) -> Iterator[ClaimPlan]:
-    """The plan of every claim that has a design; spreads that a design leaves open are those of the stored pairs."""
+    """The plan of every claim that has a design; spreads missing in a design are those of the stored pairs."""
     for decided in decide_claims(claims, tables):
         claim = claims[decided.name]
         if claim.design is not None:
@@ -54,12 +54,12 @@ def plan_claims(claims: Claims, tables: Tables) -> Iterator[ClaimPlan]:
 
 
 def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
-    """What the design of a claim can show.
+    """The power, detectable effect and cost of the design of a claim.
 
     A design without a spread takes the largest of the stored comparisons that count, in the unit and with the smallest
-    effect of the claim. Where the replicate is the world,
-    the spread from world to world, which no stored run tells, is taken to be as large as that from seed to seed, so
-    that the mean of s seeds in a world has the variance ``spread² (1 + 1 / s)``.
+    effect of the claim. Where the replicate is the world, the spread between worlds, which stored runs do
+    not give, is assumed equal to that between seeds, so that the mean of s seeds in a world has the variance
+    ``spread² (1 + 1 / s)``.
     """
     design, arguments = claim.design, design_arguments(claim)
     assert design is not None

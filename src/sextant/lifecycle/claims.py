@@ -151,7 +151,7 @@ def digests(claims: Claims, stored: Path) -> dict[str, str]:
     files = {tables.file(part) for claim in claims.values() for part in claim.parts}
     files |= {path for file in files for name in (BASELINES, SEEDS) if (path := file.with_name(name)).is_file()}
     files |= {path for report in quick_tables(claims, stored).reports.values() for path in report.glob("*.csv")}
-    there = sorted(path for path in files if path.is_file())  # of the others nothing is run yet
+    there = sorted(path for path in files if path.is_file())  # the others have not been run yet
     return {p.relative_to(stored).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in there}
 
 
@@ -171,10 +171,10 @@ def renew_digests(claims: Claims, stored: Path) -> None:
 
 
 def _renewed_dates(stored: Path, found: Mapping[str, str]) -> list[list[str]]:
-    """When the first run of each stored table was begun, and what says so, for a file.
+    """When the first run of each stored table was begun, with the source of the date, for a file.
 
-    A sweep's report says it in ``dates.csv``. Tables that have not changed keep what is known of them; where nothing
-    is, runs explore a claim.
+    The source is ``dates.csv`` of a sweep's report. Unchanged tables keep their stored date; runs without a date
+    explore a claim.
     """
     known, before = _known_digests(stored), _stored_dates(stored)
     rows = []
@@ -188,14 +188,14 @@ def _renewed_dates(stored: Path, found: Mapping[str, str]) -> list[list[str]]:
 
 
 def _stored_dates(stored: Path) -> dict[str, tuple[str, str]]:
-    """When the first run of each stored table was begun, and what says so."""
+    """When the first run of each stored table was begun, with the source of the date."""
     rows = read_table(stored / BEGUN) if (stored / BEGUN).is_file() else []
     return {row["file"]: (row["begun"], row["source"]) for row in rows}
 
 
 def _begun(claim: Claim, tables: Tables) -> str:
-    """When the first of the runs that decide a claim was begun; empty if of any of them no record says."""
-    if tables.preset is not None:  # a preset also uses runs that were there before
+    """When the first of the runs that decide a claim was begun; empty if any of them has no date."""
+    if tables.preset is not None:  # a preset also uses existing runs
         return ""
     known = _stored_dates(tables.stored)
     counting = [part for part in claim.parts if part.sweep and not part.beside]
@@ -210,7 +210,7 @@ def _known_digests(stored: Path) -> dict[str, str]:
     try:
         lines = [line.partition("  ") for line in path.read_text("utf-8").splitlines()]
     except UnicodeDecodeError:
-        raise UserError(f"{path} is not text, as sha256sum writes it", f"Restore it: git checkout {path}") from None
+        raise UserError(f"{path} is not text in the format of sha256sum", f"Restore it: git checkout {path}") from None
     lost = sorted(name for _, _, name in lines if not (stored / name).is_file())
     if lost:
         raise UserError(f"{stored / lost[0]} is not there", f"Restore it: git checkout {stored / lost[0]}")

@@ -136,7 +136,7 @@ def _make(
             making.write_corruption(folder / f"{name}.npy", chosen[name], images, recipe, device, advance)
             reporter.say(f"{name}.npy: {_megabytes(size)}")
     if "frost" in chosen:
-        reporter.say("frost has textures drawn here: errors under it do not compare with published ones")
+        reporter.say("frost uses textures drawn here: errors under it are not comparable with published ones")
     kept = len(chosen) - len(remaining)
     return MadeCorruptions(images.shape, len(remaining), kept, time.monotonic() - began)
 
@@ -146,7 +146,7 @@ def _require_all(folder: Path, chosen: making.Corruptions, images: UInt8[ndarray
     lacking = {i % shards: name for i, name in enumerate(chosen) if name in remaining}
     if lacking:
         told = ", ".join(f"shard={shard} ({name}.npy)" for shard, name in sorted(lacking.items()))
-        raise UserError(f"{folder} lacks what these are to make: {told}", "Run them again: each makes what is missing.")
+        raise UserError(f"{folder} lacks files of these shards: {told}", "Run them again: each makes what is missing.")
 
 
 def _write_labels(folder: Path, chosen: making.Corruptions, labels: ndarray, reporter: Reporter) -> None:
@@ -164,7 +164,7 @@ def _check_device(name: str) -> None:
         torch.zeros(1, device=name)
     except (RuntimeError, AssertionError) as error:
         raise UserError(
-            f"device={name} cannot be used: {str(error).splitlines()[0]}", "device=cpu always can."
+            f"device={name} cannot be used: {str(error).splitlines()[0]}", "device=cpu always works."
         ) from None
 
 

@@ -41,7 +41,7 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
         UserError: the run does not exist, an override is wrong, or the model does not fit the data.
     """
     outputs = _outputs(overrides)
-    if outputs.exists():  # it is not made before it is known to be apart from the images
+    if outputs.exists():  # created only once it is known to be apart from the images
         require_outputs(outputs)
     found = resolve_run(run, outputs)
     from sextant.runs.checkpoint import KEY
@@ -111,7 +111,7 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
 
 
 def _later(trained: Mapping[str, Any], key: str) -> bool:
-    """Whether a key was added to its config node after earlier runs had been made without it."""
+    """Whether a key was added to its config node later, so that configs of earlier runs lack it."""
     *parents, last = key.split(".")
     node: Any = validate(trained)
     for part in parents:

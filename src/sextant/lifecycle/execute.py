@@ -210,7 +210,7 @@ class _Run:
         except UserError as error:
             if tracking.parent_run is None:
                 raise
-            self.reporter.say(f"{error.problem}; this run of the sweep goes on without")
+            self.reporter.say(f"{error.problem}; this run of the sweep continues without tracking")
             return None
         if tracking.parent_run is None:  # for a sweep, its controller has done this
             catch_up(tracking.kind, tracking.uri, outputs, self.reporter)

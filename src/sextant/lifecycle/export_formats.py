@@ -51,12 +51,12 @@ def write_network(found: Exportable, form: Format, path: Path) -> float:
             written.unlink(missing_ok=True)
             raise UserError(
                 f"this network cannot be exported as {form}: {str(error).strip().splitlines()[0]}",
-                "Its code asks for the values of its input, or uses operations that the format lacks.",
+                "Its code depends on the values of its input, or uses operations that the format lacks.",
             ) from error
     if not parity <= TOLERANCE:
         written.unlink()
         raise UserError(
-            f"the exported network answers otherwise than the original: by {parity:.2g} of the largest output",
+            f"the exported network's outputs differ from the original's by {parity:.2g} of the largest output",
             f"More than {TOLERANCE:g} is refused; the file is deleted.",
         )
     written.replace(path)

@@ -70,7 +70,7 @@ def export_run(
     exported_by = command("export", f"run={run}", f"format={form}")
     note = (
         f"`{FILES[form]}` is the network of `{task}/{name}`, written by `{exported_by}`. "
-        f"On noise it answers as the original does, to {parity:.1g} of the largest output."
+        f"On noise its outputs equal the original's to within {parity:.1g} of the largest output."
     )
     card = card_of(found.checkpoint)
     text = model_card(

@@ -1,4 +1,4 @@
-"""What the model of a checkpoint offers other programs: a network to export, answers to single photos."""
+"""What the model of a checkpoint offers other programs: a network to export, predictions for single photos."""
 
 from pathlib import Path
 
@@ -49,8 +49,8 @@ def photo_predictor(checkpoint: Path, *, trust: bool = False) -> PhotoPredictor:
     offered = offering("photo_predictor")
     if task not in offered:
         raise UserError(
-            f"a model of task={task} does not answer photos one by one",
-            f"Register a run of {', '.join(offered)}; sextant.Localizer follows a robot.",
+            f"a model of task={task} does not predict from single photos",
+            f"Register a run of {', '.join(offered)}; sextant.Localizer localizes a robot.",
         )
     predictor: PhotoPredictor = chapter_of(task).photo_predictor(content, checkpoint, trust=trust)
     return predictor

@@ -18,9 +18,18 @@ from sextant.runs.sweep_directory import SweepPlan, read_plan, read_plans
 from sextant.tracking.mirror import MirroredRun, ended_at
 from sextant.tracking.refill import refill
 from sextant.tracking.store import Store
-from sextant.tracking.sweep_parent import DONE, PAGE, PICTURES, artifact_address, label_cells, send_page
+from sextant.tracking.sweep_parent import (
+    DONE,
+    PAGE,
+    PICTURES,
+    PRESENT,
+    VERSION,
+    artifact_address,
+    label_cells,
+    send_page,
+)
 
-#: seconds between two looks at the runs, unless the sweep has ended
+#: seconds between two checks of the runs, unless the sweep has ended
 EVERY_S = 20.0
 
 
@@ -33,7 +42,7 @@ class ParentPage:
         parent: the MLflow run of the sweep.
         plan: plan of the sweep.
         outputs: folder that the runs of the plan are relative to.
-        reporter: is told of a failure.
+        reporter: receives a message about a failure.
     """
 
     def __init__(self, parent: MirroredRun, plan: SweepPlan, outputs: Path, reporter: RunReporter):
@@ -45,7 +54,7 @@ class ParentPage:
         self._named: set[str] = set()
 
     def look(self) -> None:
-        """Rewrite the page if the last look is more than :data:`EVERY_S` ago."""
+        """Rewrite the page if the last check is more than :data:`EVERY_S` ago."""
         if time.monotonic() - self._looked > EVERY_S:
             self._try()
             self._looked = time.monotonic()
@@ -97,7 +106,7 @@ def write_page(plan: SweepPlan, outputs: Path, *, left_s: float = float("nan"), 
     pictures = [] if results is None or not ended else _pictures(results, directory)
     failures = {cell.run: cell.message for cell in plan.cells if cell.message}
     page, tags = sweep_page(plan, Progress(done, len(runs), failures, left_s), results, outputs, pictures), _tags(plan)
-    own = {} if results is None else {"sextant.outcome": outcomes_told(results)}
+    own = {VERSION: PRESENT, **({} if results is None else {"sextant.outcome": outcomes_told(results)})}
     kept = {
         "text": page.text,
         "tags": tags,
@@ -139,7 +148,8 @@ def _renew(plan: SweepPlan, outputs: Path) -> None:
     if not closed:  # its last run ended on a cluster while no process waited for it
         plan = replace(plan, ended=max(ended_at(RunDirectory(run)) for run in runs))
         plan.write(outputs)
-    if not closed or page is None or page["metrics"].get(DONE) != _done(runs):
+    is_present = page is not None and page.get("own_tags", {}).get(VERSION) == PRESENT
+    if not closed or page is None or not is_present or page["metrics"].get(DONE) != _done(runs):
         write_page(plan, outputs)
 
 
@@ -173,8 +183,22 @@ def _pictures(results: SweepResults, directory: Path) -> Sequence[str]:
         made = search_figures(search_results(results)) if (directory / "search.json").exists() else []
     else:
         made = contrast_figures(results, contrasts(results))
+    titles = _titles(results)
+    for name, figure in made:  # a panel's title is that of its setting
+        figure.suptitle(titles.get(name, name), fontsize=9)
     paths = [path for name, figure in made for path in save_figure(figure, directory / PICTURES, name)]
     return [artifact_address(f"{PICTURES}/{path.name}") for path in paths]
+
+
+def _titles(results: SweepResults) -> dict[str, str]:
+    """The titles of the figures of a page, by their names."""
+    from sextant.reports.contrasts import named_contrasts
+    from sextant.tables import slug
+
+    told = {"history": "trials of the search", "importances": "importance of each key"}
+    for name, contrast in named_contrasts(results).items():
+        told[f"contrast_{slug(name)}"] = f"{name}: {contrast['treatment']} minus {contrast['control']}"
+    return told
 
 
 def _runs(plan: SweepPlan, outputs: Path) -> list[Path]:

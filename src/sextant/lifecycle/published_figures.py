@@ -41,13 +41,13 @@ def comparison(published: Mapping[str, Any], metrics: Mapping[str, Any]) -> str:
     told, found = published["best_accuracy"], metrics.get(CLEAN)
     told_text = f"best_prec1 of {published['file']}, {100 * told:.2f} %"
     if not published["same_images"] or found is None:
-        return f"not compared with {told_text}: that is of the 10,000 test images of CIFAR-10"
+        return f"not compared with {told_text}, which is for the 10,000 test images of CIFAR-10"
     images = round((found - told) * IMAGES)
     if images == 0:
         return f"equals {told_text}"
     off = f"{100 * abs(found - told):.2f} points {'above' if images > 0 else 'below'} {told_text}"
     if (precision := published.get("precision", EXACT)) != EXACT:
-        return f"{off}, as computed in {precision}: the file's is of trainer.precision={EXACT}"
+        return f"{off}, as computed in {precision}; the file's was computed with trainer.precision={EXACT}"
     if images < 0 and not published["file"].startswith(BEST):
-        return f"{off}, which is of the best epoch up to {published['epoch']}: this file need not be that epoch's"
-    return f"{off}: it is NOT found again"
+        return f"{off}, which is for the best epoch up to {published['epoch']}; this file may hold another epoch"
+    return f"{off}: it is NOT reproduced"

@@ -23,14 +23,14 @@ from sextant.runs.directory import RunDirectory, RunKey
 
 LOOPBACK = "lo"
 ENDS_S = 60.0  # time that another process may take to end after the last step
-DIES_S = 5.0  # time within which a lost process must be seen to have died
+DIES_S = 5.0  # time within which a lost process must be found to have died
 PROGRAM = "import json, sys; given = json.loads(sys.stdin.readline()); sys.path[:] = given['path']; "
 PROGRAM += "from sextant.lifecycle.rank_process import main; main(given); "
 PROGRAM += "import os; os._exit(0)"  # skips clean-up, in which gloo's threads sometimes abort the process
 
 
 class Rank(LightningEnvironment):
-    """Tells Lightning the rank of this process, and where the processes of a run meet.
+    """Gives Lightning the rank of this process, and the file through which the processes of a run connect.
 
     Args:
         number: rank of this process; rank 0 is the one that writes.
@@ -59,7 +59,7 @@ class Processes(DDPStrategy):
         pass
 
     def setup_environment(self) -> None:
-        """Meet the other processes; gradients go over the loopback interface."""
+        """Connect to the other processes; gradients go over the loopback interface."""
         rank = self.cluster_environment
         assert isinstance(rank, Rank)
         assert self.parallel_devices is not None
@@ -99,13 +99,13 @@ class _Other:
             said = (self.errors.read().strip() or f"by signal {-self.process.returncode}").splitlines()[-1]
             raise UserError(
                 f"process {self.number} of this run ended: {said}",
-                "Is there memory for all trainer.devices? The same command goes on from the last epoch.",
+                "Is there enough memory for all trainer.devices? The same command resumes after the last epoch.",
             )
 
 
 @contextmanager
 def ranks(config: Config, directory: RunDirectory, key: RunKey, *, resume: bool) -> Iterator[Rank | None]:
-    """Start the other processes that ``trainer.devices`` asks for, and yield this one's rank; None if there are none.
+    """Start the other processes that ``trainer.devices`` requires, and yield this one's rank; None if there are none.
 
     They end when this process does, however it ends.
 
@@ -158,5 +158,5 @@ def _start(number: int, given: dict[str, object]) -> _Other:
     )
     assert process.stdin is not None
     process.stdin.write(json.dumps({**given, "rank": number, "path": sys.path}) + "\n")
-    process.stdin.flush()  # stays open: when it closes, the other process knows that this one has ended
+    process.stdin.flush()  # stays open: its closing signals to the other process that this one has ended
     return _Other(number, process, errors)

@@ -71,9 +71,9 @@ def register_run(
     example = _example()
     (answer,) = answered(predictor, [example])
     if answer[ERROR]:
-        raise UserError(f"run={run}: the model has no answer to an image of noise: {answer[ERROR]}")
+        raise UserError(f"run={run}: the model gives no prediction for an image of noise: {answer[ERROR]}")
     columns = [(name, str(kind)) for name, kind in predictor.columns.items()]
-    uses = [(IMAGE, "bytes of an image file of any kind and size"), *columns, (ERROR, "why an image has no answer")]
+    uses = [(IMAGE, "bytes of an image file of any kind and size"), *columns, (ERROR, "why an image has no prediction")]
     registered_by = command("register", f"run={run}", f"name={name}")
     note = f"`{name}` is the model of `{about['task']}/{run}`, written by `{registered_by}`."
     with TemporaryDirectory() as folder, telling_store_errors(uri, outputs):

@@ -69,7 +69,7 @@ def fill(
 def state_of(directory: Path) -> tuple[str, str]:
     """How much of a store is rendered, and its state."""
     if not StoreLayout(directory).manifest.is_file():
-        return "", "to be laid out anew: render it"
+        return "", "has no manifest: render it again"
     try:
         store = load_store(directory)
     except UserError:

@@ -23,7 +23,7 @@ def sweep_results(sweep: Reference, outputs: str | Path | None = None, reporter:
         sweep: its name (the newest of that name), its directory, its MLflow parent run, the return value of
             :func:`sextant.sweep`, or folders of the cells of its blocks, separated by commas.
         outputs: output folder; by default the default one.
-        reporter: is told of damaged plans that are skipped while looking for the newest.
+        reporter: receives messages about damaged plans that are skipped in the search for the newest.
 
     Raises:
         UserError: the sweep does not exist, its files are damaged, or no run is finished yet.

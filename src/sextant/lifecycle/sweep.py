@@ -37,7 +37,7 @@ class SweepOutcome:
         name: name of the sweep.
         directory: directory with its plan, and with its report once it is written.
         cells: the planned cells, of the block that was run if there is one.
-        outcomes: outcome of the run of each cell; arms that read different answers share runs.
+        outcomes: outcome of the run of each cell; arms that read different methods share runs.
     """
 
     name: str
@@ -97,7 +97,7 @@ def dry_run(arguments: Sequence[str], reporter: RunReporter = SILENT_RUN) -> tup
         UserError: as :func:`run_sweep`; or the overrides describe a search.
     """
     if read_search(arguments) is not None:
-        raise UserError("--dry-run: what a search runs next depends on what it has found", "Leave it out.")
+        raise UserError("--dry-run: the runs of a search depend on its earlier results", "Leave it out.")
     plan, planned, config = make_plan(arguments, reporter)
     require_launcher(config)
     outputs = Path(config.paths.outputs).absolute()
@@ -110,7 +110,7 @@ def dry_run(arguments: Sequence[str], reporter: RunReporter = SILENT_RUN) -> tup
 
 
 def missing_cells(planned: Sequence[Planned], outputs: Path) -> list[CellTask]:
-    """The missing runs, each listed once: arms that read different answers of the same run share it."""
+    """The missing runs, each listed once: arms that read different methods of the same run share it."""
     missing = {entry.cell.run: entry for entry in planned if not entry.finished}
     return [CellTask(tuple(entry.overrides), outputs / run) for run, entry in missing.items()]
 
@@ -200,7 +200,7 @@ def run_missing(
 
 
 def _why_failed(how: Mapping[str, Any], run: Path) -> str:
-    """Why a run has no results, judged by its outcome and its directory as seen from here; empty if it has some."""
+    """Why a run has no results, judged by its outcome and its directory on this host; empty if it has some."""
     if how["status"] == "failed":
         return str(how["message"])
     if RunDirectory(run).results() is not None:
@@ -216,7 +216,7 @@ def _ended(plan: SweepPlan, outputs: Path, when: float | None = None) -> SweepPl
 
 @contextmanager
 def _watched(missing: list[RunDirectory], reporter: RunReporter, page: "ParentPage | None") -> Iterator[None]:
-    """Report how many runs are done by looking at their directories, which works with every launcher."""
+    """Report how many runs are done according to their directories, which works with every launcher."""
     done = threading.Event()
 
     def watch() -> None:

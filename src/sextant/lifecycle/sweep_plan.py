@@ -61,7 +61,7 @@ class Design:
 
     @property
     def runs(self) -> int:
-        """The number of different runs: arms that read different answers of the same runs share them."""
+        """The number of different runs: arms that read different methods of the same runs share them."""
         different = {(tuple(overrides), offset): arm for arm, (overrides, offset) in self.arms.items()}
         settings = [dict(zip(self.factors, values, strict=True)) for values in product(*self.factors.values())]
         return len(self.worlds) * sum(len(self.pairs(each, arm)) for each in settings for arm in different.values())
@@ -141,7 +141,7 @@ def cell_config(design: Design, setting: Mapping[str, str], arm: str, world: str
     """The overrides of an arm in a setting and a world, and the config that they compose.
 
     Raises:
-        UserError: the config is wrong, or the arm reads answers that its runs will not produce.
+        UserError: the config is wrong, or the arm reads a method that its runs will not have.
     """
     chosen = [f"{key}={value}" for key, value in setting.items()] + [world] * bool(world)
     overrides = [*design.fixed, *chosen, *design.arms[arm][0]]
@@ -158,14 +158,14 @@ def _require_room(config: Config) -> None:
         return
     if launcher.kind == "local":
         raise UserError(
-            f"trainer.devices={devices} launcher=local: no run of several processes starts within a sweep's own",
+            f"trainer.devices={devices} launcher=local: a sweep's process cannot start a run of several",
             "Give each run a process of its own: launcher=joblib launcher.workers=1; or a job: launcher=slurm "
             f"launcher.cpus={devices}. Without -m, train.py runs a single one.",
         )
     unit = "gpus" if config.trainer.accelerator == "gpu" else "cpus"
     if getattr(launcher, unit, devices) < devices:
         raise UserError(
-            f"trainer.devices={devices} needs as many {unit}; launcher.{unit}={getattr(launcher, unit)} of a run",
+            f"trainer.devices={devices} needs as many {unit}; a run has launcher.{unit}={getattr(launcher, unit)}",
             f"launcher.{unit}={devices}",
         )
 
@@ -199,11 +199,11 @@ def over_seeds(
 
 
 def read_design(arguments: Sequence[str]) -> Design:
-    """The design that overrides ask for.
+    """The design that overrides define.
 
     Values of the overrides replace a stored sweep's factors, seeds and worlds; several values of ``dataset.world`` are
-    worlds, too. Without arms in the config, the sweep compares
-    the values of the last key that lists several, and its first value is the control.
+    worlds, too. Without arms in the config, the sweep compares the values of the last key that lists several, and its
+    first value is the control.
     """
     parsed = parse(arguments)
     given = {o.key: o.choices() for o in parsed}
@@ -221,7 +221,7 @@ def read_design(arguments: Sequence[str]) -> Design:
         named = {world: swept.pop(world)}
         definition |= {"worlds": named}
     if len(set(named[world])) < len(named[world]):
-        raise UserError(f"{world}={','.join(named[world])}: a world that is named twice is one", "Name others.")
+        raise UserError(f"{world}={','.join(named[world])}: worlds must differ", "Name others.")
     factors = {key: given.get(key, [str(v) for v in values]) for key, values in sweep.factors.items()} | swept
     arms: Arms = {name: (arm.overrides, arm.seed_offset) for name, arm in sweep.arms.items()}
     _refuse_arm_keys(given, arms)
@@ -248,7 +248,7 @@ def read_design(arguments: Sequence[str]) -> Design:
 def sweep_words(arguments: Sequence[str]) -> list[str]:
     """Rewrite the arguments of a sweep so that Hydra can compose them.
 
-    ``preset=quick`` becomes the sweep's small form, in which keys given beside it win. ``sweep.block`` is a key of
+    ``preset=quick`` becomes the sweep's small form, in which keys given with it win. ``sweep.block`` is a key of
     every sweep, whether its file names it or not.
 
     Raises:
@@ -261,7 +261,7 @@ def sweep_words(arguments: Sequence[str]) -> list[str]:
     named = [word for word in rest if word.startswith("sweep=")]
     if chosen[-1] != "preset=quick" or not named:
         raise UserError(
-            f"{chosen[-1]} {' '.join(named)}: a preset is the size of a named sweep, quick or full",
+            f"{chosen[-1]} {' '.join(named)}: preset= sets the size of a named sweep, quick or full",
             "For example -m sweep=pushpull_placement preset=quick",
         )
     quick = (to_plain(compose(named[-1:])).get("sweep") or {}).get("quick")
@@ -273,16 +273,16 @@ def sweep_words(arguments: Sequence[str]) -> list[str]:
 
 
 def _check_read(arm: str, definition: Mapping[str, Any], config: Config) -> None:
-    """Raise a ``UserError`` if an arm reads answers that its runs will not produce."""
+    """Raise a ``UserError`` if an arm reads a method that its runs will not have."""
     reads = definition.get("arms", {}).get(arm, {}).get("reads")
     if reads is None:
         return
     known = chapter_of(config.task.name).answers(config)
     if reads not in known:
-        told = f"its runs have those of {', '.join(known)}" if known else f"task={config.task.name} has one method"
+        told = f"its runs have the methods {', '.join(known)}" if known else f"task={config.task.name} has one method"
         raise UserError(
             f"sweep.arms.{arm}.reads={reads}: {told}",
-            "Name one of them, or add it to task.methods and what it needs to the run: a network, descriptor=run:<id>.",
+            "Name one of them, or add it to task.methods and the network it needs to the run: descriptor=run:<id>.",
         )
 
 
@@ -322,7 +322,9 @@ def check_sweep_overrides(overrides: Sequence[str]) -> None:
     parsed = parse(search_words(overrides))
     for override in parsed:
         if override.key.replace(".", "/").startswith("hydra/launcher"):
-            raise UserError(f"{override.text}: not Hydra's launchers run sweeps", "launcher=joblib launcher.workers=4")
+            raise UserError(
+                f"{override.text}: sweeps do not use Hydra's launchers", "launcher=joblib launcher.workers=4"
+            )
     choices = [[f"{o.key}={choice}" for choice in o.choices()] if o.sweeps else [_one_value(o)] for o in parsed]
     first = [options[0] for options in choices]
     with composing_many():
@@ -343,4 +345,4 @@ def _one_value(override: Override) -> str:
     try:
         return f"{override.key}={dimension(override.value).middle}"
     except ValueError as error:
-        raise UserError(f"{override.key}={override.value}: no range to search", str(error)) from None
+        raise UserError(f"{override.key}={override.value}: not a range to search", str(error)) from None

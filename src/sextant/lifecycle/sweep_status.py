@@ -35,7 +35,7 @@ def sweep_status(directory: Path, reporter: Reporter = SILENT) -> tuple[list[Run
 
     Args:
         directory: directory of the sweep.
-        reporter: is told if SLURM does not answer; the state in the run directories is known nevertheless.
+        reporter: gets a message if SLURM does not answer; the state in the run directories is reported nevertheless.
 
     Raises:
         UserError: the sweep's files are damaged.
@@ -96,14 +96,16 @@ def cancel_sweep(directory: Path) -> str:
     holder = sweep_holder(directory)
     if holder is not None and holder.here:
         os.kill(holder.process, signal.SIGINT)
-        said.append(f"{holder} was asked to end")
+        said.append(f"{holder} was interrupted")
     if silent is not None:
         raise UserError("; ".join([*said, f"nothing was cancelled in SLURM's queue: {silent.problem}"]), silent.fix)
     if holder is not None and not holder.here:
-        elsewhere = f"{directory.name} is run by {holder}, which is not this host"
+        elsewhere = f"{directory.name} is run by {holder}, another host"
         if not said:
             raise UserError(elsewhere, "End it there, with Ctrl-C.")
         said.append(f"{elsewhere}: if it does not end by itself, end it there, with Ctrl-C")
     if not said:
-        raise UserError(f"{directory.name} does not run", f"{attach_command(directory, 'status')} says how far it is.")
-    return f"{'; '.join(said)}; the same command, or {attach_command(directory)}, goes on"
+        raise UserError(
+            f"{directory.name} is not running", f"{attach_command(directory, 'status')} shows how far it is."
+        )
+    return f"{'; '.join(said)}; the same command, or {attach_command(directory)}, continues it"

@@ -18,7 +18,7 @@ from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config
 from sextant.config.building import naming_groups
 from sextant.config.schema.training import Trainer
-from sextant.figures.style import save_figure
+from sextant.figures.style import save_figure, titled
 from sextant.kit.chapter import Chapter, Source
 from sextant.kit.trained import load_weights, model_from_checkpoint, read_trained
 from sextant.layers.global_batch_norm import global_batch_norm
@@ -116,7 +116,7 @@ def fit(
     callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(config, spec, key), *([clock] if clock else [])]
     if config.trainer.patience is not None:
         callbacks.append(_Patience(module.monitor, mode=module.monitor_mode, patience=config.trainer.patience))
-    if config.task.test_checkpoint == "best":  # first, so that the last checkpoint knows its own epoch's best
+    if config.task.test_checkpoint == "best":  # first, so that the last checkpoint includes its own epoch's best
         callbacks.append(_best_epoch(directory, module.monitor, module.monitor_mode))
     callbacks += [_every_epoch(directory), *shown]
     trainer = _trainer(config, directory, logger, callbacks, rank)
@@ -189,7 +189,7 @@ def _tell_precision(settings: Trainer, reporter: RunReporter) -> None:
     if _effective_precision(settings) != settings.precision:
         reporter.say(
             f"trainer.precision={settings.precision}: this processor has no bfloat16 and would only emulate it, "
-            "many times slower than float32, which it uses instead"
+            "many times slower than float32; float32 is used instead"
         )
 
 
@@ -269,7 +269,7 @@ def _with_record(
     record = chapter.record(module, data, config)
     write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **record.arrays))  # type: ignore[arg-type]
     for name, figure in record.figures:
-        save_figure(figure, directory.figures, name)
+        save_figure(titled(figure, name.replace("_", " ")), directory.figures, name)
     for name, write in record.files.items():
         write(directory.path / name)
     parameters = sum(parameter.numel() for parameter in module.parameters())
@@ -298,7 +298,7 @@ class _Patience(EarlyStopping):
 class _Clock(Callback):
     """Training time in seconds, summed over the parts of a resumed run and recorded beside every epoch's checkpoint.
 
-    It is not stored in the checkpoint, whose hash identifies what was learnt. Work after the last complete epoch of a
+    It is not stored in the checkpoint, whose hash identifies the trained model. Work after the last complete epoch of a
     part is repeated by the next part and counts once.
     """
 
@@ -337,7 +337,7 @@ class _Provenance(Callback):
     def on_load_checkpoint(
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Update the paths of the best checkpoint after the run directory was moved; Lightning would forget it."""
+        """Update the paths of the best checkpoint after the run directory was moved; Lightning would discard it."""
         for callback in trainer.checkpoint_callbacks:
             state = checkpoint["callbacks"].get(callback.state_key, {})
             before, here = str(state.get("dirpath")), str(callback.dirpath)  # type: ignore[attr-defined]

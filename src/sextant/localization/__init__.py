@@ -1,1 +1,1 @@
-"""Where a camera is: maps of descriptors at known poses, observation models over poses, and filters that use them."""
+"""Localization of a camera: maps of descriptors at known poses, observation models over poses, and filters."""

@@ -1,18 +1,19 @@
-r"""How the appearance of the world has changed since the map was made, learned while driving.
+r"""The change of appearance since the map was made, estimated while driving.
 
 What has changed everywhere, such as the light or the season, shifts the mean descriptor of a drive away from that of
-the map. This shift is removed little by little:
+the map. This shift is removed gradually:
 
 .. math:: z'_t = z_t - \frac{n_t}{n_t + n_0}\,(\bar z_t - \bar y), \qquad
    \bar z_t = \frac1{n_t} \sum_{s \le t} w_s z_s, \quad n_t = \sum_{s \le t} w_s.
 
 What remains is an appearance variance, the same in every dimension. If nothing had changed, the map image that explains
-a descriptor best would do so within the predicted variance v. As it is the best of many, its excess counts twice:
+a descriptor best would do so within the predicted variance v. The minimum over many images is biased low, so the excess
+is doubled:
 
 .. math:: s_a^2 = \frac2{n_t} \sum_{s \le t} w_s \max\!\Big(0,\; \min_i \frac{\|z'_s - \mu_i\|^2}{D} - v_i\Big).
 
 The weight w of an image is how far the robot has moved since the last one, in units of the map's spacing and of the
-turn that the map resolves, and at most 1. A robot that stands still learns nothing and forgets nothing.
+turn that the map resolves, and at most 1. While a robot stands still, the estimates do not change.
 """
 
 from dataclasses import dataclass, replace
@@ -25,13 +26,13 @@ from torch import Tensor
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.model import Residuals
 
-#: n_0: the number of images after which half of a change is believed
+#: n_0: the number of images after which half of a change is removed
 SLOWLY = 5.0
 
 
 @dataclass(frozen=True)
 class AppearanceChange:
-    """The change of appearance that a drive has shown so far.
+    """The change of appearance estimated from a drive so far.
 
     Attributes:
         mean: :math:`\\bar z`, the weighted mean descriptor.
@@ -42,7 +43,7 @@ class AppearanceChange:
         >>> change, bright = AppearanceChange.none(2), torch.tensor([6.0, 0.0])
         >>> for _ in range(5):  # a drive that is brighter everywhere than the map, whose mean is 0
         ...     change = change.updated(bright, weight=1.0)
-        >>> change.centred(bright, map_mean=torch.zeros(2))  # after five images half of the change is believed
+        >>> change.centred(bright, map_mean=torch.zeros(2))  # after five images half of the change is removed
         tensor([3., 0.])
     """
 

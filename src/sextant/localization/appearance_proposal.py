@@ -71,8 +71,8 @@ class AppearanceProposal:
     ) -> tuple[Int64[Tensor, "r k"], Float64[Tensor, "r k"]]:
         r"""Draw rows of the map from q by stratified sampling, and return them with their :math:`l(z | x_i)`.
 
-        :math:`\log q(i)` is the latter minus ``log_total``. A run whose ``log_total`` is -inf has nothing to draw, and
-        its rows are meaningless.
+        :math:`\log q(i)` is the latter minus ``log_total``. Where ``log_total`` is -inf there is nothing to draw, and
+        the run's rows are meaningless.
 
         Args:
             count: number of draws, one for all runs or one for each. In the second case the result is as wide as the

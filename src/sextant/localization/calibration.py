@@ -1,17 +1,17 @@
-r"""Calibration of a descriptor likelihood: how far to trust it, fitted on a traverse with known poses.
+r"""Calibration of a descriptor likelihood on a traverse with known poses.
 
-A Gaussian process fitted to a map is sure of what an image at a pose looks like in the map's own light. In another
-season, and with D = 128 outputs whose errors are correlated, :math:`\log p(z \mid x)` is far too sharp: on a real
-railway the posterior over places is then worse than a uniform one. There are three remedies. Each is fitted to
-validation images z at known poses, none of which is in the map:
+A Gaussian process fitted to a map predicts images in the map's own light, with little variance. In another season, and
+with D = 128 outputs whose errors are correlated, :math:`\log p(z \mid x)` is far too sharp: on a real railway the
+posterior over places is then worse than a uniform one. There are three remedies. Each is fitted to validation images z
+at known poses, none of which is in the map:
 
 - *whitening*: errors :math:`e = z - y` between a validation image and the map image nearest to it have the covariance
   :math:`S = (1 - \lambda) \overline{e e^\top} + \lambda \bar s I`. Before anything else, all descriptors are multiplied
   by :math:`\sqrt{\bar s}\, S^{-1/2}`, with :math:`\bar s = \operatorname{tr} S / D`;
 - *appearance noise*: :math:`\sigma_a^2 = \max(0, \overline{\lVert z - \mu(x)\rVert^2} / D - \overline{s^2(x)})`, at the
   true poses x, is added to the variance everywhere;
-- *tempering*: the log-likelihood is multiplied by the :math:`\beta` that makes the posterior over map images most
-  likely to be right, ``1 / T`` of :func:`~sextant.evaluation.posterior.fit_temperature`.
+- *tempering*: the log-likelihood is multiplied by the :math:`\beta` that minimizes the negative log-likelihood of the
+  posterior over map images, ``1 / T`` of :func:`~sextant.evaluation.posterior.fit_temperature`.
 
 Sources: P. Pfaff, C. Plagemann, W. Burgard, "Improved likelihood models for probabilistic localization based on range
 scans", IROS 2007, on why the likelihoods of sensors with dependent errors must be smoothed; A. Jaenal et al., Sensors
@@ -43,9 +43,9 @@ def error_whitening(errors: Float[Tensor, "v d"], shrinkage: float = SHRINKAGE) 
         >>> errors = torch.tensor([[2.0, 0.0], [-2.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         >>> errors.square().mean(0)
         tensor([2.0000, 0.5000])
-        >>> (errors.double() @ error_whitening(errors, shrinkage=1e-9)).square().mean(0)  # the same sum, shared
+        >>> (errors.double() @ error_whitening(errors, shrinkage=1e-9)).square().mean(0)  # the same sum, spread evenly
         tensor([1.2500, 1.2500], dtype=torch.float64)
-        >>> error_whitening(errors, shrinkage=1.0).round(decimals=4) + 0.0  # takes all directions for alike
+        >>> error_whitening(errors, shrinkage=1.0).round(decimals=4) + 0.0  # treats all directions alike
         tensor([[1., 0.],
                 [0., 1.]], dtype=torch.float64)
     """
@@ -66,9 +66,9 @@ def appearance_noise(squared: Float[Tensor, " v"], variance: Float[Tensor, " v"]
 
     Example:
         >>> squared, variance = torch.tensor([2.0, 4.0]), torch.tensor([0.5, 0.5])
-        >>> appearance_noise(squared, variance, dimension=2)  # 3 / 2 in a dimension, 1 more than was predicted
+        >>> appearance_noise(squared, variance, dimension=2)  # 3 / 2 per dimension, 1 more than predicted
         1.0
-        >>> appearance_noise(squared, 4 * variance, dimension=2)  # the predictions were modest enough
+        >>> appearance_noise(squared, 4 * variance, dimension=2)  # the predicted variance is large enough
         0.0
     """
     return max(0.0, float(squared.mean()) / dimension - float(variance.mean()))
@@ -107,5 +107,5 @@ def posterior(scores: Float[Tensor, "v n"], positives: Positives, tempering: flo
 
 
 def _array(scores: Tensor) -> np.ndarray:
-    # a constant added to a row does not change its posterior; without its maximum float32 keeps the digits that matter
+    # adding a constant to a row does not change its posterior; subtracting the maximum keeps float32 accurate
     return np.asarray((scores - scores.max(dim=1, keepdim=True).values).numpy(), np.float32)

@@ -1,14 +1,14 @@
-r"""How far a robot moves from image to image, learned where nothing measures its motion.
+r"""The distance that a robot moves from image to image, estimated where there is no odometry.
 
-Without odometry, all that is known of the next motion is how the robot has moved so far. Its pace is the median
-displacement, along its heading, between its last estimates. Each displacement is weighted by how sure both estimates
-were and by how much of the belief was on the map. So a camera that passes five images of the map between two of its own
-is followed as well as one that passes one, and a pace outlasts images that say little. The estimates of a lost filter
-jump anywhere: there is no pace as long as the interquartile range of displacements exceeds four spacings of the map
-plus the pace itself. This is the constant-velocity model, with a velocity per step estimated from displacements.
+Without odometry, the next motion is predicted from the previous ones. The pace is the median displacement, along the
+heading, between the last estimates. Each displacement is weighted by the confidence of both estimates and by the mass
+of the belief on the map. A camera that passes five images of the map between two of its own is thus followed as well as
+one that passes one, and the pace survives uninformative images. The estimates of a lost filter scatter: there is no
+pace as long as the interquartile range of displacements exceeds four spacings of the map plus the pace itself. This is
+the constant-velocity model, with a velocity per step estimated from displacements.
 
 The constants were chosen on walks of Gardens Point, the railway of Nordland, a tower and towns:
-docs/localization_change.md, "Without odometry".
+results/localization_change.md, "Without odometry".
 """
 
 import math
@@ -21,7 +21,7 @@ from torch import Tensor
 
 from sextant.geometry.planar import se2_between
 
-#: total weight of the last displacements that are remembered; one of a filter that is sure of itself weighs 1
+#: total weight of the last displacements that are kept; one from a fully confident filter has weight 1
 REMEMBERED = 10.0
 #: largest number of displacements
 MOST = 100
@@ -66,7 +66,7 @@ class ConstantVelocity:
 
         Args:
             before, after: the poses.
-            weight: how sure they are, in [0, 1].
+            weight: confidence in them, in [0, 1].
             steps: number of steps from one to the other.
         """
         way = float(se2_between(before, after)[0]) / steps

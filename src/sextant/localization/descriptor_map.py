@@ -58,7 +58,7 @@ class DescriptorMap:
 
         Raises:
             UserError: there is no image, a pose or descriptor is not finite, the numbers of poses and descriptors
-                differ, or two poses are equal and are not to be merged.
+                differ, or two poses are equal and ``merge_duplicates`` is false.
         """
         if len(poses) != len(descriptors):
             raise UserError(
@@ -66,7 +66,7 @@ class DescriptorMap:
                 "Give one pose for each image, in the same order.",
             )
         if len(poses) == 0 or descriptors.shape[1] == 0:
-            raise UserError("the map is empty: it has no image with a descriptor", "Name images with known poses.")
+            raise UserError("the map is empty: it has no image with a descriptor", "Provide images with known poses.")
         _refuse(~torch.isfinite(poses).all(dim=1), "poses that are not finite", "Leave these images out.")
         broken = torch.cat([~torch.isfinite(rows).all(dim=1) for rows in descriptors.split(BLOCK)])
         _refuse(broken, "descriptors that are not finite", "Leave these images out, or describe them again.")
@@ -77,7 +77,7 @@ class DescriptorMap:
         else:
             _refuse(
                 repeated,
-                "poses that an earlier image has too (same x, y and heading)",
+                "poses equal to that of an earlier image (same x, y and heading)",
                 "Leave these images out, or keep one with their mean descriptor: merge_duplicates=true",
             )
         return cls(poses, descriptors, mean_of_blocks(descriptors.split(BLOCK)))
@@ -121,5 +121,5 @@ def mean_of_blocks(blocks: Iterable[Float32[Tensor, "_ d"]]) -> Float32[Tensor, 
     for rows in blocks:
         total, count = total + rows.sum(dim=0, dtype=torch.float64), count + len(rows)
     if not count:
-        raise ValueError("there is nothing to take the mean of")
+        raise ValueError("there are no rows to average")
     return (total / count).float()

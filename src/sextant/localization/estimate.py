@@ -1,17 +1,17 @@
 r"""A pose estimate from a cloud of particles: the mean of the heaviest mode, and the number of modes.
 
-The mean over all particles may lie between two places that both look right, where the robot is not. So the search
-starts at the heaviest box, together with its neighbours, of a grid over position and heading. The mean is taken over
-the particles within a radius of it, and the centre is moved to their mean a few times (mean shift with a flat kernel;
-Comaniciu & Meer, PAMI 2002).
+The mean over all particles may lie between two plausible places, at neither of them. So the search starts at the box of
+a grid over position and heading that is heaviest together with its neighbours. The mean is taken over the particles
+within a radius of it, and the centre is moved to their mean a few times (mean shift with a flat kernel; Comaniciu &
+Meer, PAMI 2002).
 
 Means and covariances are weighted, with axes x, y of the map (metres) and heading (rad):
 
 .. math:: \mu = \Big(\bar x, \bar y, \bar\theta\Big), \qquad \Sigma = \sum_i W_i\, d_i d_i^\top, \qquad
    d_i = (x_i - \bar x,\; y_i - \bar y,\; \mathrm{wrap}(\theta_i - \bar\theta)).
 
-The mean describes the heaviest mode, the covariance the whole belief. Where other places may be right as well, the
-reported pose may be off by the distance to them, and the covariance of the heaviest mode alone would not say so. The
+The mean describes the heaviest mode, the covariance the whole belief. Where other places are plausible too, the
+reported pose may be off by the distance to them, which the covariance of the heaviest mode alone would not show. The
 covariance is taken over the particles of that mode and those nearest to it, until they hold 99 % of the weight:
 particles that a restart puts elsewhere count once they hold more than a hundredth.
 """
@@ -74,9 +74,9 @@ def estimate(belief: Belief, radius: float, heading_radius: float = math.radians
     Example:
         >>> poses = torch.tensor([[[0.0, 0, 0], [0.2, 0, 0], [0.4, 0, 0], [9, 0, 0]]], dtype=torch.float64)
         >>> found = estimate(Belief.uniform(poses), radius=1.0)
-        >>> found.pose.round(decimals=4).tolist(), f"{found.mass[0]:.2f}", found.modes.tolist()  # without that at 9 m
+        >>> found.pose.round(decimals=4).tolist(), f"{found.mass[0]:.2f}", found.modes.tolist()  # 9 m is not included
         ([[0.2, 0.0, 0.0]], '0.75', [2])
-        >>> found.covariance[0, 0, 0].sqrt().round(decimals=1).item()  # which may yet be where the robot is
+        >>> found.covariance[0, 0, 0].sqrt().round(decimals=1).item()  # with the particle at 9 m
         4.4
     """
     if not (radius > 0 and heading_radius > 0):

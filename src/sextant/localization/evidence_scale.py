@@ -1,16 +1,15 @@
-r"""How much one image counts, scaled by how well it tells the places of the map apart.
+r"""Tempering of the images' likelihood by how well they distinguish the places of the map.
 
-A likelihood that was not fitted to another drive knows neither how alike images of one place are in another season nor
-how independent consecutive images are. It is far too sure of itself in one world and says nothing in the next. Its
-scale therefore follows from the map. With the log-likelihoods :math:`\ell_i` of an image at the images i of the map and
-the running mean :math:`\bar s` of their spread :math:`s = \ell_{97.5} - \ell_{2.5}`, it is tempered by
+A likelihood that was not fitted to another drive reflects neither how similar images of one place are in another season
+nor how independent consecutive images are. It is overconfident in one world and uninformative in the next. Its scale is
+therefore derived from the map. With the log-likelihoods :math:`\ell_i` of an image at the images i of the map and the
+running mean :math:`\bar s` of their spread :math:`s = \ell_{97.5} - \ell_{2.5}`, it is tempered by
 
 .. math:: \beta = \min\!\Big(1,\; \frac{\log \delta}{\bar s}\Big) :
 
-whatever the descriptor, a place of the map that is among the most alike becomes :math:`\delta` times as likely as one
-among the least alike, and less than that where the likelihood itself finds hardly a difference. The spread of an image
-is weighted by how far the robot has moved since the last one, as in
-:class:`~sextant.localization.appearance_change.AppearanceChange`.
+whatever the descriptor, one of the most similar places of the map becomes :math:`\delta` times as likely as one of the
+least similar, or less where the likelihood itself hardly differs. The spread of an image is weighted by how far the
+robot has moved since the last one, as in :class:`~sextant.localization.appearance_change.AppearanceChange`.
 
 Source: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic Visual Place Recognition for Hierarchical Localization", RA-L
 2021, for the quantiles, with :math:`\delta = 5` and the descriptor distances of a drive's first image. With as few as a
@@ -29,13 +28,13 @@ from sextant.errors import ArgumentError
 from sextant.localization.observation.evidence import Evidence
 
 USUAL_ODDS = 20.0
-#: number of map images that are compared, evenly chosen
+#: number of evenly spaced map images that are compared
 LOOKED_AT = 4096
 
 
 @dataclass(frozen=True)
 class EvidenceScale:
-    r"""The scale that the images of a drive have shown so far.
+    r"""The scale estimated from the images of a drive so far.
 
     Attributes:
         odds: :math:`\delta`, above 1.
@@ -80,11 +79,11 @@ class ScaledEvidence(Evidence):
 
     Args:
         evidence: the evidence to be tempered.
-        over_map: its log-likelihoods at the images of the map, which are already known.
+        over_map: its log-likelihoods at the images of the map, already computed.
         tempering: the factor of its log-likelihoods.
 
     Example:
-        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        >>> class AtTen(Evidence):  # the observation matches the place at 10 m
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)

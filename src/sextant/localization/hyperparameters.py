@@ -1,4 +1,4 @@
-"""The kernel's hyper-parameters, positive and differentiable, and the likelihoods that choose them."""
+"""The kernel's hyper-parameters, positive and differentiable, and the likelihoods to fit them."""
 
 import math
 from dataclasses import dataclass
@@ -82,7 +82,7 @@ def random_order(images: int, generator: Generator) -> Int64[ndarray, " n"]:
 #: Starting values: lengths in nearest distances between map images, the noise as a share of the descriptors' variance.
 STEPS_OF_LENGTH = 4.0
 NOISE_SHARE = 0.2
-#: In rad: views turned by 40 degrees share about half of what they see.
+#: In rad: views turned by 40 degrees share about half of their field of view.
 HEADING_LENGTH = 0.7
 #: The noise never falls below this share of its starting value, so that the factorisation stays possible.
 LEAST_NOISE = 1e-4
@@ -171,7 +171,7 @@ class TrainableKernel(nn.Module):
         variance = mean_variance(descriptors)
         if not variance > ROUNDING * float(descriptors.double().square().mean()):
             raise UserError(
-                f"the map's {len(poses)} descriptors are all equal, so its places cannot be told apart",
+                f"the map's {len(poses)} descriptors are all equal, so its places cannot be distinguished",
                 "Choose another descriptor, or check the images of the map.",
             )
         rows = poses.detach().cpu().numpy().astype(np.float64)
@@ -260,7 +260,7 @@ def joint_log_likelihood(
     Example:
         >>> from sextant.localization.pose_kernel import PoseKernel
         >>> kernel = TrainableKernel(PoseKernel("rbf", (1.0, 1.0), 1.0, signal_variance=0.5, noise_variance=0.5))
-        >>> poses = torch.tensor([[0.0, 0, 0], [100, 0, 0]], dtype=torch.float64)  # too far apart to tell of each other
+        >>> poses = torch.tensor([[0.0, 0, 0], [100, 0, 0]], dtype=torch.float64)  # too far apart to be correlated
         >>> found = joint_log_likelihood(kernel, poses, torch.ones(2, 3), torch.ones(3))
         >>> round(found.item() / math.log(2 * math.pi), 4)  # -1/2 for each of six numbers at their mean
         -3.0
@@ -290,12 +290,12 @@ class Conditioning:
 
     Each term is a small regression, so a whole map costs O(n k³). A uniformly drawn minibatch B of rows, scaled by n /
     |B|, is an unbiased estimate of the sum and of its gradient: 172,000 images train in constant memory. With k = n - 1
-    it is the exact likelihood. It serves only to choose hyper-parameters; the local Gaussian process predicts by the
-    same idea.
+    it is the exact likelihood. It serves only to fit hyper-parameters; the local Gaussian process predicts on the same
+    principle.
 
     Neighbours among earlier images are found with one k-d tree for each prefix of 2^j images of the order. Row i of
-    [2^(j-1), 2^j) asks the tree of the first 2^j for its nearest images and keeps those before i, which are half of
-    them or more on average. Rows that got too few ask again for twice as many. The result is exact.
+    [2^(j-1), 2^j) queries the tree of the first 2^j for its nearest images and keeps those before i, which are half of
+    them or more on average. Rows with too few are queried again for twice as many. The result is exact.
 
     Sources: A. V. Vecchia, "Estimation and model identification for continuous spatial processes", JRSS B 1988; M.
     Katzfuss and J. Guinness, "A general framework for Vecchia approximations of Gaussian processes", Statistical
@@ -308,7 +308,7 @@ class Conditioning:
 
     Example:
         >>> places = np.array([[0.0], [1.0], [3.0], [1.2]])
-        >>> Conditioning.of(places, np.array([0, 2, 1, 3]), neighbours=1).neighbours.flatten()  # 1.2 by 1
+        >>> Conditioning.of(places, np.array([0, 2, 1, 3]), neighbours=1).neighbours.flatten()  # 1.2 on 1
         tensor([-1,  0,  0,  1])
     """
 
@@ -320,7 +320,7 @@ class Conditioning:
         """Condition each image on the nearest ``neighbours`` images that precede it.
 
         Args:
-            features: points whose Euclidean distance says what is near, such as those of ``PoseKernel.features``.
+            features: points whose Euclidean distance defines what is near, such as those of ``PoseKernel.features``.
             order: a permutation of the images.
             neighbours: k, at least 1; more than n - 1 count as n - 1.
 
@@ -392,7 +392,7 @@ def vecchia_log_likelihood(
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(6)], dtype=torch.float64)
         >>> images = line, torch.eye(6), torch.zeros(6)
         >>> kernel = TrainableKernel.from_map(line, torch.eye(6))
-        >>> given_all = Conditioning.of(line.numpy(), np.arange(6), neighbours=5)  # on every image before
+        >>> given_all = Conditioning.of(line.numpy(), np.arange(6), neighbours=5)  # on all earlier images
         >>> vecchia_log_likelihood(kernel, *images, given_all).allclose(joint_log_likelihood(kernel, *images))
         True
     """

@@ -21,7 +21,7 @@ __all__ = ["AppearanceStart", "GaussianStart", "Initialisation", "UniformStart"]
 class Initialisation(ABC):
     """Makes the first belief of r runs."""
 
-    #: Whether the first image is part of the first belief, so that it must not weigh it again.
+    #: Whether the first belief includes the first image, which must then not weight it again.
     uses_evidence: bool = False
 
     @abstractmethod
@@ -37,7 +37,7 @@ class Initialisation(ABC):
         """The first belief.
 
         Args:
-            prior: where the robot may be before anything is seen.
+            prior: distribution of poses before the first observation.
             runs: r, the number of runs.
             particles: number of particles in each run.
             evidence: evidence of the first image of each run, for initialisations that use it.
@@ -61,7 +61,7 @@ def weighed(poses: Float64[Tensor, "r p 3"], log_weights: Float64[Tensor, "r p"]
 
 @dataclass(frozen=True)
 class UniformStart(Initialisation):
-    """Particles drawn from the map's prior; the first image weighs them in the first step.
+    """Particles drawn from the map's prior, weighted by the first image in the first step.
 
     Example:
         >>> exact = MapPrior(torch.tensor([[0.0, 0, 0], [5, 0, 0]], dtype=torch.float64), 0.0, 0.0)
@@ -85,7 +85,7 @@ class UniformStart(Initialisation):
 
 @dataclass(frozen=True)
 class GaussianStart(Initialisation):
-    """Particles around one pose in each run; the first image weighs them in the first step.
+    """Particles around one pose in each run, weighted by the first image in the first step.
 
     Attributes:
         mean: the pose of each run, or one pose for all.
@@ -129,29 +129,29 @@ class GaussianStart(Initialisation):
 
 @dataclass(frozen=True)
 class AppearanceStart(Initialisation):
-    r"""Particles at the map images that the first image looks like.
+    r"""Particles at the map images most similar to the first image.
 
     A map image i is drawn with :math:`q(i) \propto e^{l(z | x_i)}`, and a particle near it from :math:`p(x | i)`. The
-    image z is then part of the belief already and must not weigh these particles again. The weights that make the
+    belief then already includes the image z, which must not weight these particles again. The weights that make the
     belief the posterior under the map's prior are
 
     .. math:: W \propto \frac{p_0(i, x)\, e^{l(z \mid x)}}{q(i)\, p(x \mid i)} \propto e^{l(z \mid x) - l(z \mid x_i)},
 
     which are uniform where the likelihood hardly changes over the jitter.
 
-    Without a first image (no evidence, a run that has not ``seen`` one, or an image that no map image explains),
-    particles are drawn from the map's prior.
+    Without a first image (no evidence, a run not in ``seen``, or an image that no map image explains), particles are
+    drawn from the map's prior.
 
     Attributes:
         top: draw from the best K images only; None for all.
-        weigh_jitter: weigh each particle by how well its own pose explains the image, relative to the map image it was
+        weigh_jitter: weight each particle by the likelihood at its own pose, relative to that at the map image it was
             drawn at. This is exact, at the cost of one likelihood per particle; without it, weights are uniform.
 
     Raises:
         UserError: ``top`` is below 1.
 
     Example:
-        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        >>> class AtTen(Evidence):  # the observation matches the place at 10 m
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
@@ -166,7 +166,9 @@ class AppearanceStart(Initialisation):
 
     def __post_init__(self) -> None:
         if self.top is not None and self.top < 1:
-            raise ArgumentError(f"top={self.top} must be at least 1", "Or null for all images of the map.")
+            raise ArgumentError(
+                f"top={self.top} must be at least 1", "For example top=10, or null for all images of the map."
+            )
 
     def start(
         self,

@@ -1,13 +1,13 @@
-r"""Poses interpolated between the most alike images of a map, without a filter.
+r"""Poses interpolated between the most similar images of a map, without a filter.
 
-With :math:`s_i` the cosine of the query's and a map image's descriptors, less the map's mean, and B those of the K
-images with the largest ones that agree on a place (:func:`~sextant.localization.estimate.estimate`), the pose is
+With :math:`s_i` the cosine similarity of the query's and a map image's descriptors, both less the map's mean, and B
+those of the K most similar images that agree on a place (:func:`~sextant.localization.estimate.estimate`), the pose is
 
 .. math:: \hat x = \frac{\sum_{i \in B} w_i\, x_i}{\sum_{i \in B} w_i}, \qquad w_i = \max(s_i, \epsilon),
 
-and likewise its heading, of differences that are wrapped. Without the agreement one image of another place moves the
-mean by metres. Nothing is remembered from one image to the next; a step without an image moves the last pose by the
-odometry. What a filter or a continuous map adds is measured against this.
+and likewise its heading, from wrapped differences. Without the agreement, one image of another place shifts the mean by
+metres. Each image is used on its own; a step without an image moves the last pose by the odometry. This is the baseline
+for filters and continuous maps.
 
 Source: A. Torii, J. Sivic, T. Pajdla, "Visual localization by linear combination of image descriptors", ICCV Workshops
 2011, for poses between images; here the similarities themselves are the weights.
@@ -28,7 +28,7 @@ from sextant.localization.estimate import estimate
 from sextant.localization.localize import Track, Watch
 from sextant.localization.observers import Camera
 
-#: weight of an image that is no more alike than chance, so that some image always counts
+#: weight of an image no more similar than chance, so that some image always has weight
 LEAST_WEIGHT = 1e-6
 
 
@@ -47,7 +47,7 @@ def interpolated(
     Args:
         camera: the camera, with the map's descriptors and those of the drive.
         frames, motion, seen, radius, watch: as for :func:`~sextant.localization.localize.localize`.
-        best: K; of a smaller map all images.
+        best: K; all images of a smaller map.
 
     Example:
         >>> from sextant.localization.descriptor_map import DescriptorMap

@@ -59,7 +59,7 @@ class PoseBins:
         return (column * (row.max() + 1) + row) * self.turns + heading
 
     def occupied(self, poses: Float64[Tensor, "r p 3"]) -> Int64[Tensor, "r"]:
-        """How many boxes the poses of each run lie in."""
+        """The number of boxes that the poses of each run occupy."""
         ordered = self.keys(self.cells(poses)).sort(1).values
         return 1 + (ordered[:, 1:] != ordered[:, :-1]).sum(1)
 
@@ -82,7 +82,7 @@ class KLDSize:
 
     Example:
         >>> size = KLDSize(minimum=100, maximum=10_000)
-        >>> size.wanted(torch.tensor([1, 100, 10_000])).tolist()  # of boxes that are occupied
+        >>> size.wanted(torch.tensor([1, 100, 10_000])).tolist()  # for these numbers of occupied boxes
         [100, 1347, 10000]
         >>> size.for_poses(torch.zeros(1, 5000, 3, dtype=torch.float64))  # all in one place: few are enough
         tensor([100])

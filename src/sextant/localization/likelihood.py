@@ -1,4 +1,4 @@
-r"""How well a descriptor agrees with what a map predicts at a pose.
+r"""The likelihood of a descriptor given a map's prediction at a pose.
 
 With the squared distance :math:`q = \|z - \mu(x)\|^2` to the predicted mean, its variance
 :math:`v = s^2(x) + s_a^2`, the same in all D dimensions, and an inverse temperature :math:`\beta`:
@@ -10,8 +10,8 @@ With the squared distance :math:`q = \|z - \mu(x)\|^2` to the predicted mean, it
 
 ``full`` is the Gaussian density of the descriptor, and ``student`` that of the multivariate t distribution with scale
 v. ``univariate`` is not a density of the descriptor: it treats its distance from the mean as one Gaussian number, and
-so punishes uncertain poses less. All are too sure of themselves if errors are correlated across dimensions or the
-appearance of the world has changed, which is what :math:`\beta < 1` and the appearance variance :math:`s_a^2` are for.
+so penalizes uncertain poses less. All are overconfident if errors are correlated across dimensions or the appearance of
+the world has changed, which :math:`\beta < 1` and the appearance variance :math:`s_a^2` correct.
 
 Sources: the univariate form is that of the public code AppearanceSeqMCL of A. Jaenal; on why peaked likelihoods starve
 a particle filter, P. Pfaff, W. Burgard, D. Fox, "Robust Monte-Carlo localization using adaptive likelihood models",
@@ -44,7 +44,7 @@ class Likelihood:
         >>> squared, variance = torch.tensor([0.0, 8.0]).double(), torch.ones(2).double()
         >>> for likelihood in (Likelihood(), Likelihood(tempering=0.5), Likelihood(appearance_variance=3.0)):
         ...     told = likelihood.log_prob(squared, variance, dimension=128)
-        ...     print(f"{told[0] - told[1]:.1f} nats")  # a calibration makes less of the same distance
+        ...     print(f"{told[0] - told[1]:.1f} nats")  # calibration reduces the effect of a distance
         4.0 nats
         2.0 nats
         1.0 nats

@@ -69,7 +69,7 @@ def localize(
 
     Args:
         filter: the filter, whose prior is the map's.
-        start: where the particles are before the first image.
+        start: initial distribution of the particles.
         observer: the sensor.
         frames: the frame of the drive that each run is at in each step.
         motion: odometry since the previous step; that of the first step is not used.
@@ -77,13 +77,13 @@ def localize(
         generator: generator of all random numbers.
         particles: number of particles of a run, unless it adapts.
         radius: radius of the reported mode, in the unit of the map.
-        watch: called with every belief.
+        watch: called with every step and the belief after it.
         progress: called with the number of steps done and of all.
 
     Example:
         >>> from sextant.localization import initialisation, map_prior, motion, recovery, resampling
         >>> from sextant.localization.laser.scan_evidence import ScanEvidence
-        >>> class Metres(Observer):  # frame k looks like the place at k metres
+        >>> class Metres(Observer):  # frame k matches the place at k metres
         ...     observe = lambda self, frames: ScanEvidence(lambda at: -10 * (at[..., 0] - frames[:, None]) ** 2, line)
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
         >>> moves, prior = motion.ExponentialMotion(), map_prior.MapPrior(line, 0.5, 0.1)
@@ -125,7 +125,7 @@ def localize(
 
 
 def _observed(observer: Observer, frames: Int64[ndarray, " r"], looked: Bool[Tensor, "r"]) -> Evidence | None:
-    """The evidence of the runs that look; None if none does."""
+    """The evidence of the runs in ``looked``; None if there is none."""
     if bool(looked.all()):
         return observer.observe(frames)
     if not bool(looked.any()):

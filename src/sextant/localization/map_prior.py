@@ -1,10 +1,10 @@
-r"""The prior over poses before anything is seen: near an image of the map, all images being equally likely.
+r"""The prior over poses before the first observation: near an image of the map, all images being equally likely.
 
 .. math:: p_0(x) = \frac1N \sum_{i=1}^N p(x \mid i), \qquad
    x = x_i \circ (\epsilon_x, \epsilon_y, \epsilon_\theta), \quad \epsilon \sim \mathcal N(0, \mathrm{diag}(\sigma^2))
 
-with the offset in the frame of the image: along its heading, across it, and turned. It replaces a uniform density over
-the map's bounding box, most of which may be houses.
+with the offset in the frame of the image: along its heading, across it, and in heading. It replaces a uniform density
+over the map's bounding box, most of which may be inaccessible.
 """
 
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ class MapPrior:
 
     def __post_init__(self) -> None:
         if len(self.poses) == 0:
-            raise UserError("the map has no image", "Name images with known poses.")
+            raise UserError("the map has no image", "Provide images with known poses.")
         if not all(0 <= sigma < float("inf") for sigma in self.sigmas):
             raise UserError(
                 f"position_sigma={self.position_sigma} and heading_sigma_rad={self.heading_sigma_rad} "

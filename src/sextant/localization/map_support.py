@@ -1,18 +1,18 @@
-r"""The support of a map: the poses at which it says what an image would look like. Elsewhere it says nothing.
+r"""The support of a map: the poses at which it predicts images. Elsewhere it is uninformative.
 
-A Gaussian process falls back to its mean and prior variance off the map. An image of another season, which is far from
-every prediction, is explained by that better than by the truth, so the process is asked on the map only. Let s(x) in
-[0, 1] be the map's share in a pose at distance d from the nearest image,
+Off the map, a Gaussian process falls back to its mean and prior variance. They explain an image of another season, far
+from every prediction, better than the true pose does, so the process is used only near the map. Let s(x) in [0, 1] be
+the map's share in a pose at distance d from the nearest image,
 
 .. math:: s(x) = e^{-2 \max(0,\, d - 1)^2}, \qquad
    d^2 = \min_i \frac{\|p - p_i\|^2}{r^2} + \frac{2(1 - \cos(\theta - \theta_i))}{\rho^2}.
 
-Then an image is worth
+The log-likelihood of an image is then
 
 .. math:: \tilde l(z \mid x) = \log\!\big[a(x)\, e^{l(z|x)} + (1 - a(x))\, e^{b(z)}\big], \qquad a = (1 - o)\, s(x),
    \quad b(z) = \log \tfrac1N \sum_{i=1}^N e^{l(z \mid x_i)}:
 
-off the map it is as likely as it is on average over the map. The same holds for the share o of images that show
+off the map, an image is as likely as on average over the map. The same holds for the share o of images that show
 something other than the place, such as a passing car. A robot is off the map with probability :math:`\epsilon`: the
 belief contains the factor :math:`g(x) = \epsilon + (1 - \epsilon)\, s(x)` once, however long the robot drives, since a
 step multiplies weights by :math:`g(x_t) / g(x_{t-1})`.
@@ -39,12 +39,12 @@ from sextant.localization.recovery.recovery import check_share
 
 #: how far a camera may be turned from the map's nearest image, in rad
 HEADING_REACH = math.radians(10)
-#: how far an image stands for poses beside it, in lengths of a learnt kernel
+#: distance up to which an image represents poses beside it, in lengths of a learnt kernel
 LENGTHS = 1.5
 #: a map is dense if its kernel's shorter length is at least this many spacings. In a town with an image every 3 m,
 #: whose kernel is 1.5 spacings long, 1.5 of its lengths would be 7 m: a filter then drifts 6 m aside, into the houses
 DENSE = 2.5
-#: number of evenly chosen images from which the spacing of a map is found, and neighbours of each
+#: number of evenly chosen images from which the spacing of a map is estimated, and neighbours of each
 LOOKED_AT, NEIGHBOURS = 4096, 24
 #: an image farther away than this many times the nearest one is not a neighbour
 FURTHEST = 4.0
@@ -52,15 +52,15 @@ FURTHEST = 4.0
 
 @dataclass(frozen=True)
 class MapSupport:
-    """The poses about which a map says something.
+    """The poses at which a map is informative.
 
     Attributes:
         poses: poses of the map's images.
-        reach: r, the distance up to which an image stands for poses beside it, in the unit of positions; infinite for
+        reach: r, the distance up to which an image represents poses beside it, in the unit of positions; infinite for
             everywhere.
         heading_reach: ρ, the same for the heading, in rad.
         leave: ε in (0, 1), the probability of being off the map.
-        outliers: o in (0, 1), the share of images that say nothing about where they were taken.
+        outliers: o in (0, 1), the share of images that are uninformative about their pose.
 
     Raises:
         ArgumentError: a number is outside its range.
@@ -105,7 +105,7 @@ class MapSupport:
 
     @classmethod
     def everywhere(cls, poses: Float64[Tensor, "n 3"], outliers: float) -> "MapSupport":
-        """Ask the observation model at every pose, with a share of images that say nothing about where they were taken.
+        """Support at every pose, with a share of images that are uninformative about their pose.
 
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
         >>> MapSupport.everywhere(line, outliers=0.1).share(line + 1000).min()
@@ -139,7 +139,7 @@ class MapSupport:
 
 
 class EvidenceOnMap(Evidence):
-    """Evidence that counts on the map only; off the map, an observation is as likely as on average over the map.
+    """Evidence used on the map only; off the map, an observation is as likely as on average over the map.
 
     Example:
         >>> class Ahead(Evidence):  # the further ahead, the likelier: 1, 3 and 5 at the images
@@ -229,7 +229,7 @@ def heading_reach(poses: Float64[Tensor, "n 3"]) -> float:
     first = np.concatenate([[0], last[:-1] + 1])
     turns = np.diff(headings, append=0.0)
     turns[last] = headings[first] + math.tau - headings[last]
-    turns = np.delete(turns, np.lexsort((turns, position))[last])  # the widest spans directions that nobody looked in
+    turns = np.delete(turns, np.lexsort((turns, position))[last])  # the widest spans directions without images
     turns = turns[turns > HEADING_REACH]
     return max(HEADING_REACH, float(np.median(turns)) / 2) if len(turns) else HEADING_REACH
 

@@ -1,4 +1,4 @@
-"""Motion models: where a robot may be after the motion that odometry reports."""
+"""Motion models: the distribution of a robot's pose after the motion that odometry reports."""
 
 import math
 from abc import ABC, abstractmethod
@@ -19,7 +19,7 @@ class MotionModel(ABC):
     r"""Draws :math:`x_t \sim p(x_t \mid x_{t-1}, u_t)` for every particle.
 
     A motion with a value that is not finite is unknown: odometry is missing. The particles of such a run diffuse around
-    where they were, :math:`x_t = x_{t-1} \circ \exp(\epsilon)`, where :math:`\epsilon` has the standard deviations
+    their previous poses, :math:`x_t = x_{t-1} \circ \exp(\epsilon)`, where :math:`\epsilon` has the standard deviations
     :meth:`if_unknown` in the robot's frame.
     """
 
@@ -34,7 +34,7 @@ class MotionModel(ABC):
         Args:
             poses: poses before the motion.
             motion: ``b_from_c``, the increment in the robot's frame; nan where odometry is missing.
-            generator: generator of random numbers, from which as many are drawn whether or not a motion is known.
+            generator: generator of random numbers; as many are drawn for unknown motions as for known ones.
         """
         noise = torch.randn(poses.shape, generator=generator, dtype=poses.dtype, device=poses.device)
         known: Bool[Tensor, "r"] = motion.isfinite().all(1)
@@ -74,7 +74,7 @@ def check_not_negative(argument: str, values: Sequence[float], count: int) -> No
 
 @dataclass(frozen=True)
 class IdentityMotion(MotionModel):
-    """:math:`x_t = x_{t-1}`, whatever odometry says. There is no noise, so particles never spread.
+    """:math:`x_t = x_{t-1}`, whatever odometry reports. There is no noise, so particles never spread.
 
     Example:
         >>> poses, metre = torch.ones(1, 1, 3).double(), torch.tensor([[1.0, 0.0, 0.0]]).double()
@@ -107,8 +107,8 @@ class ExponentialMotion(MotionModel):
         per_step: standard deviations along, across (metres) and in heading (rad), however small the motion.
         per_metre: variances for each metre travelled.
         per_radian: variances for each radian turned.
-        unknown: standard deviations where odometry is missing; None for twenty times ``per_step``. Then what cannot err
-            with odometry cannot err without it either: a train stays on its line.
+        unknown: standard deviations where odometry is missing; None for twenty times ``per_step``. A coordinate without
+            noise then has none without odometry either: a train stays on its line.
 
     Raises:
         UserError: an argument is not three finite numbers of at least 0.
@@ -156,9 +156,9 @@ class OdometryMotion(MotionModel):
        \hat\delta_{2} &= \delta_{2} + \mathcal N(0, \alpha_1 \delta_2^2 + \alpha_2 d^2)
 
     Source: Thrun, Burgard & Fox, "Probabilistic Robotics", MIT Press 2005, table 5.6, with the robot's frame as the
-    origin. The table leaves two cases open. A robot that drives backwards has not turned round first: the first
-    rotation is folded into [-π/2, π/2], and d is then negative. Where the robot hardly moves, the direction is noise:
-    in the variances the first rotation then counts as zero, and the second as the whole turn.
+    origin. The table leaves two cases open. A robot that drives backwards does not turn round first: the first rotation
+    is folded into [-π/2, π/2], and d is then negative. Where the robot hardly moves, the direction is noise: in the
+    variances the first rotation then counts as zero, and the second as the whole turn.
 
     Args:
         alphas: variance of rotation by rotation, of rotation by translation (rad²/m²), of translation by translation,
@@ -216,8 +216,8 @@ def _parts(motion: Float64[Tensor, "r 3"]) -> tuple[Tensor, Tensor, Tensor]:
     return first, torch.where(back, -way, way), wrap_angle(motion[:, 2] - first)
 
 
-#: one particle in this many spreads further along with a pace, one in this many without, and one in this many turns
-#: wider
+#: one particle in this many spreads further along with a pace, one in this many without a pace, and one in this many
+#: spreads further in heading
 FURTHER_ONE_IN, UNPACED_ONE_IN, TURNING_ONE_IN = 4, 2, 4
 #: factor of the standard deviations of an unknown motion for these particles
 FURTHER = 4.0
@@ -229,11 +229,11 @@ class PacedMotion(MotionModel):
 
     .. math:: x_t = x_{t-1} \circ \exp\big((v, 0, 0) + D\,\epsilon\big),
 
-    where v is the pace and ε has the standard deviations ``measured.if_unknown()``. Robots mostly go on as before:
+    where v is the pace and ε has the standard deviations ``measured.if_unknown()``. Robots mostly continue as before:
     D = I. One particle in four has D = diag(1, 1, 4), for a robot that turns a corner. Another has v = 0 and
-    D = diag(4, 1, 1), for a robot that stops, turns back or drives faster than any particle expected. Without a pace
-    v = 0, and half of the particles behave like the latter. A particle keeps its role until it is resampled. A model
-    without noise along the heading gets no pace either.
+    D = diag(4, 1, 1), for a robot that stops, turns back or drives much faster. Without a pace v = 0, and half of the
+    particles behave like the latter. A particle keeps its role until it is resampled. A model without noise along the
+    heading gets no pace either.
 
     Args:
         measured: model of known motions, and of the standard deviations of unknown ones.
@@ -260,7 +260,7 @@ class PacedMotion(MotionModel):
         return self.measured.increments(motion, noise)
 
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
-        """Of every four particles, the last spreads further and the third turns wider."""
+        """Of four particles, the last (without a pace every second) spreads further along, the third in heading."""
         deviations = noise.new_tensor(self.if_unknown())
         twist = noise * deviations
         kept = twist.new_tensor([(self.pace or 0.0) if deviations[0] > 0 else 0.0, 0.0, 0.0])
@@ -274,8 +274,9 @@ class PacedMotion(MotionModel):
 def motion_of_spacing(spacing: float, line: bool = False) -> ExponentialMotion:
     """Odometry that errs by three tenths over one spacing of a map, and by two spacings where it is missing.
 
-    Wheels err by a tenth or less, but in the same way in each step. Images have to correct step by step what the noise
-    does not allow for, and the filter falls behind without knowing it (docs/localization_change.md).
+    Wheels err by a tenth or less, but in the same way in each step. Errors beyond the noise have to be corrected by
+    images step by step, and the filter falls behind unnoticed (results/localization_change.md, "When odometry is
+    wrong").
 
     Args:
         spacing: spacing of the map's images, in the unit of positions, above 0

@@ -1,16 +1,16 @@
-r"""Whether odometry says that a robot stands still while its images say that it moves.
+r"""Detection of odometry that reports standstill while the images show motion.
 
-A broken encoder, or a topic that nobody publishes, reads as no motion at all. A filter that believes it stays where
-images look a little like everything that is seen. Images taken at one place are nearly alike; those of a moving robot
-differ as much as images of the map do. Let z be the descriptors of six consecutive images that, according to odometry,
-were taken at one place, less than half the spacing of the map and 0.1 rad apart (as a sum of shares of the two), and
+A broken encoder, or a topic without a publisher, reports no motion at all. A filter that trusts it stays where the map
+is vaguely similar to every observation. Images taken at one place are nearly alike; those of a moving robot differ as
+much as images of the map do. Let z be the descriptors of six consecutive images that, according to odometry, were taken
+at one place, less than half the spacing of the map and 0.1 rad apart (as a sum of shares of the two), and
 :math:`\bar d` the median squared distance between two images of the map. Odometry is contradicted where
 
 .. math:: \operatorname{median}_{i<j} \lVert z_i - z_j \rVert^2 > 0.2\, \bar d .
 
-A single image that differs, such as one of somebody walking past, does not count: fewer than half of the pairs contain
-it. Where a robot is carried, its motion is as unknown as where odometry is broken. What the left side is on real walks
-and at a station is in docs/localization_change.md, "When it is lost".
+A single image that differs, such as one of somebody walking past, has no effect: fewer than half of the pairs contain
+it. The motion of a robot that is carried is as unknown as with broken odometry. Values of the left side on real walks
+and at a station are in results/localization_change.md, "When it is lost".
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ ALIKE = 0.2
 
 @dataclass(frozen=True)
 class OdometryCheck:
-    """The images taken while odometry says that the robot stands still.
+    """The images taken while odometry reports that the robot stands still.
 
     Attributes:
         images: at most the last six, each with the reported motion since then.

@@ -1,19 +1,19 @@
-r"""Odometry scale: the relative error that odometry makes in every step, learned while driving.
+r"""Odometry scale: the relative error common to all steps of odometry, estimated while driving.
 
-Worn tyres make every distance too long, and a single camera measures its own motion without a unit. A filter that takes
-errors for independent falls behind such odometry, held back by its images: again and again, its estimates move farther
-than it foresaw, or less far. So the factor s by which odometry is multiplied follows the remaining error,
+Worn tyres make every distance too long, and a single camera measures its own motion only up to scale. A filter that
+treats errors as independent falls behind such odometry: its estimates repeatedly move farther than predicted, or less
+far. So the factor s by which odometry is multiplied follows the remaining error,
 
 .. math:: s \leftarrow s \, \big(1 + \kappa\, [e]_{-1}^{1}\big), \qquad
    e = \frac{(d - s\,u) \cdot s\,u}{\|s\,u\|\, \max(\|s\,u\|, \Delta)},
 
 with u the translation that odometry reports, d the translation between the estimates before and after the step, both in
 the robot's frame before it, and Δ the spacing of the map. This is an integral controller, which is at rest where
-estimates move as far as odometry says. A. Martinelli, N. Tomatis, R. Siegwart, "Simultaneous localization and odometry
-self calibration for mobile robot", Autonomous Robots 22, 2007, estimate such errors as part of the state instead;
-particles would then need another dimension.
+estimates move as far as scaled odometry. A. Martinelli, N. Tomatis, R. Siegwart, "Simultaneous localization and
+odometry self calibration for mobile robot", Autonomous Robots 22, 2007, estimate such errors as part of the state
+instead; particles would then need another dimension.
 
-The gain was chosen on Gardens Point by night and the railway of Nordland from 300 on (docs/localization_change.md,
+The gain was chosen on Gardens Point by night and the railway of Nordland from 300 on (results/localization_change.md,
 "When odometry is wrong").
 """
 
@@ -43,7 +43,7 @@ class OdometryScale:
 
     Example:
         >>> scale, here = OdometryScale(), torch.zeros(3, dtype=torch.float64)
-        >>> for _ in range(100):  # odometry tells of a metre, and it is 1.25 m each time
+        >>> for _ in range(100):  # odometry reports a metre each time, and it is 1.25 m
         ...     told = scale.applied(torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64))
         ...     scale = scale.updated(told, here, torch.tensor([1.25, 0.0, 0.0], dtype=torch.float64), spacing=1.0)
         >>> round(scale.factor, 2)

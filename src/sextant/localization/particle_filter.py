@@ -36,7 +36,7 @@ class FilterState:
 
     Attributes:
         belief: belief of each run.
-        memory: what the recovery remembers of each run.
+        memory: the recovery's memory of each run.
         way: distance of each run since the last observation that counted, in units of the filter's ``apart``; infinite
             before the first.
     """
@@ -54,8 +54,8 @@ class FilterStep:
         ess: effective sample size after weighting, before resampling.
         resampled: whether the run was resampled.
         injected: number of particles that a recovery added.
-        log_evidence: :math:`\log p(z_t \mid z_{1:t-1})`, to the extent that the likelihoods are proper; 0 where nothing
-            was seen, -inf where no particle explained the observation.
+        log_evidence: :math:`\log p(z_t \mid z_{1:t-1})`, to the extent that the likelihoods are proper; 0 without an
+            observation, -inf where no particle explained it.
         particles: number of particles that carry weight after the step.
         degenerate: whether no particle had a weight above zero. The observation is then dropped, all particles get
             equal weights, and the run goes on.
@@ -74,24 +74,24 @@ class ParticleFilter:
     """The steps of the filter. It holds no state itself; the state is passed to each step.
 
     Attributes:
-        motion: how particles move.
-        resampling: how ancestors are drawn.
-        recovery: what is added for robots that are lost.
-        prior: where a robot may be before anything is seen.
+        motion: the motion model.
+        resampling: the scheme by which ancestors are drawn.
+        recovery: adds particles for robots that are lost.
+        prior: distribution of poses before the first observation.
         ess_threshold: resample below this share of the particles; 0 never, 1 whenever weights differ.
         kld: adapts the number of particles of each run; None keeps it. Arrays are then as wide as the largest run
             needs, and in the others the places beyond their own number have weight zero.
-        support: where the map says anything; None asks the observation model everywhere.
-        apart: distance, and turn in rad, after which an observation counts again. What a map does not know about a
-            place is wrong in every image taken there, so that their errors are correlated. The shares of both add up,
-            and an unknown motion is far enough. None counts every observation.
+        support: where the map is informative; None uses the observation model everywhere.
+        apart: distance, and turn in rad, after which an observation counts again. Images taken at one place share the
+            map's errors there, so they are not independent. The shares of both add up, and an unknown motion is far
+            enough. None counts every observation.
 
     Raises:
         UserError: the threshold is not between 0 and 1, or the distance or turn is not above 0.
 
     Example:
         >>> from sextant.localization import initialisation, motion, recovery, resampling
-        >>> class AtThree(Evidence):  # what is seen looks like the place at 3 m
+        >>> class AtThree(Evidence):  # the observation matches the place at 3 m
         ...     log_likelihood = lambda self, poses: -10 * (poses[..., 0] - 3).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
@@ -116,7 +116,9 @@ class ParticleFilter:
 
     def __post_init__(self) -> None:
         if self.apart is not None and not all(0 < each < math.inf for each in self.apart):
-            raise ArgumentError(f"apart={self.apart} must be a way and a turn above 0 and finite", "apart=(5.0, 0.5)")
+            raise ArgumentError(
+                f"apart={self.apart} must be a distance and a turn, above 0 and finite", "apart=(5.0, 0.5)"
+            )
         if not 0 <= self.ess_threshold <= 1:
             raise ArgumentError(f"ess_threshold={self.ess_threshold} must lie between 0 and 1", "ess_threshold=0.5")
 
@@ -152,7 +154,7 @@ class ParticleFilter:
         return FilterState(belief, self.recovery.memory(runs, belief.poses.device), way)
 
     def counts(self, state: FilterState, motion: Float64[Tensor, "r 3"] | None) -> Bool[Tensor, "r"]:
-        """In which runs an observation would count after a motion; the others need not look, as ``step`` drops it.
+        """In which runs an observation would count after a motion; the others need none, as ``step`` drops it.
 
         Example:
             >>> from dataclasses import replace
@@ -161,7 +163,7 @@ class ParticleFilter:
             >>> parts = motion.ExponentialMotion(), resampling.SystematicResampling(), recovery.NoRecovery()
             >>> filter = ParticleFilter(*parts, MapPrior(line, 0.5, 0.1), apart=(1.0, 0.5))
             >>> state = filter.start(initialisation.UniformStart(), 3, 10, torch.Generator())
-            >>> state = replace(state, way=torch.tensor([math.inf, 0.3, 0.3]).double())  # one has seen nothing yet
+            >>> state = replace(state, way=torch.tensor([math.inf, 0.3, 0.3]).double())  # one has no observation yet
             >>> moved = torch.tensor([[0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 0.2]], dtype=torch.float64)
             >>> filter.counts(state, moved)  # 0.3 and half the way are too little, with two fifths of the turn enough
             tensor([ True, False,  True])
@@ -184,14 +186,14 @@ class ParticleFilter:
         seen: Bool[Tensor, "r"] | None,
         generator: torch.Generator,
     ) -> tuple[FilterState, FilterStep]:
-        """Move, weigh, recover and resample.
+        """Move, weight, recover and resample.
 
         Args:
             state: state after the previous step.
             motion: motion of each run since then, in the robot's frame; a row with nan is an unknown motion, None is no
                 motion at all.
-            evidence: what is seen now; None if no run sees anything.
-            seen: which runs see something; None for all.
+            evidence: evidence of the current observations; None if no run has one.
+            seen: which runs have an observation; None for all.
             generator: generator of random numbers.
         """
         belief, way = state.belief, self._way(state, motion)
@@ -222,7 +224,7 @@ class ParticleFilter:
         return FilterState(belief, memory, way), step
 
     def _moved(self, belief: Belief, poses: Tensor, normalise: bool) -> Belief:
-        """Move particles; if something is seen, weights are not normalised: restarts gain what leaving the map lost."""
+        """Move particles; before an observation weights stay unnormalised: restarts gain the mass that left the map."""
         if self.support is None:
             return Belief(poses, belief.log_weights)
         log_weights = belief.log_weights + self.support.log_change(belief.poses, poses)

@@ -67,8 +67,9 @@ class PoseKernel:
         Args:
             length: factor of the lengths of x and y.
             noise: largest noise variance of the new kernel, as a share of the signal variance.
-            heading: factor of the heading's length. A map of few headings does not show how alike the views between
-                them are. Where they are more alike than the map taught, a factor above 1 helps to find them.
+            heading: factor of the heading's length. A map of few headings hardly constrains how similar the views
+                between them are. Where they are more similar than the kernel fitted to the map implies, a factor above
+                1 helps.
 
         >>> PoseKernel("rbf", (4.0, 2.0), 0.5, 1.0, 0.6).sharpened(0.5, 0.001, heading=1.6)
         PoseKernel(spatial='rbf', length=(2.0, 1.0), heading_length=0.8, signal_variance=1.0, noise_variance=0.001)

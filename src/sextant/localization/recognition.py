@@ -1,25 +1,26 @@
-r"""Whether images show places of the map at all, by what the map's own images look like in a map of other places.
+r"""Whether images show places of the map at all, by comparison with the map's own images in a map of other places.
 
-Some place of a map always looks most alike, also in another building. What an image of an *unknown* place looks like is
-known from the map itself: each of its images is compared with those of other places only. Let y be descriptors of the
-map with mean m, and z' the image's with the change common to the drive removed
-(:class:`~sextant.localization.appearance_change.AppearanceChange`). Three numbers say that an image is of the map:
+Some place of a map is always the most similar, even in another building. The null distribution of images of *unknown*
+places is estimated from the map itself: each of its images is compared with those of other places only. Let y be
+descriptors of the map with mean m, z that of an image, and z' the latter with the change common to the drive removed
+(:class:`~sextant.localization.appearance_change.AppearanceChange`). Three statistics indicate that an image is of the
+map:
 
 .. math:: -\min_i \|z - y_i\|^2, \qquad
    c_j - \max_{k \notin \mathcal P_j} c_k, \qquad
    -\operatorname{median}_{i \in \mathcal T} \|p_i - p_j\|, \qquad
    c_i = \frac{(z' - m)^\top (y_i - m)}{\|z' - m\| \, \|y_i - m\|},
 
-how near the most alike image is; how much more alike the most alike place j is than any other, where
-:math:`\mathcal P_j` are the images within 4.5 spacings of it; and how near to it the five most alike images
-:math:`\mathcal T` were taken. The image is *recognised* by the mean, over the three, of the share of the map's own
-images that have less of it in the map of other places: 1/2 on average for one more such image, more for a known place,
-and less in a world that is less like the map than the map's places are like each other.
+the nearness of the most similar image; the margin of the most similar place j over any other, where
+:math:`\mathcal P_j` are the images within 4.5 spacings of it; and the nearness to it of the five most similar images
+:math:`\mathcal T`. An image's *recognition* is the mean, over the three, of the share of the map's own images with a
+lower value in the map of other places: 1/2 on average for one more image of an unknown place, more for a known place,
+and less in a world that is less similar to the map than the map's places are to each other.
 
-It needs no motion, so it judges where :mod:`~sextant.localization.innovation_test` cannot: photos and videos without
-odometry. Shares of an image's rank in a sample of the null hypothesis are p-values of a conformal test (V. Vovk,
-A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2). The constants were chosen on the
-walks of docs/localization_change.md, "When it is lost".
+It needs no motion, so it applies where :mod:`~sextant.localization.innovation_test` does not: to photos and videos
+without odometry. Ranks of an image in a sample of the null hypothesis, as shares, are p-values of a conformal test (V.
+Vovk, A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2). The constants were chosen
+on the walks of results/localization_change.md, "When it is lost".
 """
 
 import math
@@ -37,24 +38,24 @@ from sextant.localization.map_support import map_spacing
 
 #: radius of a place in spacings of the map
 PLACE = 4.5
-#: images whose agreement counts
+#: number of most similar images whose agreement is measured
 AGREEING = 5
-#: images of the map that the null distribution is of, evenly chosen; without ten of them there is no verdict
+#: evenly chosen images of the map for the null distribution; with fewer than ten there is no verdict
 MOST, FEWEST = 256, 10
 #: similarities held at a time
 BLOCK = 2**24
-#: drives recognised less than this are elsewhere
+#: drives with a mean recognition below this are not in the map
 LEAST = 0.4
 
 
 @dataclass(frozen=True, eq=False)
 class MapRecognition:
-    """What images of places that the map does not show look like.
+    """The null distribution of images of places that are not in the map.
 
     Attributes:
         map: the map.
         norms: lengths of its centred descriptors.
-        unknown: the three numbers of its own images in the map of other places, each sorted.
+        unknown: the three statistics of its own images in the map of other places, each sorted.
 
     Example:
         >>> poses = torch.tensor([[float(x), 0.0, 0.0] for x in range(40)], dtype=torch.float64)
@@ -73,7 +74,7 @@ class MapRecognition:
 
     @classmethod
     def of(cls, found: DescriptorMap) -> Self | None:
-        """The statistics of a map; None for one whose images are of too few places to have any."""
+        """The null distribution of a map; None if its images are of too few places."""
         norms = (found.descriptors - found.mean).norm(dim=1).clamp(min=1e-12)
         empty = cls(found, map_spacing(found.poses), norms, np.empty((3, 0)))
         count = min(len(found), max(BLOCK * 4 // len(found), FEWEST * 3), MOST)
@@ -87,7 +88,7 @@ class MapRecognition:
         return cls(found, empty.spacing, norms, np.sort(unknown)) if unknown.shape[1] >= FEWEST else None
 
     def share(self, descriptor: Float32[Tensor, " d"], centred: Float32[Tensor, " d"]) -> float:
-        """How well an image is recognised, in [0, 1]; nan if it is all the same to the map.
+        """The recognition of an image, in [0, 1]; nan if one of its statistics is not finite.
 
         Args:
             descriptor: its descriptor z.
@@ -101,14 +102,14 @@ class MapRecognition:
         return float(np.mean(sides)) / (2 * self.unknown.shape[1]) if np.isfinite(found).all() else math.nan
 
     def _beyond(self, rows: Tensor) -> Bool[Tensor, "r n"]:
-        """Which images are of other places than some images of the map."""
+        """Which images show other places than those in the given rows of the map."""
         positions = self.map.poses[:, :2]
         return torch.cdist(positions[rows], positions) > PLACE * self.spacing
 
     def _numbers(
         self, seen: Float32[Tensor, "r d"], centred: Float32[Tensor, "r d"], among: Bool[Tensor, "r n"] | None
     ) -> Float64[ndarray, "3 r"]:
-        """The three numbers of descriptors in the map, or in those of its images that are ``among`` the compared."""
+        """The three statistics of descriptors in the map, or in those of its images that are in ``among``."""
         mapped, mean, positions = self.map.descriptors, self.map.mean, self.map.poses[:, :2]
         apart = (mapped.square().sum(1) - 2 * seen @ mapped.T).add(seen.square().sum(1, keepdim=True))
         about = centred - mean

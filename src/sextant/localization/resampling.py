@@ -1,4 +1,4 @@
-"""Resampling: which particles the next ones descend from, and unbiased thinning."""
+"""Resampling: the choice of the particles that the next ones descend from, and unbiased thinning."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Resampling(ABC):
         """
         best = log_weights.amax(1, keepdim=True)
         if not bool(best.isfinite().all()):
-            raise ValueError("a run has no weight above zero, or one that is nan or infinite")
+            raise ValueError("there is a run with no weight above zero, or with a weight that is nan or infinite")
         counts = torch.as_tensor(count, device=log_weights.device).expand(len(log_weights))[:, None]
         if bool((counts < 1).any()):
             raise ValueError("at least one particle must be drawn in each run")
@@ -106,7 +106,7 @@ class ResidualResampling(Resampling):
 
     Example:
         >>> log_weights = torch.tensor([[0.5, 0.25, 0.25]]).double().log()
-        >>> ResidualResampling().resample(log_weights, 4, torch.Generator())  # n W is whole: nothing is left to chance
+        >>> ResidualResampling().resample(log_weights, 4, torch.Generator())  # n W is whole: nothing is random
         tensor([[0, 0, 1, 2]])
     """
 
@@ -187,9 +187,9 @@ def thin(
 ) -> tuple[Bool[Tensor, "r p"], Float64[Tensor, "r p"]]:
     r"""Which particles survive, and their log weights (-inf for the others).
 
-    Particle i of weight w survives with probability :math:`\pi_i = \min(w_i / c, 1)` and then weighs :math:`\max(w_i,
-    c)`, where c solves :math:`\sum_i \pi_i = K`. So expected weights do not change, and K particles remain, none of
-    them twice. Among such schemes, this one has the least expected squared error of the weights.
+    Particle i of weight w survives with probability :math:`\pi_i = \min(w_i / c, 1)` and then has weight
+    :math:`\max(w_i, c)`, where c solves :math:`\sum_i \pi_i = K`. So expected weights do not change, and K particles
+    remain, none of them twice. Among such schemes, this one has the least expected squared error of the weights.
 
     Source: Fearnhead & Clifford, "On-line inference for hidden Markov models via particle filters", JRSS-B 2003,
     section 3.
@@ -201,7 +201,7 @@ def thin(
 
     >>> weights = torch.tensor([[0.7, 0.1, 0.1, 0.1]], dtype=torch.float64)
     >>> survives, log_weights = thin(weights.log(), torch.tensor([2]), torch.Generator().manual_seed(0))
-    >>> log_weights.exp()  # the heavy one stays as it is; one of the light ones speaks for all three
+    >>> log_weights.exp()  # the heavy one is unchanged; one light one represents all three
     tensor([[0.7000, 0.3000, 0.0000, 0.0000]], dtype=torch.float64)
     """
     best = log_weights.amax(1, keepdim=True)

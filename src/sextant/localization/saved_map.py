@@ -2,7 +2,7 @@
 
 A folder holds ``map.json`` and one ``.npy`` file for each array: ``poses``, ``descriptors``, ``mean`` and, under
 ``state``, what the model computed. The header contains the size and hash of every file and is written last, so that a
-folder in which writing was interrupted is not taken for a map. Nothing is pickled.
+folder in which writing was interrupted is not mistaken for a map. Nothing is pickled.
 """
 
 import re
@@ -39,7 +39,7 @@ class SavedMap:
     """The contents of a saved map.
 
     Attributes:
-        model: the fitted model, whose arrays are mapped, so that they take memory only as far as they are used.
+        model: the fitted model, whose arrays are memory-mapped and take memory only where they are used.
         likelihood: the likelihood with its calibration.
         facts: other facts about the map, such as the descriptor of its images.
     """
@@ -139,7 +139,7 @@ def load_map(folder: Path, *, verify: bool = True, trust: bool = False) -> Saved
     Args:
         folder: folder that it was saved to.
         verify: compare the hash of every file, which reads them once; their sizes are compared in any case.
-        trust: import a model of the user's own that the map names.
+        trust: import the user's own model class that the map names.
 
     Raises:
         UserError: the folder does not exist, or holds no map, a map of another version or a damaged one; or the map
@@ -171,12 +171,12 @@ def _model_class(name: str, folder: Path, trust: bool) -> type[ObservationModel]
         return observation_model(name)
     if not trust:
         raise UserError(
-            f"the map in {folder} wants to build {name}, which Sextant does not know",
-            "If you know where the map comes from, add trust=true",
+            f"the map in {folder} needs {name}, which is not part of Sextant",
+            "If you trust the source of the map, add trust=true",
         )
     found = getattr(import_module(module), own, None)
     if not (isinstance(found, type) and issubclass(found, ObservationModel)):
-        raise ValueError(f"{name} is no observation model")
+        raise ValueError(f"{name} is not an observation model")
     return found
 
 
@@ -195,9 +195,9 @@ def _header(folder: Path) -> dict[str, Any]:
         raise KIND.damaged(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
     for name, mark in header["files"].items():
         if not _NAME.fullmatch(name) or not isinstance(mark, dict):
-            raise KIND.damaged(folder, f"{HEADER} names a file {name!r}, which no map has")
+            raise KIND.damaged(folder, f"{HEADER} lists a file {name!r} that is not part of a map")
         if type(mark.get("bytes")) is not int or not isinstance(mark.get("sha256"), str):
-            raise KIND.damaged(folder, f"{HEADER} does not tell size and hash of {name}")
+            raise KIND.damaged(folder, f"{HEADER} does not give the size and hash of {name}")
     return header
 
 
@@ -209,7 +209,7 @@ def _tensor(folder: Path, name: str, mark: dict[str, Any], verify: bool) -> Tens
     try:
         return torch.from_numpy(array)
     except TypeError as error:
-        raise KIND.damaged(folder, f"{name} is no array of numbers: {error}") from error
+        raise KIND.damaged(folder, f"{name} is not an array of numbers: {error}") from error
 
 
 def array_path(folder: Path, name: str) -> Path:

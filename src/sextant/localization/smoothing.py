@@ -1,11 +1,11 @@
-r"""Smoothing: where a robot was, given what it has seen since. Beliefs are reweighted from the last to the first.
+r"""Smoothing: past poses given all later observations. Beliefs are reweighted from the last to the first.
 
 .. math:: W_{t|T}^i = W_t^i \sum_j W_{t+1|T}^j \, \frac{f(x_{t+1}^j \mid x_t^i)}{\sum_k W_t^k f(x_{t+1}^j \mid x_t^k)}
 
 (forward filtering, backward smoothing: Doucet, Godsill & Andrieu, "On Sequential Monte Carlo Sampling Methods for
 Bayesian Filtering", 2000, section 5). The motion of a robot in its own frame has the same distribution wherever it is,
 so f is the normal density with the mean and covariance of draws of the motion. A particle that a recovery placed
-elsewhere descends from no particle. Beyond six standard deviations f is therefore constant and says nothing about the
+elsewhere descends from no particle. Beyond six standard deviations f is therefore constant and does not constrain the
 previous pose.
 """
 
@@ -63,7 +63,7 @@ def smoothed(
         [[1.0, 0.0]]
     """
     if len(motions) != len(beliefs) - 1:
-        raise ValueError(f"{len(motions)} motions between {len(beliefs)} beliefs")
+        raise ValueError(f"need one motion fewer than beliefs; got {len(motions)} motions and {len(beliefs)} beliefs")
     models = [model] * len(motions) if isinstance(model, MotionModel) else list(model)
     found = [beliefs[-1]]
     for belief, motion, moves in zip(reversed(beliefs[:-1]), reversed(motions), reversed(models), strict=True):

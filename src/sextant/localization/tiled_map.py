@@ -3,9 +3,9 @@
 Images are written to a file as they come. Their descriptors are then sorted in
 :func:`~sextant.localization.tiled_map.spatial_order`, a block at a time, and their neighbourhoods are prepared tile
 by tile, each from its own images and a halo around them. The result is the folder of a map like any other,
-:mod:`~sextant.localization.saved_map`, whose observations read the tiles that poses ask for.
+:mod:`~sextant.localization.saved_map`, whose observations read only the tiles that poses need.
 
-Memory holds one tile with its halo, and some 100 bytes an image while the poses are sorted. The disk holds the
+Memory holds one tile with its halo, and about 100 bytes per image while the poses are sorted. The disk holds the
 descriptors twice until they are sorted. A builder on the folder of an interrupted one resumes after the images, blocks
 and tiles that are done.
 """
@@ -249,8 +249,8 @@ class TiledMapBuilder:
     def _check(self, poses: Tensor, descriptors: Tensor) -> None:
         if self.images and descriptors.shape[1] != self._state["dimension"]:
             raise UserError(
-                f"descriptors have {descriptors.shape[1]} values, those before had {self._state['dimension']}",
-                "Describe all images with one descriptor.",
+                f"descriptors have {descriptors.shape[1]} values, but earlier ones have {self._state['dimension']}",
+                "Describe all images with the same descriptor.",
             )
         broken = ~(poses.isfinite().all(dim=1) & descriptors.isfinite().all(dim=1))
         if bool(broken.any()):

@@ -7,14 +7,14 @@ The state is an image i of the map. With the motion u since the previous step, a
    p(j \mid i, u) \propto e^{-\frac12 d^2(x_i \circ u,\; x_j)}, \qquad
    d^2(x, y) = \frac{\|x_{xy} - y_{xy}\|^2}{\sigma^2} + \frac{2(1 - \cos(x_\theta - y_\theta))}{\rho^2}.
 
-A query image at descriptor distance :math:`d_j` from image j of the map weighs them by
+A query image at descriptor distance :math:`d_j` from image j of the map weights them by
 
 .. math:: b_t(j) \propto \bar b_t(j)\, e^{-\lambda d_j}, \qquad \lambda = \frac{\log\delta}{q_{97.5} - q_{2.5}},
 
-with the quantiles of the distances from a drive's first image to the whole map: an image among the most alike is
-:math:`\delta` times as likely as one among the least alike. :math:`\sigma` is half of the map's spacing, with which
-motions of a third of a spacing still add up, to 6 % less. :math:`\rho` is half of the turn between images at one place.
-A step costs O(n²).
+with the quantiles of the distances from a drive's first image to the whole map: one of the most similar images is
+:math:`\delta` times as likely as one of the least similar. :math:`\sigma` is half of the map's spacing, with which
+motions of a third of a spacing still accumulate, but 6 % too short. :math:`\rho` is half of the turn between images at
+one place. A step costs O(n²).
 
 Sources: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic Visual Place Recognition for Hierarchical Localization", RA-L
 2021, for the likelihood and :math:`\delta = 5`; odometry in the transition as in M. Xu, T. Fischer, N. Sünderhauf,
@@ -56,7 +56,7 @@ class TopologicalFilter:
 
     >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(6)], dtype=torch.float64)
     >>> filter = TopologicalFilter.of(line)
-    >>> away = (torch.arange(6) - 2).abs().double()  # the first image looks like that at 2 m
+    >>> away = (torch.arange(6) - 2).abs().double()  # the first image matches the one at 2 m
     >>> rate = likelihood_rate(away)
     >>> belief = filter.step(filter.uniform(), (0.0, 0.0, 0.0), away, rate)
     >>> belief = filter.step(belief, (1.0, 0.0, 0.0), away.roll(1), rate)
@@ -73,10 +73,10 @@ class TopologicalFilter:
         if self.poses.ndim != 2 or self.poses.shape[1] != 3 or len(self.poses) == 0:
             raise ArgumentError(
                 f"poses of shape {tuple(self.poses.shape)} must have a row of x, y and heading for one image or more",
-                "Name images with known poses.",
+                "Provide images with known poses.",
             )
         if not bool(self.poses.isfinite().all()):
-            raise ArgumentError("poses must be finite", "Name images with known poses.")
+            raise ArgumentError("poses must be finite", "Provide images with known poses.")
         object.__setattr__(self, "poses", self.poses.double())
         for name in ("position_sigma", "heading_sigma"):
             if not 0 < getattr(self, name) < math.inf:
@@ -93,7 +93,7 @@ class TopologicalFilter:
         return torch.full((len(self.poses),), 1 / len(self.poses), dtype=torch.float64)
 
     def moved(self, belief: Float64[Tensor, " n"], motion: Sequence[float]) -> Float64[Tensor, " n"]:
-        r"""The belief :math:`\bar b_t` after a motion, before anything is seen.
+        r"""The belief :math:`\bar b_t` after a motion, before the observation.
 
         Args:
             belief: belief before the motion, which sums to one.
@@ -155,7 +155,7 @@ def likelihood_rate(distances: Float[Tensor, " n"], odds: float = 5.0) -> float:
         >>> distances = torch.arange(1001.0)  # 95 % of them from 25 to 975
         >>> round(math.exp(likelihood_rate(distances, odds=5.0) * (975 - 25)), 4)
         5.0
-        >>> likelihood_rate(torch.ones(10))  # all alike: nothing is told
+        >>> likelihood_rate(torch.ones(10))  # all equal: uninformative
         0.0
     """
     _check(distances, len(distances))

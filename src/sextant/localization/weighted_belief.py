@@ -1,4 +1,4 @@
-"""A belief weighed by an observation, as recoveries see it."""
+"""A belief weighted by an observation, the input of recoveries."""
 
 from dataclasses import dataclass
 
@@ -16,9 +16,10 @@ class WeightedBelief:
 
     Attributes:
         belief: after the motion, before the observation.
-        log_likelihood: :math:`l(z | x)` of each particle; 0 in runs that saw nothing, -inf where it is not finite.
-        seen: which runs saw something.
-        evidence: what they saw.
+        log_likelihood: :math:`l(z | x)` of each particle; 0 in runs without an observation, -inf where it is not
+            finite.
+        seen: which runs have an observation.
+        evidence: evidence of their observations.
     """
 
     belief: Belief
@@ -42,7 +43,7 @@ class WeightedBelief:
 
     @property
     def log_evidence(self) -> Float64[Tensor, "r"]:
-        r""":math:`\log \sum_i W_i e^{l(z | x_i)}`: how well the belief had foreseen the observation."""
+        r""":math:`\log \sum_i W_i e^{l(z | x_i)}`: how well the belief predicted the observation."""
         return self.log_weights.logsumexp(1)
 
     @property

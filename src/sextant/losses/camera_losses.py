@@ -1,4 +1,4 @@
-"""Losses of cameras: how far an estimated camera is from the true one."""
+"""Losses of cameras: the error of an estimated camera against the true one."""
 
 import math
 from abc import abstractmethod
@@ -42,9 +42,9 @@ Units = Literal["raw", "range", "natural", "learned"]
 Penalty = Literal["l2", "huber"]
 RAW_HEIGHT_PX = 224.0
 DEGREES = 180 / torch.pi
-#: log variances move so many times as far in a step as weights do, so that some hundred steps suffice
+#: factor on the steps of log variances relative to those of weights, so that a few hundred steps suffice
 PACE = 10.0
-#: variance of a number that is drawn evenly from its range, where learned variances start
+#: initial learned variance: that of a number uniform over its range
 EVEN = 1 / 12
 #: raw units per natural unit
 RAW = {"focal": RAW_HEIGHT_PX, "k1": 1.0, "k1_hat": 1.0, "rho": RAW_HEIGHT_PX, "tau": RAW_HEIGHT_PX}
@@ -54,8 +54,8 @@ class ParameterLoss(CameraLoss):
     r"""Squared or Huber penalty on the errors of the four numbers.
 
     The losses differ in the scale :math:`s_a`: in ``raw`` units (degrees, and the focal length in pixels of an image
-    224 high) the large numbers drown the small ones; ``range`` divides by the width of each number's range; ``natural``
-    takes radians and image heights as they are.
+    224 high) the large numbers dominate the small ones; ``range`` divides by the width of each number's range;
+    ``natural`` takes radians and image heights as they are.
 
     ``learned`` starts from ``range`` and learns a variance :math:`\sigma_a^2` of each number with the network, so that
     no weight is set by hand: :math:`\frac14 \sum_a \big(e^{-v_a} h(s_a(\hat a - a)) + v_a\big)` with :math:`v_a = \ln
@@ -110,7 +110,7 @@ class ParameterLoss(CameraLoss):
     def forward(
         self, predicted: Float[Tensor, "b 4"], truth: Float[Tensor, "b 4"], aspect: Float[Tensor, "b"]
     ) -> Float[Tensor, "b"]:
-        """Mean penalty over the four numbers; ``aspect`` plays no part."""
+        """Mean penalty over the four numbers; ``aspect`` is not used."""
         predicted, truth = at_least_single(predicted, truth)
         size = ((predicted - truth) * self.scale).abs()
         penalty = size.square()
@@ -234,8 +234,7 @@ def harmonic_weights(space: ParameterSpace, grid: int = 7, aspect: float = 4 / 3
     """Weights proportional to ``1 / S_a`` that sum to 1, with S_a the mean of L_a as a runs over its range.
 
     The other three numbers, and the ground truth, are in the middle of their ranges. A number whose whole range turns
-    the rays by less than :data:`STILL` gets weight 0: it is practically fixed, and 1 / S_a would leave nothing for the
-    others.
+    the rays by less than :data:`STILL` gets weight 0: it is practically fixed, and 1 / S_a would outweigh the others.
     """
     low, high = space.low.double(), space.high.double()
     share = torch.linspace(0, 1, STEPS, dtype=low.dtype, device=low.device)[:, None]
@@ -255,21 +254,21 @@ GRID = 5
 
 
 class PoseLensLoss(CameraLoss):
-    r"""Errors of a camera's gravity direction, focal length and distortion, each on its own and by its size.
+    r"""Errors of a camera's gravity direction, focal length and distortion, each by its magnitude.
 
     .. math:: L = \rho(\hat g - g) + w_f\, \rho(\ln \hat f - \ln f)
               + w_k \frac1n \sum_i \rho\big(c_i(f, \hat k_1) - c_i(f, k_1)\big), \qquad
               \rho(e) = \sqrt{|e|^2 + \epsilon^2} - \epsilon ,
 
-    with g the up direction in the camera frame and :math:`c_i` the unit rays of a grid of image points. Where a camera
-    looks steeply down, its roll hardly moves g and so hardly counts; a loss of the roll itself ignores this. No heading
-    is needed. Errors count by their size rather than its square, so that medians are learnt and a crop that shows
-    nothing of its camera does not drown the others.
+    with g the up direction in the camera frame and :math:`c_i` the unit rays of a grid of image points. If a camera
+    points steeply down, its roll hardly moves g and so hardly counts; a loss of the roll itself ignores this. No
+    heading is needed. Errors are not squared, so that medians are learnt and crops without any cue to their camera do
+    not dominate the others.
 
     Args:
         space: the parameterization and its ranges.
         focal_weight: weight of the error in the log of the focal length.
-        bend_weight: weight of the turn of rays by a wrong distortion.
+        bend_weight: weight of the ray errors that a wrong distortion causes.
 
     Example:
         >>> import torch
@@ -307,12 +306,12 @@ def _size(error: Float[Tensor, "*b k"]) -> Float[Tensor, "*b"]:
 
 
 def field_loss(believed: BelievedField, true: PerspectiveField, seen: Bool[Tensor, "b n"]) -> Float[Tensor, "b"]:
-    r"""The loss of each picture, over the points that are seen.
+    r"""The loss of each picture, averaged over the points that ``seen`` marks.
 
     .. math:: L = \frac1n \sum_i \ln\sigma_{\varphi,i} + \frac{|\Delta\varphi_i|}{\sigma_{\varphi,i}}
               + \ln\sigma_{\upsilon,i} + \frac{|\Delta\upsilon_i|}{\sigma_{\upsilon,i}} ,
 
-    smallest where each expected error is the mean size of the actual ones.
+    smallest where each expected error is the mean absolute error.
 
     >>> true = PerspectiveField(torch.zeros(1, 4), torch.tensor([[0.0, -1.0]]).expand(1, 4, 2))
     >>> sure, unsure = (BelievedField(true, torch.full((1, 2, 4), x), torch.ones(1, 4)) for x in (-2.0, 0.0))

@@ -1,4 +1,4 @@
-"""Losses of place descriptors: alike where two images show one place, different elsewhere."""
+"""Losses that make place descriptors similar for images of one place and different for others."""
 
 from abc import abstractmethod
 from typing import NamedTuple, TypeAlias
@@ -70,7 +70,7 @@ class TripletLoss(PlaceLoss):
 
 
 def pairwise_distances(descriptors: Float[Tensor, "b d"]) -> Float[Tensor, "b b"]:
-    """Euclidean distances in float32 or wider, by differences, so that near descriptors lose no digits."""
+    """Euclidean distances in float32 or wider, by differences, so that near descriptors suffer no cancellation."""
     wide = descriptors.to(torch.promote_types(descriptors.dtype, torch.float32))
     return torch.cdist(wide, wide, compute_mode="donot_use_mm_for_euclid_dist")
 
@@ -106,7 +106,7 @@ def check_pairing(descriptors: Float[Tensor, "b d"], pairing: Pairing) -> None:
 
 
 def nothing(descriptors: Float[Tensor, "b d"]) -> PlaceLossOutput:
-    """The loss of no triplets: 0, with gradient 0, so that a training step goes through."""
+    """The loss of no triplets: 0, with gradient 0, so that the training step can proceed."""
     return PlaceLossOutput(0 * descriptors.float().sum(), torch.zeros((), device=descriptors.device))
 
 
@@ -160,7 +160,7 @@ class TripletMarginLoss(TripletLoss):
 
     A triplet is active while its loss is above 0.
 
-    Squares pull hardest on what is furthest apart, distances on all alike.
+    With squares, gradients grow with the distance; without, they have equal norms.
 
     Sources: K. Weinberger, L. Saul, "Distance metric learning for large margin nearest neighbor classification", JMLR
     2009; F. Schroff et al., "FaceNet", CVPR 2015 (squares).
@@ -365,7 +365,7 @@ def informative_pairs(descriptors: Float[Tensor, "b d"], relation: Relation, eps
 
 
 class InfoNCELoss(PlaceLoss):
-    r"""InfoNCE: the negative log of the probability that an anchor's likeliest image shows its place.
+    r"""InfoNCE: the negative log-probability that an image drawn by similarity to an anchor shows its place.
 
     With the cosine similarity :math:`s_{ij}` and temperature T, for every anchor i with a positive and a negative
 

@@ -15,11 +15,11 @@ from sextant.models.efficientnet_lite0 import EfficientNetLite0
 from sextant.models.trunk import standardized_before
 
 WIDTH = 128
-#: ends of the logarithm of an expected error: 0.4 degrees and more than any
+#: range of the logarithm of an expected error: from 0.4 degrees to more than any error
 LOG_ERROR = (-5.0, 1.5)
-#: ends of the logarithm of the trust in the first answer, and what it is before training
+#: range of the logarithm of the trust in the first estimate, and its initial value
 LOG_TRUST, FIRST_LOG_TRUST = (-3.0, 5.0), 2.0
-#: sides of the canvas by which a cell's centre may lie outside the picture, which the cell then overlaps
+#: distance, in sides of the canvas, by which the centre of a cell may lie outside the picture that it overlaps
 OVERLAP = 0.01
 
 
@@ -29,7 +29,7 @@ class FieldHead(nn.Module):
     Args:
         channels: of the map.
         cells: rows and columns of the map.
-        features: length of the vector that stands for the whole picture.
+        features: length of the feature vector of the whole picture.
 
     Example:
         >>> believed = FieldHead(8, (7, 7), 16)(torch.rand(2, 8, 7, 7), torch.rand(2, 16))
@@ -62,7 +62,7 @@ class FieldHead(nn.Module):
 def cell_centres(
     cells: tuple[int, int], aspect: Float[Tensor, "b"]
 ) -> tuple[Float[Tensor, "b n 2"], Bool[Tensor, "b n"]]:
-    """Centres of the cells of a square canvas, in its sides from the middle, and which show pictures of an aspect.
+    """Centres of the cells of a square canvas, in its sides from the middle, and which lie in pictures of an aspect.
 
     >>> points, seen = cell_centres((2, 3), torch.tensor([0.5]))
     >>> points[0, :3, 0], seen[0]
@@ -86,7 +86,7 @@ class CalibrationOutput(NamedTuple):
     Attributes:
         unit: the four numbers as positions within their ranges, each in (0, 1).
         log_scale: log of the expected absolute error of tilt, roll, vfov (radians) and apparent distortion.
-        believed: the perspective field of the cells of the image; None of a network without it.
+        believed: the perspective field of the cells of the image; None for a network without it.
     """
 
     unit: Float[Tensor, "b 4"]
@@ -112,8 +112,8 @@ def coordinate_channels(height: int, width: int, aspect: Float[Tensor, "b"]) -> 
 class CalibrationNet(nn.Module):
     """A backbone with a head for each of the four numbers, and one for each expected error.
 
-    The heads of the expected errors see the features but do not shape them: the predicted camera is the same with and
-    without them.
+    The gradients of the expected errors' heads do not reach the features: the predicted camera is the same with and
+    without these heads.
 
     Args:
         backbone: maps ``(b, c, h, w)`` to ``features`` numbers; c is 6 with ``coordinates``, else 3.
@@ -124,7 +124,7 @@ class CalibrationNet(nn.Module):
         field: also predict the perspective field of the cells of the backbone's map.
 
     Raises:
-        ArgumentError: a field is asked of a backbone that does not show its map.
+        ArgumentError: ``field`` is true and the backbone does not return its map.
 
     Example:
         >>> from sextant.models import StridedCNN
@@ -152,7 +152,7 @@ class CalibrationNet(nn.Module):
         self.field: FieldHead | None = None
         if field:
             if not isinstance(backbone, EfficientNetLite0):
-                raise ArgumentError(f"field: {type(backbone).__name__} does not show its map of cells")
+                raise ArgumentError(f"field: {type(backbone).__name__} does not return its map of cells")
             self.field = FieldHead(backbone.channels, backbone.grid, features)
 
     def forward(self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]) -> CalibrationOutput:
@@ -170,7 +170,7 @@ class CalibrationNet(nn.Module):
             outputs, cells = self.backbone(x, with_cells=True)
             features = F.relu(outputs)
             believed = self.field(cells, features)
-        # a camera is computed in single precision, whatever the network's: with three digits tilt would lose degrees
+        # cameras are computed in single precision: with the three digits of half precision tilt would lose degrees
         unit = torch.sigmoid(torch.cat([head(features) for head in self.values], 1).float())
         log_scale = torch.cat([head(features.detach()) for head in self.scales], 1).float()
         return CalibrationOutput(unit, log_scale.clamp(*LOG_SCALE), believed)

@@ -1,9 +1,9 @@
-r"""Pictures in squares, as a network sees them: with no more detail than it was trained on, and grey around them.
+r"""Pictures on square canvases as network inputs: with no more detail than the training images, and grey around them.
 
 The picture is low-passed by a Gaussian that leaves a tenth of a wave of ``lines`` / 2 periods per side,
-:math:`\sigma = \frac{\sqrt{2 \ln 10}}{\pi} \frac{N}{\text{lines}}` pixels of N. A network that sees finer detail than
-its training crops contain reads the lens off their sharpness: crops of long lenses are enlarged, photos never are.
-Near the picture's border the mean is over its own pixels only, so that nothing from outside leaks in.
+:math:`\sigma = \frac{\sqrt{2 \ln 10}}{\pi} \frac{N}{\text{lines}}` pixels of N. Otherwise a network would infer the
+lens from sharpness: training crops of long lenses are enlarged, photos never are. Near the picture's border the mean is
+over its own pixels only, so that nothing from outside leaks in.
 """
 
 import math
@@ -30,14 +30,14 @@ def pictures_on_canvas(
     sizes = [picture_size(side, shape) for shape in aspect.tolist()]
     means = {count: _means(side, count, low_pass_sigma(side, lines)).to(images) for count in set(chain(*sizes))}
     across, down = (torch.stack([means[count] for count in counts])[:, None] for counts in zip(*sizes, strict=True))
-    with torch.autocast(images.device.type, enabled=False):  # with three digits, steps would show
+    with torch.autocast(images.device.type, enabled=False):  # in half precision, steps would show
         return down @ images @ across.mT
 
 
 def pictures_of_canvas(
     images: Float[Tensor, "b c n n"], aspect: Float[Tensor, "b"], lines: float
 ) -> Iterator[Float[Tensor, "1 c _ _"]]:
-    """The same pictures one by one, without what surrounds them."""
+    """The same pictures one by one, without their margins."""
     side = images.shape[-1]
     for image, shape in zip(pictures_on_canvas(images, aspect, lines), aspect.tolist(), strict=True):
         columns, rows = picture_size(side, shape)

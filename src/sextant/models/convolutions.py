@@ -1,4 +1,4 @@
-"""Convolutions with what surrounds them."""
+"""Convolutions with normalisation and activation, and depthwise convolutions."""
 
 import torch
 from jaxtyping import Float

@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from sextant.layers import PushPullAvgConv2d, PushPullConv2d, pull_kernel_size
 
 Pull = Literal["direct", "factorised"]
-#: modules whose parameters are not multiplied channel by channel
+#: modules whose multiplications are not counted
 NORMALISATION = (nn.modules.batchnorm._BatchNorm, nn.GroupNorm, nn.LayerNorm, nn.modules.instancenorm._InstanceNorm)
 
 
@@ -75,7 +75,7 @@ def network_cost(
     """Count parameters and MACs of a network by running it once on a black image.
 
     Args:
-        network: takes images ``(1, in_channels, *image_size)``; it is left as it was.
+        network: takes images ``(1, in_channels, *image_size)``; it is left unchanged.
         pull: how push-pull layers compute their pull response.
 
     >>> network = nn.Sequential(nn.Conv2d(3, 8, 3, padding=1), nn.Flatten(), nn.Linear(8 * 16, 10))

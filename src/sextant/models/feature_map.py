@@ -1,4 +1,4 @@
-"""The feature map within a classification network: what comes before its pooling and its classes.
+"""The feature map within a classification network, before its pooling and classifier.
 
 The network runs unchanged, by its own code, up to the requested layer. Layers that are not reached are dropped, so that
 they neither take memory nor appear among the trained weights.
@@ -27,7 +27,7 @@ class FeatureMap(nn.Module):
         network: maps images to anything; its layers after ``layer`` are dropped, in place.
         in_channels: channels of the images.
         image_size: height and width of the images.
-        layer: path of the layer, such as ``layer4`` or ``features.9``; None looks for the usual ones.
+        layer: path of the layer, such as ``layer4`` or ``features.9``; None takes the first of the usual ones.
 
     Attributes:
         channels: c.
@@ -102,7 +102,7 @@ class FeatureMap(nn.Module):
         raise UserError(f"layer={self.layer!r} is not used by {type(self.network).__name__}", "Choose another layer.")
 
     def _kept_on_the_way(self, x: Tensor) -> Tensor:
-        """The same for tracers, which do not follow exceptions: the network runs on, and nothing uses what follows."""
+        """The same for tracers, which do not follow exceptions: the whole network runs, and the rest is discarded."""
         kept: list[Tensor] = []
         layer = self.network.get_submodule(self.layer)
         hook = layer.register_forward_hook(lambda module, inputs, output: kept.append(output))

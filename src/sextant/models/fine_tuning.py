@@ -28,13 +28,13 @@ def freeze(network: nn.Module, paths: Sequence[str]) -> None:
 
 
 def set_rate_factors(network: nn.Module, paths: Sequence[str], decay: float) -> None:
-    """Let modules learn more slowly the nearer they are to the image.
+    """Lower the learning rates of modules, the more the nearer they are to the image.
 
     Args:
         network: the network whose parameters are marked, in place.
         paths: paths of its modules in the order in which they run; the last learns at ``decay`` times the full rate,
             the one before it at ``decay^2`` times, and so on. All others learn at the full rate.
-        decay: above 0 and at most 1, where all learn alike.
+        decay: above 0 and at most 1, at which all have the same rate.
 
     Raises:
         ArgumentError: the decay is out of range, or the network has no such module.

@@ -1,4 +1,4 @@
-r"""Learned whitening: the linear map that best tells places apart across conditions, in closed form.
+r"""Learned whitening: the linear map that best separates places across conditions, in closed form.
 
 Let :math:`x_{ic}` be features of place i under condition c, :math:`\mu` their mean over all, and
 :math:`y = P (x - \mu)` their first principal components. With :math:`\bar y_i` the mean of a place,
@@ -7,8 +7,8 @@ Let :math:`x_{ic}` be features of place i under condition c, :math:`\mu` their m
    S_B = \langle \bar y_i \bar y_i^\top \rangle, \qquad S_B v = \lambda (S_W + \gamma \bar S_W I) v,
 
 where :math:`\bar S_W` is the mean of the diagonal. The vectors v of the largest λ, of norm one in the lifted
-:math:`S_W`, are the rows of V; the map is :math:`V P (x - \mu)`. Unlike a layer that is trained by gradients it has one
-optimum, and γ keeps it from overfitting the few places that it has seen.
+:math:`S_W`, are the rows of V; the map is :math:`V P (x - \mu)`. Unlike a layer trained by gradient descent it has one
+optimum, and γ limits overfitting to few places.
 
 Sources: K. Mikolajczyk and J. Matas, "Improving descriptors for fast tree matching by optimal linear projection", ICCV
 2007; F. Radenović, G. Tolias, O. Chum, "Fine-tuning CNN image retrieval with no human annotation", PAMI 2018; the ridge
@@ -34,7 +34,7 @@ def learned_whitening(
     Where the features vary in fewer than k directions (channels may be dead), the last rows are zero.
 
     Args:
-        features: features of places, each seen under two or more conditions.
+        features: features of places, each with two or more images.
         place: index of each image's place, from 0 on without gaps.
         dimension: k, the number of outputs.
         components: number of principal components considered; fewer where the features do not span as many.
@@ -53,7 +53,7 @@ def learned_whitening(
     if most < dimension:
         raise ValueError(
             f"{components} components of {len(features)} images with {features.shape[1]} features span {most} "
-            f"directions at most; {dimension} are asked for"
+            f"directions at most; {dimension} are needed"
         )
     axes = _principal_axes(centred, most)
     y = (centred @ axes.float()).double()

@@ -1,6 +1,6 @@
-r"""A small network that is given the directions of edges instead of having to learn them.
+r"""A small network whose first layer computes edge orientations, so that these need not be learnt.
 
-The directions of lines reveal the camera: they lean (roll), converge (tilt, field of view) and bow (distortion).
+The directions of lines depend on the camera: lines lean (roll), converge (tilt, field of view) and bow (distortion).
 A network trained from scratch spends most of its first hundred thousand images on learning edge detectors; here the
 first layer is a histogram of oriented gradients in cells, as a fixed function of the image. With the gradient
 :math:`(g_x, g_y) = m(\cos\varphi, \sin\varphi)` of the grey image, a pixel votes for orientation b with
@@ -59,7 +59,7 @@ class OrientedGradients(nn.Module):
         self.register_buffer("votes", votes, persistent=False)
 
     def channels(self, in_channels: int) -> int:
-        """How many channels come out."""
+        """Number of output channels."""
         return len(self.votes) + 1 + in_channels
 
     @torch.no_grad()

@@ -1,8 +1,8 @@
 """A small network for place recognition, which trains in minutes on a CPU with images of 64x32 to 96x64 pixels.
 
-A place is recognised by where its edges are, in any light. So the first layer, which learns nothing, removes the light:
-it subtracts the mean of its surroundings from every pixel and divides by their contrast. Group normalisation treats
-each image alone: batch statistics would let the conditions of a batch leak into one another.
+The positions of edges identify a place in any light. The first layer, which has no weights, therefore removes the
+light: it subtracts the local mean from every pixel and divides by the local contrast. Group normalisation treats each
+image alone; batch statistics would mix the conditions of a batch.
 """
 
 import math
@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from sextant.models.convolutions import convolutions
 
-#: contrast, of images in [-1, 1], below which there is none
+#: contrast, of images in [-1, 1], below which it is suppressed as noise
 FAINT = 0.02
 
 

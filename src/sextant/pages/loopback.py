@@ -1,4 +1,4 @@
-"""Serving a page on a loopback port, which only this machine can reach and which answers only its own page."""
+"""Serving a page on a loopback port: only this machine can reach it, and only the page itself may send requests."""
 
 import base64
 import hashlib
@@ -17,8 +17,8 @@ from werkzeug.serving import BaseWSGIServer, make_server
 from sextant.errors import UserError
 
 HOST = "127.0.0.1"
-#: names by which a browser may address this machine; under any other name, a page from elsewhere has made the browser
-#: believe that this machine is that page's own host (DNS rebinding)
+#: host names by which a browser may address this machine; any other name means that a foreign page was made to resolve
+#: to this machine (DNS rebinding)
 HOSTS = (HOST, "localhost", "[::1]")
 
 
@@ -28,7 +28,7 @@ def page_app(name: str, file: Path, replace: dict[str, str] | None = None) -> Fl
     Args:
         name: name of the application.
         file: HTML with one ``<script>`` and one ``<style>``.
-        replace: words of the page and their replacements.
+        replace: strings of the page and their replacements.
     """
     text = file.read_text("utf-8")
     for word, meant in (replace or {}).items():
@@ -50,11 +50,11 @@ def page_app(name: str, file: Path, replace: dict[str, str] | None = None) -> Fl
 
 
 def _refuse_strangers() -> Any:
-    """Refuse requests from a page of another host, whatever name it calls this machine by."""
+    """Refuse requests from pages of other hosts, whatever name they use for this machine."""
     host = request.host.rsplit(":", 1)[0] if not request.host.endswith("]") else request.host
     origin, site = request.headers.get("Origin"), request.headers.get("Sec-Fetch-Site", "same-origin")
     if host not in HOSTS or origin not in (None, f"http://{request.host}") or site not in ("same-origin", "none"):
-        return jsonify(problem="this server answers its own page alone", fix=None), 403
+        return jsonify(problem="this server accepts requests only from its own page", fix=None), 403
     return None
 
 
@@ -104,6 +104,6 @@ def _server(app: Flask, port: int) -> BaseWSGIServer:
             probe.bind((HOST, port))
         except OSError as error:
             raise UserError(
-                f"port={port} cannot be used: {error.strerror}", "Leave it out: a free one is taken."
+                f"port={port} cannot be used: {error.strerror}", "Leave it out: a free port is used."
             ) from None
     return make_server(HOST, port, app, threaded=True)

@@ -16,11 +16,11 @@ from sextant.evaluation.verdict import TAIL, Estimate
 COUNTED = "counted"
 #: table of what a constant, or the best of the methods that learn nothing, reaches in each setting and condition
 BASELINES = "baselines.csv"
-#: what every run of a sweep reached, beside its contrasts
+#: table of the value of every run of a sweep
 SEEDS = "seeds.csv"
-#: a comparison whose runs are still to be made
+#: a comparison that has not been run
 NOT_RUN = Estimate(math.nan, math.nan, 0, 0, run=False)
-#: decimals to which differences are rounded; no more are read of the figures of claims
+#: decimals to which differences are rounded
 ROUNDING = 9
 #: advice for a table that is missing or damaged
 STORED = "It is stored with the sweep's report: sextant report sweep=<name>."
@@ -106,7 +106,7 @@ def evidence(
     """Yield an estimate for each name, setting and condition, positive where it favours the claim.
 
     A contrast that a report was stored without is computed from its seeds; one with an arm that has no run there, or
-    whose report is not stored at all, is :data:`NOT_RUN`; so are differences of a report from before there were any.
+    whose report is not stored at all, is :data:`NOT_RUN`; so are differences that an older report lacks.
 
     Args:
         path: a table of a stored report; the file name determines what its rows are.

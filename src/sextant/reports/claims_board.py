@@ -37,23 +37,20 @@ ORDER: tuple[Verdict, ...] = ("fails", "not learnt", "undecided", "holds")
 #: largest possible difference of shares, in points
 LARGEST = 100.0
 HOW_TO_READ = """\
-An effect is positive where it supports the claim. Its 95 % interval is over seeds, and over test images where their
-values are stored; over worlds where runs were made in several. One rule decides:
+Effects are positive where they support the claim, with 95 % intervals over seeds (or worlds) and, where stored, test
+images. A claim
 
-- *holds*: the interval lies beyond the smallest effect that matters (and beyond what seeds alone make, where measured);
-  or, for a claim that nothing is lost, it rules out a loss that matters.
-- *fails*: the interval rules out what the claim asks for.
-- *not learnt*: an arm is no better than a constant or than methods that learn nothing: there is nothing to compare.
-- *undecided*: none of these, fewer than {seeds} seeds or {worlds} worlds, or runs cut short to try the plan.
+- *holds* if the interval lies beyond the smallest effect that matters and that of seeds alone, or excludes a loss that
+  matters;
+- *fails* if the interval excludes what the claim requires;
+- is *not learnt* if an arm is no better than a constant or than methods that learn nothing;
+- is *undecided* otherwise, with fewer than {seeds} seeds or {worlds} worlds, or if runs were cut short.
 
-A claim of several comparisons holds if all hold and fails if one does, by Bonferroni's correction. Its table has the
-worst condition of each contrast; [comparisons.csv](claims/comparisons.csv) and the pictures have all, and those that
-stand beside the claim in grey.
-
-Runs that are older than the claim *explore* it, later ones *confirm* or *refute* it; without any it is *planned*.
-Unless worlds are named, all runs are in one office, town or city, or on one set of real images. `sextant claims plan`
-has the next runs, their power and cost; `sextant claims claim=places_mining` decides one claim. If all {estimated}
-estimated effects were exactly at their borders, at most {chance:.1f} would be decided by chance; {decided} are.
+Several comparisons must all hold, and one that fails decides, with Bonferroni's correction. If verdicts differ, a table
+has the worst conditions that do not hold; [comparisons.csv](claims/comparisons.csv) has everything. Runs older than
+the claim *explore* it, later ones *confirm* or *refute* it, and without runs it is *planned*. `sextant claims plan`
+lists the next runs. If all {estimated} estimated effects were at their borders, at most {chance:.1f} would be decided
+by chance; {decided} are.
 """
 
 
@@ -90,7 +87,7 @@ class Comparison:
         return Strip(self.estimate.mean, *self._ends(), self.matters, not self.beside)
 
     def asked(self) -> str:
-        """What the claim requires of the effect, in words."""
+        """The requirement of the claim, in words."""
         floor = abs(self.estimate.floor)
         above = f" (seeds alone: {floor:.3g})" if self.expects == "better" and floor > self.matters else ""
         return f"{SAYS[self.expects]} {self.matters:g}{above}"
@@ -105,7 +102,7 @@ class DecidedClaim:
     """A claim and the comparisons that decide it; see :class:`sextant.config.schema.claims.Claim`.
 
     Attributes:
-        begun: when the first of the runs that decide it was begun; empty if no record says.
+        begun: start of the first run that decides it; empty if not recorded.
     """
 
     name: str
@@ -181,7 +178,7 @@ def board(
         pictures: folder of the pictures, relative to the page.
         command: command that writes the page.
         left_out: claims that were not measured, with the reason.
-        cut_short: those of the same claims that shorter runs decide too.
+        cut_short: the same claims as decided by shortened runs, where there are such runs.
     """
     again = {claim.name: claim for claim in cut_short}
     found = [claim.verdict for claim in claims]
@@ -232,7 +229,7 @@ def comparison_rows(claims: Sequence[DecidedClaim]) -> TextTable:
 
 
 def replicates_told(comparison: Comparison) -> str:
-    """How many replicates a comparison rests on."""
+    """The number of replicates of a comparison, in words."""
     found = comparison.estimate
     if found.counted or not found.run:
         return NOTHING
@@ -242,7 +239,7 @@ def replicates_told(comparison: Comparison) -> str:
 def advice(comparison: Comparison, parts: int) -> str:
     """What would decide an undecided comparison, as one of ``parts`` of a claim.
 
-    More seeds, or worlds, are advised only where they make the interval: never where the test images do.
+    More seeds or worlds are advised only where they, and not the test images, determine the width of the interval.
     """
     found = comparison.estimate
     if found.cut_short or not found.run:
@@ -287,24 +284,23 @@ def _row(claim: DecidedClaim) -> list[str]:
 
 
 def _section(claim: DecidedClaim, pictures: str, again: DecidedClaim | None) -> str:
-    asked = f"{REQUIRES[claim.counting[0].expects]} {claim.matters:g} {claim.unit} ({claim.reason})"
+    required = f"{REQUIRES[claim.counting[0].expects]} {claim.matters:g} {claim.unit} ({claim.reason})"
     published = "" if claim.published.startswith("claimed;") else f" Published: {claim.published}."
     quick = "" if again is None else f" Runs cut short: {again.verdict}."
     commands = "\n".join(claim.commands)
     return (
         f'## <a name="{claim.name}"></a>`{claim.name}`: {claim.verdict}\n\n{claim.sentence} '
-        f"([{claim.page}]({claim.page}))\n\n"
-        f"- **Asked**: {asked}.{published}\n"
-        f"- **Answer**: {_answer(claim)}\n"
-        f"- **How sure**: {_how_sure(claim)}{quick}\n"
+        f"[Details]({claim.page})\n\n"
+        f"- **Requires** {required}.{published}\n"
+        f"- **Found**: {_answer(claim)} {_how_sure(claim)}{quick}\n"
         f"- **Not covered**: {claim.not_covered}\n\n"
-        f"![intervals of the comparisons]({pictures}/{claim.name}.svg)\n{_table(claim)}\n"
+        f"![intervals]({pictures}/{claim.name}.svg)\n{_table(claim)}\n"
         f"```bash\n{commands}\n```\n"
     )
 
 
 def _table(claim: DecidedClaim) -> str:
-    """The worst condition of each contrast that counts; nothing for a single one, which the answer names."""
+    """The worst condition of each contrast that was run and does not hold, if verdicts differ."""
     groups: dict[tuple[str, str, float, str], list[Comparison]] = {}
     for each in claim.counting:
         name = each.label.partition(", ")[0]
@@ -312,17 +308,21 @@ def _table(claim: DecidedClaim) -> str:
     notes = {note for *_, note in groups}
     shared = notes.pop() if len(notes) == 1 else ""
     told = f"\n{shared[0].upper()}{shared[1:]}.\n" if shared else ""
-    if len(groups) == 1:
+    if len(groups) == 1 or len(set(claim.verdicts)) == 1:
         return told
     rows = []
     for (name, *_), alike in groups.items():
         worst = min(alike, key=lambda each: (ORDER.index(each.verdict(len(claim.counting))), _distance(each)))
+        if not worst.estimate.run or worst.verdict(len(claim.counting)) == "holds":
+            continue
         label = worst.label if len(alike) == 1 else f"{name}, worst of {len(alike)}"
         unit = "" if worst.unit == claim.unit else f" {worst.unit}"
-        asked = "" if worst.matters == claim.matters else f", asked: {worst.matters:g}"
+        asked = "" if worst.matters == claim.matters else f", required: {worst.matters:g}"
         note = f" ({worst.note})" if worst.note != shared else ""
         effect = worst.effect() + (unit + asked) * worst.estimate.run
         rows.append([label + note, effect, worst.verdict(len(claim.counting))])
+    if len(rows) < 2:  # the answer names a single one
+        return told
     return "\n" + TextTable(["comparison", "effect in its favour", "verdict"], rows).markdown() + told
 
 
@@ -330,41 +330,38 @@ def _answer(claim: DecidedClaim) -> str:
     """The verdict in words, with the figure that decides it."""
     first, total, alike = claim.deciding, len(claim.counting), claim.verdicts.count(claim.verdict)
     if claim.verdict == "not learnt":
-        where = "" if total == 1 else f"in {alike} of {total} comparisons "
-        return f"none: {where}an arm is no better than a constant or a method that learns nothing."
+        where = "" if total == 1 else f" in {alike} of {total} comparisons"
+        return f"an arm learnt nothing{where}."
     some = f"{alike} of {total} comparisons {'is' if alike == 1 else 'are'}"
-    parts = {
-        "holds": ("yes", f"{'both' if total == 2 else f'all {total}'} comparisons hold, the closest"),
-        "fails": ("no", f"{some} ruled out,"),
-        "undecided": ("open", f"{some} undecided,"),
-    }
-    answer, which = parts[claim.verdict]
+    which = {
+        "holds": f"{'both' if total == 2 else f'all {total}'} comparisons hold, the closest",
+        "fails": f"{some} excluded,",
+        "undecided": f"{some} undecided,",
+    }[claim.verdict]
     waiting = sum(not each.estimate.run for each in claim.counting)
     if claim.verdict == "undecided" and waiting:
         others = f"; {alike - waiting} of the others undecided" if alike > waiting else ""
-        return (
-            f"open: {waiting} of {counted(total, 'comparison')} {'is' if waiting == 1 else 'are'} not run yet{others}."
-        )
+        return f"{waiting} of {counted(total, 'comparison')} {'is' if waiting == 1 else 'are'} not run yet{others}."
     figure = f"{first.effect()} {first.unit} ({first.label})"
-    return f"{answer}: {figure}." if total == 1 else f"{answer}: {which} with {figure}."
+    return f"{figure}." if total == 1 else f"{which} with {figure}."
 
 
 def _how_sure(claim: DecidedClaim) -> str:
-    """What the interval is over, whether the claim is older than the runs, and what would decide it."""
+    """What the interval is over, and what would decide the claim."""
     if claim.counted:
         return f"{claim.runs}."
     first = claim.deciding
     images = " and a sample of images" if first.estimate.images > 0 else ""
     if not first.estimate.run:
-        return f"{claim.status}; `sextant claims plan claim={claim.name}` has its runs."
-    text = f"{claim.status}, over {replicates_told(first)}{images}."
+        return ""
+    text = f"Over {replicates_told(first)}{images}."
     if claim.verdict == "undecided":
         text += f" To decide: {advice(first, len(claim.counting))}."
     return text
 
 
 def _needed(comparison: Comparison, parts: int) -> float:
-    """Further replicates that a comparison needs; infinite if they would not decide it, or if nobody knows."""
+    """Further replicates that a comparison needs; infinite if they would not decide it or are unknown."""
     more = further_seeds(comparison.estimate, comparison.expects, comparison.matters, parts)
     return math.inf if more is None else more
 

@@ -17,7 +17,7 @@ FIGURES = {"ECE": ("test/ece/", 4), "NLL": ("test/nll/", 3)}
 
 
 def confidence_section(results: SweepResults) -> Section:
-    """Tables of ECE and NLL by arm; empty if no run has them, as runs older than these figures have not."""
+    """Tables of ECE and NLL by arm; empty if no run has them; runs of older versions lack both."""
     told = {
         (setting, arm): [_by_corruption(cell) for cell in results.of(setting, arm) if cell.outcome == "finished"]
         for setting in results.settings
@@ -34,7 +34,7 @@ def confidence_section(results: SweepResults) -> Section:
         "severities, then over corruptions. Means over converged runs with 95 % t intervals."
     )
     if without:
-        text += f" {counted(without, 'converged run')} without these figures, which came later, left out."
+        text += f" {counted(without, 'converged run')} without these figures, of an older version, left out."
     names = list(dict.fromkeys(name for figures in told.values() for run in figures for name in run["ECE"]))
     few = [name for name in names if name in (CLEAN, CORRUPTED)]
     parts = ["## Confidence\n", text + "\n", _table(told, few).markdown()]

@@ -62,7 +62,7 @@ class ContrastRow:
 
 
 def of_one_pair(rows: Sequence[ContrastRow]) -> str:
-    """A sentence that explains the dashes of differences over one pair; empty if there are none."""
+    """An explanation of the dashes for differences over one pair; empty if there are none."""
     single = any(row.paired is not None and row.paired.seeds == 1 for row in rows)
     return "A difference of one pair has neither an interval nor a p." if single else ""
 

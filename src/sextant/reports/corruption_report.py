@@ -82,9 +82,9 @@ def _scores(arms: Sequence[ArmErrors], shared: SharedSet) -> list[str]:
     return [
         f"### Beside {baseline.name}\n",
         f"Errors relative to those of the baseline, times 100 ({baseline.source}); below 100 is better than it. Mean ± "
-        "standard deviation over converged seeds, and the 95 % t interval of the mean. Relative mCE counts what a "
-        "network loses against its own clean error: **one that errs more on clean images has less to lose, and a lower "
-        "relative mCE for it**. Read it beside mCE and the clean error.\n",
+        "standard deviation over converged seeds, and the 95 % t interval of the mean. Relative mCE is a "
+        "network's loss relative to its own clean error: **one that errs more on clean images has less to lose, and a "
+        "lower relative mCE for it**. Read it beside mCE and the clean error.\n",
         score_table(arms, baseline, scored_sets(shared)).markdown(),
     ]
 
@@ -95,8 +95,8 @@ def _legend(contrasts: Sequence[CorruptionContrast]) -> str:
         "95 % over pairs of converged runs, p is of the paired t test that belongs to them, two-sided. *For certain* "
         "are corruptions whose interval excludes zero, not corrected for their number: of 20 intervals without any "
         "effect one does so by chance. *Under Holm* are those of p below 0.05 after Holm's correction for the number "
-        "of corruptions. Corruptions are alike, so that how many go one way is no test: compare with the noise floor, "
-        "which is what seeds alone do.\n"
+        "of corruptions. Corruptions are correlated, so the number of equal signs is no test: compare it with the "
+        "noise floor, which shows the effect of seeds alone.\n"
     )
     if any(contrast.exploratory for contrast in contrasts):
         text = text.rstrip() + f" † fewer than {SEEDS_FOR_A_CLAIM} pairs: exploratory.\n"

@@ -20,8 +20,8 @@ def cost_section(results: SweepResults) -> Section:
         "## Cost\n\n"
         f"Ratios are to *{reference}*. Multiplications are those of one image through the whole network, with the pull "
         "as a second convolution; *inhibited layers* says how they were computed. Training times are of runs that "
-        "trained here, beside whatever else the machine did, and a resumed run counts its last part only: compare them "
-        "with care.\n\n"
+        "trained here, under whatever load the machine had; a resumed run counts only its last part: compare them with "
+        "care.\n\n"
     )
     return Section(text + table.markdown(), {"cost.csv": table.csv()})
 

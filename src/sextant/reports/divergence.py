@@ -1,4 +1,4 @@
-"""Runs that did not learn, in words: by which rule, how they were trained, and what to try."""
+"""Text about diverged runs: the rule, how they were trained, and what to try."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ SMALLEST_BATCH, LARGEST_RATE = 8, 0.1
 
 
 def divergence(results: SweepResults) -> str:
-    """What a report says of the runs of a sweep that diverged, as Markdown; empty if none did."""
+    """The Markdown of a report about the diverged runs of a sweep; empty if none diverged."""
     diverged = [cell for cell in results.cells if cell.outcome == "diverged"]
     if not diverged:
         return ""
@@ -35,9 +35,9 @@ def what_to_do(measure: Measure, trainings: Sequence[Training], words: Sequence[
     """The rule by which runs diverged, how they were trained, and a command that may help.
 
     Args:
-        measure: measure of the runs, which knows the rule.
-        trainings: how the runs that diverged were trained, which is said of the first.
-        words: the command that made them, without ``sextant``.
+        measure: measure of the runs, which has the rule.
+        trainings: how the diverged runs were trained; the text describes the first.
+        words: the command that started them, without ``sextant``.
         fixed: keys that the command must not set, since its runs differ in them.
     """
     by_nan = bool(trainings) and all(training.stopped for training in trainings)

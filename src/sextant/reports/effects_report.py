@@ -1,4 +1,4 @@
-"""The part of a report that compares several arms with one control: effects beside costs, or over a grid."""
+"""The part of a report that compares several arms with one control: effects against costs, or over a grid."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

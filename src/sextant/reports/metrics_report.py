@@ -55,7 +55,7 @@ def metrics_section(results: SweepResults) -> Section:
     if meanings:
         parts.append("\n".join(meanings) + "\n")
     if unknown:
-        parts.append(f"No run tells of {', '.join(unknown)}.\n")
+        parts.append(f"No run has {', '.join(unknown)}.\n")
     if len(conditions) > 1:
         table = metric_table(rows, metrics, conditions).markdown()
         parts.append(f"<details><summary>The same by condition</summary>\n\n{table}\n</details>\n")
@@ -175,11 +175,11 @@ def _cell(row: MetricSummary | None) -> str:
 
 
 def _legend(rows: Sequence[MetricSummary]) -> str:
-    some = " *(k of n)*: only k of the n values are there, such as errors of runs that converged." if any(
+    some = " *(k of n)*: only k of n values exist, such as errors of runs that converged." if any(
         row.told < row.asked for row in rows
     ) else ""  # fmt: skip
     return (
         "Means over converged runs with their 95 % intervals over seeds: of shares Korn and Graubard's, which stays "
-        "within 0 and 100 (none where all runs agree), of other metrics Student's t; of a run, what it tells of all "
-        f"its conditions, or the mean over them.{some} Times are those of this machine beside whatever else it did.\n"
+        "within 0 and 100 (none where all runs agree), of other metrics Student's t; of a run, its value for all "
+        f"conditions together, or the mean over them.{some} Times were measured under whatever load the machine had.\n"
     )

@@ -286,8 +286,8 @@ def _needed_name() -> str:
 def _legend() -> str:
     return (
         "Per cent of the runs along the test drives that succeeded, over all converged seeds, with Wilson's interval "
-        "at 95 %, which takes runs for independent: those of one seed share a trained model, and the intervals are "
-        f"too narrow for that. {_needed_name()} is the smallest number tried with which {100 * ENOUGH_SUCCESS:.0f} % "
+        "at 95 %, which assumes independent runs; those of one seed share a trained model, so the intervals are too "
+        f"narrow. {_needed_name()} is the smallest number tried with which {100 * ENOUGH_SUCCESS:.0f} % "
         "succeed.\n"
     )
 
@@ -296,9 +296,9 @@ def _ratio_legend() -> str:
     return (
         f"{_needed_name()} of the treatment over that of the control; below 1 the treatment needs fewer. The interval "
         f"is a percentile bootstrap of {RESAMPLES:,} resamples over pairs of seeds, each drawn with all its runs. "
-        "Where no number tried is enough, the ratio is known from one side alone, and so is its interval; *censored* "
-        "is the share of the resamples in which that is so. An interval of one point says that no resample chose "
-        "another of the numbers tried, not that the ratio is known so well.\n"
+        "Where no number tried is enough, only a bound on the ratio and on its interval is known; *censored* is the "
+        "share of such resamples. An interval of one point means that every resample chose the same of the numbers "
+        "tried, not that the ratio is exact.\n"
     )
 
 

@@ -134,13 +134,13 @@ def _row(
 def _legend(results: SweepResults) -> str:
     text = (
         f"{results.measure.difference.capitalize()}; {results.measure.better} is better. The arms of the noise floor "
-        "are one and the same network at other seeds: all their converged runs are the control. Runs are not paired, "
-        "and those that diverged are left out. Intervals and p are of Welch's t test over runs, two-sided; Holm's "
+        "are the same network at different seeds, so all their converged runs are the control. Runs are not paired; "
+        "those that diverged are left out. Intervals and p are of Welch's t test over runs, two-sided; Holm's "
         "family is the conditions of one setting."
     )
     if len(_settings(results)) > 1:
         text += (
-            f" *{TOGETHER.capitalize()}* is the mean of the settings' differences, each counting the same, with the "
+            f" *{TOGETHER.capitalize()}* is the mean of the settings' differences, equally weighted, with the "
             "spread within each (Satterthwaite's degrees of freedom)."
         )
     return text + "\n"

@@ -11,7 +11,7 @@ from sextant.tables import TextTable, interval, number
 
 
 def beside_published(summaries: Sequence[Summary], results: SweepResults) -> str:
-    """Median over converged seeds beside the published single run, for the first (clean) condition; may be empty."""
+    """Median over converged seeds next to the published single run, for the clean condition; may be empty."""
     known = [s for s in summaries if s.condition == results.conditions[0] and s.published == s.published]
     if not known:
         return ""
@@ -59,12 +59,12 @@ def published_verdict(rows: Sequence[ContrastRow]) -> str:
     beyond = sum(abs(row.published) > row.single_pair_reach for row in known)
     readings = Counter(_reading(row) for row in known)
     return (
-        f"Two runs of the *same* convolution that differ in their seeds alone stay within the reach given below 95 "
-        f"times in 100. Of {len(known)} published differences, each of one run against one run, {beyond} lie beyond "
-        f"it; a single pair cannot tell the other {len(known) - beyond} from chance. Over our seeds, by Holm-corrected "
-        f"Wilcoxon tests at 0.05: {readings['same sign']} have the published sign, {readings['opposite sign']} the "
-        f"opposite, {readings['undecided']} are undecided, {readings['too few pairs']} rest on fewer than "
-        f"{SEEDS_FOR_A_CLAIM} pairs.\n\n" + table.markdown()
+        f"Two runs of the *same* convolution that differ only in their seeds differ by less than the reach given "
+        f"below 95 times in 100. Of {len(known)} published differences, each of one run against one run, {beyond} lie "
+        f"beyond it; a single pair cannot distinguish the other {len(known) - beyond} from chance. Over our seeds, by "
+        f"Holm-corrected Wilcoxon tests at 0.05: {readings['same sign']} have the published sign, "
+        f"{readings['opposite sign']} the opposite, {readings['undecided']} are undecided, "
+        f"{readings['too few pairs']} rest on fewer than {SEEDS_FOR_A_CLAIM} pairs.\n\n" + table.markdown()
     )
 
 

@@ -37,7 +37,7 @@ class Measured(Protocol):
 
 @dataclass(frozen=True)
 class Training:
-    """How a run was trained, as far as its record says.
+    """How a run was trained, as far as recorded.
 
     Attributes:
         stopped: whether a loss that is not a number ended it, before it could be tested.
@@ -57,7 +57,7 @@ class Training:
 
     @classmethod
     def of(cls, run: RunDirectory) -> "Training":
-        """That of a run in its directory."""
+        """The training of a run, from its directory."""
         try:
             config = yaml.safe_load(run.config.read_text("utf-8"))
         except (OSError, yaml.YAMLError):
@@ -147,7 +147,7 @@ class SweepResults:
 
     @property
     def replicate(self) -> Replicate:
-        """What is drawn anew in each replicate of a cell: worlds if the runs have some, otherwise seeds."""
+        """The unit of replication of a cell: ``worlds`` if the runs have any, otherwise ``seeds``."""
         return "worlds" if any(result.cell.world for result in self.cells) else "seeds"
 
     def arms_of(self, setting: str) -> list[str]:
@@ -177,7 +177,7 @@ class SweepResults:
 def _averaged(runs: Sequence[CellResult], world: int) -> CellResult:
     """The runs of one world as one replicate, which is finished once all of them are.
 
-    Runs in one world share its images and its layout: they are no replicates of each other. Their values are averaged
+    Runs in one world share its images and its layout, so they are not independent replicates. Their values are averaged
     before worlds are compared, so that a world counts once however many seeds it has.
     """
     cell = replace(runs[0].cell, pair=world)

@@ -1,4 +1,4 @@
-"""Differences between two runs, and whether their metrics differ by more than seeds explain."""
+"""Differences between two runs, and whether their metrics differ by more than seeds alone explain."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ class MetricDifference:
 
     @property
     def beyond_seeds(self) -> bool | None:
-        """Whether the difference is more than seeds explain; None where that is unknown."""
+        """Whether the difference exceeds that due to seeds; None where that is unknown."""
         return None if math.isnan(self.reach) else abs(self.second - self.first) > self.reach
 
 

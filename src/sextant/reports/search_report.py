@@ -1,4 +1,4 @@
-"""The report of a search: its trials, the importance of its keys, and how far its winner can be trusted."""
+"""The report of a search: its trials, the importance of its keys, and the selection bias of its winner."""
 
 import math
 from collections.abc import Sequence
@@ -148,18 +148,18 @@ def _winner_text(found: SearchResults, table: TextTable) -> list[str]:
     words = " ".join(f"{key}={value}" for key, value in winner.setting.items())
     tested = "It has not been tested yet."
     if found.winners_tested == 1:
-        tested = "It was tested once, at seeds that the search did not look at."
+        tested = "It was tested once, at seeds that the search did not use."
     elif found.winners_tested:
         tested = (
-            f"**{found.winners_tested} trials have been tested** in turn, as the search went on: this test is not the "
-            "first look at the test split."
+            f"**{found.winners_tested} trials have been tested** in turn, as the search went on: the test split "
+            "has been used before this test."
         )
     missing = f" {found.fresh_missing} fresh seeds have no result." if found.fresh_missing else ""
     return [f"Trial {winner.number}: `{words}`. {tested}{missing}\n", table.markdown(), optimism(found), _ties(found)]
 
 
 def optimism(found: SearchResults) -> str:
-    """By how much the winner looked better where it was chosen than elsewhere."""
+    """The bias of the winner's metric: how much better it is on the seeds and split used to choose it."""
     assert found.winner is not None
     if not found.fresh:
         return ""
@@ -167,7 +167,7 @@ def optimism(found: SearchResults) -> str:
     fresh, tests = (np.array(values) for values in zip(*found.fresh, strict=True))
     by_seeds = sign * (found.winner.mean - fresh.mean()) + 0.0  # turns -0.0 into 0.0
     text = (
-        f"At the seeds it was chosen at, the winner looked better by {number(by_seeds, digits, sign=True)} than at "
+        f"At the seeds used to choose it, the winner scored better by {number(by_seeds, digits, sign=True)} than at "
         "fresh ones, on the same validation split."
     )
     metric = str(found.search["metric"])
@@ -176,7 +176,7 @@ def optimism(found: SearchResults) -> str:
     by_split = sign * (fresh - tests)
     spread = interval(*mean_interval(by_split), digits, sign=True)
     return (
-        f"{text} At the fresh seeds, it looked better by {number(_mean(by_split), digits, sign=True)} {spread} on the "
+        f"{text} At the fresh seeds, it scored better by {number(_mean(by_split), digits, sign=True)} {spread} on the "
         "validation split than on the test split.\n"
     )
 
@@ -192,7 +192,7 @@ def _ties(found: SearchResults) -> str:
             close += [trial.number] * (low <= 0 <= high)
     if not close:
         return ""
-    return f"Not to be told from it at these seeds (95 %, paired): trial{'s' * (len(close) > 1)} " + (
+    return f"Indistinguishable from it at these seeds (95 %, paired): trial{'s' * (len(close) > 1)} " + (
         f"{', '.join(map(str, close))}.\n"
     )
 
@@ -201,7 +201,7 @@ def _legend(seeds: int) -> str:
     if seeds < 2:
         return ""
     return (
-        "*raced out* could not beat the best any more, by a one-sided paired interval over seeds, and got no further "
+        "*raced out* could no longer beat the best, by a one-sided paired interval over seeds, and got no further "
         "seed; its mean is over fewer seeds than that of others. A trial that *diverged* or *failed* at any seed has "
         "no result.\n"
     )

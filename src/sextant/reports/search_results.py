@@ -20,7 +20,7 @@ class TrialResult:
     """The result of a trial over its runs at the seeds of the search.
 
     Attributes:
-        number: number of the trial, in the order of asking.
+        number: number of the trial, in the order of creation.
         setting: the value of each key.
         values: validation metric of its runs, in the order of the seeds.
         tested: test metric of the same runs.
@@ -74,7 +74,7 @@ class SearchResults:
 
     @property
     def extreme(self) -> str:
-        """``maximum`` or ``minimum``, whichever the search looks for."""
+        """``maximum`` or ``minimum``, as the search requires."""
         return "maximum" if self.maximize else "minimum"
 
     @property

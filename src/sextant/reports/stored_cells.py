@@ -75,7 +75,7 @@ def is_stored(folder: Path) -> bool:
 
 
 def join_cells(folders: Sequence[Path], outputs: Path) -> SweepResults:
-    """The results of one sweep from the cells of its blocks; what no block holds is missing.
+    """The results of one sweep from the cells of its blocks; cells in no block are missing.
 
     Args:
         folders: folders of :func:`write_cells`.

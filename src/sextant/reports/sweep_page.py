@@ -56,7 +56,9 @@ def sweep_page(
         pictures: addresses of the figures of its contrasts.
     """
     rows = [] if results is None else [row for row in contrasts(results) if row.paired is not None]
-    parts = [f"**{plan.definition.get('question') or plan.title}**\n", _how_far(plan, progress)]
+    ended = [] if results is None else results.cells
+    diverged = len({result.cell.run for result in ended if result.outcome == "diverged"})
+    parts = [f"**{plan.definition.get('question') or plan.title}**\n", _how_far(plan, progress, diverged)]
     found: dict[str, float] = {}
     if plan.is_search and results is not None:
         text, found = _best_so_far(results)
@@ -67,14 +69,13 @@ def sweep_page(
         parts += [f"{told}\n", *(f"![contrast]({address})\n" for address in pictures), _table(rows[:MOST_ROWS])]
     if results is not None and (told := divergence(results)):
         parts.append(f"{told}\n")
-        found["runs/diverged"] = float(results.count("diverged"))
     if progress.failures:
         failed = list(progress.failures.items())[:MOST_FAILURES]
         parts.append("Failed:\n\n" + "".join(f"- `{run}`: {why[:LINE]}\n" for run, why in failed))
     commands = f"{plan.train_command}\n{report_command(plan.directory(outputs))}"
     parts.append(f"```\n{commands}\n```\n")
     metrics = {"runs/done": float(progress.done), "runs/planned": float(progress.planned)}
-    metrics |= {"runs/failed": float(len(progress.failures)), **found}
+    metrics |= {"runs/failed": float(len(progress.failures)), "runs/diverged": float(diverged), **found}
     if progress.left_s == progress.left_s:
         metrics["minutes_left"] = progress.left_s / 60
     effects = [row for row in rows if row.contrast != plan.definition.get("noise_floor")]
@@ -85,18 +86,19 @@ def sweep_page(
 
 
 def outcomes_told(results: SweepResults) -> str:
-    """How the runs ended, in a few words: ``5 finished, 1 diverged``."""
+    """The outcomes of the runs in words: ``5 finished, 1 diverged``."""
     counts = {name: results.count(name) for name in ("finished", "diverged", "failed", "missing")}
     return ", ".join(f"{count} {name}" for name, count in counts.items() if count)
 
 
-def _how_far(plan: SweepPlan, progress: Progress) -> str:
+def _how_far(plan: SweepPlan, progress: Progress, diverged: int) -> str:
     left = progress.left_s / 60
-    told = f", some {left:.0f} minutes left" if left == left and progress.done < progress.planned else ""
+    told = f"; about {left:.0f} minutes left" if left == left and progress.done < progress.planned else ""
+    ended = f"runs have ended, {diverged} of them diverged{told}.\n"
     if not plan.is_search:
-        return f"{progress.done} of {progress.planned} runs have ended{told}.\n"
+        return f"{progress.done} of {progress.planned} {ended}"
     trials = len({cell.arm for cell in plan.cells})
-    return f"{trials} of {plan.definition['search']['n_trials']} trials so far; {progress.done} runs have ended.\n"
+    return f"{trials} of {plan.definition['search']['n_trials']} trials so far; {progress.done} {ended}"
 
 
 def _best_so_far(results: SweepResults) -> tuple[str, dict[str, float]]:

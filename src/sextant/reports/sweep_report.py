@@ -190,8 +190,8 @@ def _markdown(
         head = f"## {results.measure.title}, of the runs that diverged\n" if summaries else ""
         return "\n".join(part for part in [*parts, head, reached, *(section.text for section in sections)] if part)
     parts += [
-        f"A run has *diverged* if {results.measure.diverged}; the rule looks "
-        "at the validation split alone and was fixed beforehand. Means and contrasts are over converged runs, with the "
+        f"A run has *diverged* if {results.measure.diverged}; the rule uses "
+        "only the validation split and was fixed beforehand. Means and contrasts are over converged runs, with the "
         "number of others beside them; the last column of each contrast counts diverged runs too.\n",
         f"## {results.measure.title}\n",
         cells_legend(results),
@@ -220,8 +220,8 @@ def _legend(rows: list[ContrastRow], results: SweepResults) -> str:
     measure, floor = results.measure, ""
     if any(row.floor for row in rows):
         floor = (
-            "The noise floor is the mean difference that seeds alone make, with its interval, and the spread of one "
-            "such pair. "
+            "The noise floor is the mean difference between runs that differ only in their seeds, with its interval, "
+            "and the spread of one such pair. "
         )
     return (
         f"{measure.difference.capitalize()}, {_pairing(results)}; {measure.better} is "
@@ -248,10 +248,10 @@ def _pairing(results: SweepResults) -> str:
 
 
 def _stretches(results: SweepResults) -> str:
-    """How neighbouring test items count as a sample, in words; empty where they do not."""
+    """How neighbouring test items enter the sampling error, in words; empty where they do not."""
     if results.replicate == "worlds" or results.measure.statistic != "mean":
         return ""
-    return f"As a sample, {results.measure.items} count in {BLOCKS} stretches of neighbours, which are correlated. "
+    return f"For sampling error, the {results.measure.items} form {BLOCKS} blocks of neighbours, which are correlated. "
 
 
 def _method(results: SweepResults) -> str:

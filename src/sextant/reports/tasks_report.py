@@ -1,7 +1,7 @@
 """The report of a sweep over several tasks: the headline figure of each, clean and by corruption, in one table.
 
-Their figures have different units, so that arms are compared by what each loses against its own clean figure, and by no
-contrast.
+Their figures have different units, so arms are compared by their loss relative to their own clean figure, and not by
+contrasts.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -42,7 +42,7 @@ class TaskRow:
 
     @property
     def factor(self) -> float:
-        """By which a figure is multiplied to be shown."""
+        """The factor by which a figure is multiplied for display."""
         return 100.0 if self.about.get("unit") == "%" else 1.0
 
     @property
@@ -52,7 +52,7 @@ class TaskRow:
         return str(self.about.get("name", "–")) + (f", {unit}" if unit else "")
 
     def figure(self, of: str) -> OverSeeds:
-        """The figure over seeds, as it is shown."""
+        """The figure over seeds, as displayed."""
         return OverSeeds.of([self.factor * value for value in self.values.get(of, ())])
 
     def losses(self, of: str) -> list[float]:
@@ -166,8 +166,8 @@ def _markdown(results: SweepResults, rows: Sequence[TaskRow], table: TextTable) 
     yield "## Tasks under corruptions\n"
     yield (
         "The headline figure of each task on clean test images, and its mean over severities and then over corruptions "
-        f"({'; '.join(tests) or 'none'}), drawn at the given size of the images. *Loss* is the share of the clean "
-        "figure that is lost: of a share found that much of it, of an error its growth, which may exceed 100 %. Means "
+        f"({'; '.join(tests) or 'none'}), drawn at the given size of the images. *Loss* is the change "
+        "for the worse relative to the clean figure: an error may grow by more than 100 %. Means "
         "over converged runs with 95 % t intervals over seeds. **Tasks differ in data, image size and figure: a loss "
         "compares corruptions within a task, and only roughly tasks with one another.**\n"
     )

@@ -1,4 +1,4 @@
-"""Which images show the same place, which triplets to train with, and the search for the nearest descriptor."""
+"""Relations of images by place, mining of training triplets, and search for the nearest descriptors."""
 
 from sextant.retrieval.cached_mining import CachedHardMining
 from sextant.retrieval.flat_index import FlatIndex

@@ -13,7 +13,7 @@ from sextant.retrieval.triplet_mining import Mined, draw_column
 
 Positive = Literal["nearest", "random", "furthest"]
 
-#: Pairs that are considered at a time: some tens of megabytes.
+#: Pairs that are considered at a time: a few tens of megabytes.
 BLOCK = 2**20
 
 
@@ -25,7 +25,7 @@ class CachedHardMining:
     Triplets are indices into the training set; :func:`~sextant.retrieval.gathered` makes a batch of them.
 
     Args:
-        refresh: training steps between two computations of the cache; for the caller.
+        refresh: training steps between two computations of the cache; read by the caller.
         anchors: number of anchors, drawn from the training set each time.
         candidates: number of images among which negatives are sought, drawn anew each time for all anchors together.
         negatives: number of negatives per anchor; fewer if fewer candidates are negatives of it.

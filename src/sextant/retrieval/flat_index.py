@@ -1,7 +1,7 @@
 """An index of descriptors with exhaustive search: exact, and fast enough for one camera and a city.
 
 One query reads ``4 n d`` bytes once, 88 MB for 172,000 descriptors of 128 values. This is the cost of a matrix-vector
-product; picking the best costs little in comparison. See :mod:`sextant.retrieval.nearest` for how.
+product; selecting the best costs little in comparison; see :mod:`sextant.retrieval.nearest`.
 
 On disk, an index is a folder with ``descriptors.npy``, which is memory-mapped, and ``index.json``.
 """
@@ -81,7 +81,7 @@ class FlatIndex:
 
     @property
     def similarity(self) -> Similarity:
-        """What compares descriptors."""
+        """The similarity by which descriptors are compared."""
         return self.references.similarity
 
     def search(self, queries: Float32[ndarray, "m d"], k: int = 1) -> Neighbours:
@@ -131,7 +131,7 @@ class FlatIndex:
         if rows.dtype != np.float32 or rows.shape != (header["count"], header["dimension"]):
             told = f"{header['count']} x {header['dimension']}"
             raise KIND.damaged(
-                folder, f"{path.name} holds {rows.dtype} {rows.shape}, but {HEADER} tells of {told} float32"
+                folder, f"{path.name} holds {rows.dtype} {rows.shape}, but {HEADER} states {told} float32"
             )
         index = cls.__new__(cls)
         try:

@@ -49,7 +49,7 @@ class PreparedReferences:
 
     Attributes:
         rows: descriptors; of norm one (or zero) for cosine similarity.
-        similarity: what compares descriptors.
+        similarity: by which descriptors are compared.
         half: ``||r||² / 2`` of every row for Euclidean distance, else 0.
         longest: the largest norm of a row.
     """
@@ -82,7 +82,7 @@ def prepare_references(
     rows = np.ascontiguousarray(rows)
     squared = np.einsum("nd,nd->n", rows, rows)
     if not np.isfinite(squared).all():
-        raise ValueError("a reference descriptor is too long for float32: its square is infinite")
+        raise ValueError("a reference descriptor is too large for float32: its squared norm is infinite")
     half = 0.5 * squared if similarity == "euclidean" else np.zeros((), np.float32)
     return PreparedReferences(rows, similarity, half, float(np.sqrt(squared.max())))
 
@@ -151,7 +151,7 @@ def _close(score: Float32[ndarray, "n"], k: int, slack: float) -> Int64[ndarray,
     groups = max(GROUPS, 8 * k)
     if len(score) < 2 * groups:
         return np.flatnonzero(score >= np.partition(score, -k)[-k] - slack)
-    # every groups-th score is in one group: consecutive frames look alike and should not share one
+    # every groups-th score is in one group: consecutive frames are similar and should not share one
     best = score[: len(score) // groups * groups].reshape(-1, groups).max(axis=0)
     close = np.flatnonzero(score >= np.partition(best, -k)[-k] - slack)
     chosen = score[close]
@@ -183,8 +183,8 @@ def joined_neighbours(
 ) -> Neighbours:
     """The k most similar references of each query, from those that each part found among its own.
 
-    If each part was asked for k, or for all that it has, the result is that of one index of all references in the order
-    of the parts, to the bit: the similarity of two descriptors depends on nothing else.
+    If each part was searched for k neighbours, or for all of its references, the result is bit-identical to that of one
+    index of all references in the order of the parts: similarities depend on the two descriptors alone.
 
     Args:
         parts: neighbours of the same queries in each part.

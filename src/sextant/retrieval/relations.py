@@ -1,6 +1,6 @@
 r"""Which images show the same place, which show different places, and which pairs should be left out.
 
-For images i and j at :math:`p_i, p_j`, looking towards :math:`\theta_i, \theta_j`, with tolerances :math:`r_+ < r_-`
+For images i and j at :math:`p_i, p_j` with headings :math:`\theta_i, \theta_j`, and tolerances :math:`r_+ < r_-`
 
 .. math::
     \text{positive:}\quad & \|p_i - p_j\| \le r_+ \;\wedge\; |\operatorname{wrap}(\theta_i - \theta_j)| \le a_+ \\
@@ -91,7 +91,7 @@ class Places:
 class Tolerance(Protocol):
     """The distances that separate the same place from different places, in the unit of the positions.
 
-    :class:`sextant.chapters.places.data.PlaceTolerance` is one; it knows its unit and refuses meaningless values.
+    :class:`sextant.chapters.places.data.PlaceTolerance` is one; it also has a unit and refuses invalid values.
 
     Attributes:
         positive: largest distance within one place.

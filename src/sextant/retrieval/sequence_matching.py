@@ -7,10 +7,10 @@ of the L queries up to i is compared with references at velocity v (reference fr
    \qquad l = 0, 1, \dots, L - 1 ,
 
 with :math:`[\cdot]` the nearest whole number and only those lags whose query exists. Where the line leaves the
-reference traverse, the mean similarity of that query stands in, which favours no place.
+reference traverse, the mean similarity of that query is used, which favours no place.
 
-Only past queries are used, so that it can run while driving; ``centred`` takes half of the sequence from the future, as
-the published programs do. With the single velocity 1 it is the sum along the diagonal, for aligned traverses.
+Only past queries are used, so that it can run online; ``centred`` takes half of the sequence from the future, as the
+published programs do. With the single velocity 1 it is the sum along the diagonal, for aligned traverses.
 
 Sources: M. Milford and G. Wyeth, "SeqSLAM: Visual Route-Based Navigation for Sunny Summer Days and Stormy Winter
 Nights", ICRA 2012; the velocities 0.8, 0.9, ..., 1.2, length 10 and contrast window 10 are the defaults of OpenSeqSLAM
@@ -120,7 +120,7 @@ def local_contrast(
     r"""Each similarity against those of the same query to references nearby: :math:`(s - \mu_w) / \max(\sigma_w, f)`.
 
     Mean and standard deviation are over the references within ``window // 2`` frames on either side, fewer at the ends
-    of the traverse. This removes what makes whole stretches of the reference look alike to a query.
+    of the traverse. This removes what whole stretches of the reference have in common.
 
     >>> local_contrast(np.array([[0.8, 0.8, 0.9, 0.8, 0.8]]), window=5).argmax()
     np.int64(2)
@@ -128,7 +128,7 @@ def local_contrast(
     Args:
         similarities: as for :func:`match_sequences`.
         window: in frames, at least 2.
-        floor: f; spreads below it are rounding.
+        floor: f; smaller standard deviations are rounding errors.
 
     Raises:
         ValueError: the window is below 2.
@@ -150,7 +150,7 @@ def _window_mean(values: ndarray, low: ndarray, high: ndarray) -> ndarray:
 
 
 def _shifted_sum(values: Float32[ndarray, "m n"], shifts: Sequence[tuple[int, int]]) -> Float32[ndarray, "m n"]:
-    """Sum over (a, b) of ``values[i - a, j - b]``, nothing where that lies outside."""
+    """Sum over (a, b) of ``values[i - a, j - b]``, 0 where that lies outside."""
     total = np.zeros(values.shape, np.float32)
     for shift in shifts:
         if all(abs(step) < size for step, size in zip(shift, values.shape, strict=True)):

@@ -1,4 +1,4 @@
-r"""Mining: which triplets (anchor, positive, negative) of a batch or a training set the loss sees.
+r"""Mining: the choice of triplets (anchor, positive, negative) of a batch or a training set for the loss.
 
 All positives and negatives come from a :class:`~sextant.retrieval.Relation`, so that a pair it ignores is never used.
 With :math:`d_+` and :math:`d_-` the distances from the anchor's descriptor to those of positive and negative:
@@ -54,7 +54,7 @@ class Mining(Protocol):
 
 @dataclass(frozen=True)
 class NoMining:
-    """Gives the loss every triplet of the batch; losses of pairs then take the relation itself."""
+    """Keeps every triplet of the batch; losses of pairs then use the relation itself."""
 
     def __call__(
         self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
@@ -83,7 +83,7 @@ class RandomMining:
     def __call__(
         self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
     ) -> Mined:
-        """Triplets of indices into the batch; the descriptors play no part."""
+        """Triplets of indices into the batch; the descriptors are not used."""
         anchor = relation.usable().nonzero()[:, 0].repeat_interleave(self.per_anchor)
         positive = draw_column(relation.positive[anchor], generator)
         negative = draw_column(relation.negative[anchor], generator)

@@ -19,7 +19,7 @@ from sextant.errors import ArgumentError
 
 Centring = Literal["none", "running", "all"]
 CENTRINGS: tuple[Centring, ...] = get_args(Centring)
-#: number of images that the mean of the map counts as in a running mean
+#: weight of the map's mean in a running mean, in images
 PRIOR_IMAGES = 10
 
 
@@ -41,7 +41,7 @@ def centred(
     if centring == "none":
         return reference, query
     if centring == "all" and len(query) == 1:
-        raise ArgumentError("centring=all: one photo is its own mean, and nothing is left of it", "centring=running")
+        raise ArgumentError("centring=all: a single photo equals its mean, which leaves zero", "centring=running")
     middle = reference.mean(axis=0, dtype=np.float64)
     if centring == "all":
         mean = query.mean(axis=0, dtype=np.float64)

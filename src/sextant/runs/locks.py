@@ -46,8 +46,8 @@ def run_lock(folder: Path, name: str, wait: bool, lease_s: float = LEASE_S) -> I
         found = look(place)
         raise LockedError(
             f"{folder.name}/{name} was taken over by {found[0] if found else 'another process'}: "
-            f"nothing was heard of this one for {lease_s:g} s",
-            "Nothing is lost: the run goes on there.",
+            f"this one gave no sign of life for {lease_s:g} s",
+            "Nothing is lost: the run continues there.",
         ) from None
     finally:
         lease.release()

@@ -1,4 +1,4 @@
-"""What runs need from a machine, and whether this machine provides it."""
+"""The requirements of runs, and whether this machine meets them."""
 
 import os
 import shutil
@@ -46,7 +46,7 @@ def machine_facts(outputs: Path, data: str | None) -> Iterator[MachineFact]:
 
     Args:
         outputs: folder of runs.
-        data: folder where datasets are looked for; None if it is not set.
+        data: folder that is searched for datasets; None if it is not set.
     """
     origin = provenance()
     for name, found in origin["versions"].items():
@@ -72,7 +72,7 @@ def _data(data: str | None) -> Iterator[MachineFact]:
         return
     root = Path(data).expanduser()
     if not root.is_dir():
-        yield MachineFact("data", "SEXTANT_DATA", f"{data} is no folder", "bad")
+        yield MachineFact("data", "SEXTANT_DATA", f"{data} is not a folder", "bad")
         return
     for name, purpose in DATA.items():
         there = (root / name).is_dir()
@@ -103,7 +103,7 @@ def _tracked(finished: list[RunDirectory], fill: str) -> MachineFact:
     nowhere = sum(not state.get("tracking") and not state.get("mlflow_runs") for state in states)
     lacks = [f"{unsent} {_runs(unsent)} not there: {fill} sends them"] if unsent else []
     if nowhere:
-        lacks.append(f"{nowhere} {_runs(nowhere)} in no store; if they are to be in one, {fill} fills it")
+        lacks.append(f"{nowhere} {_runs(nowhere)} in no store; {fill} adds them to one")
     return MachineFact("runs", "tracking store", "; ".join(lacks) or "has every finished run", _note(not lacks))
 
 
@@ -124,7 +124,7 @@ def _hardware(hardware: dict[str, object], outputs: Path) -> Iterator[MachineFac
 
     for name in ("processor", "cores", "memory_gib"):
         yield MachineFact("machine", name.replace("_gib", ", GiB"), str(hardware[name]))
-    gpus = hardware["gpus"] or "none: everything runs on the processor"
+    gpus = hardware["gpus"] or "none: everything runs on the CPU"
     yield MachineFact("machine", "GPU", str(gpus), _note(bool(hardware["gpus"])))
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     threads = torch.get_num_threads()

@@ -23,5 +23,5 @@ def default_outputs() -> Path:
 
 
 def other_than_default(outputs: Path) -> str | None:
-    """The folder as an ``outputs=`` of a command; None for the default, which no command has to name."""
+    """The folder for ``outputs=`` of a command; None for the default, which needs no key."""
     return None if outputs.absolute() == default_outputs() else str(outputs.absolute())

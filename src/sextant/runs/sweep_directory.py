@@ -104,7 +104,7 @@ class SweepPlan:
 
     @property
     def own_words(self) -> list[str]:
-        """The overrides that it was called with, but for the choice of a block."""
+        """The overrides that it was called with, except the choice of a block."""
         return [word for word in self.command if "sweep.block=" not in word]
 
     @property
@@ -142,18 +142,18 @@ def read_plan(directory: Path) -> SweepPlan:
         return SweepPlan(**{**found, "cells": [Cell(**cell) for cell in found["cells"]]})
     except (TypeError, KeyError):
         raise UserError(
-            f"{directory}/cells.json is missing or damaged", "Run the sweep again: what is finished is kept."
+            f"{directory}/cells.json is missing or damaged", "Run the sweep again: finished runs are kept."
         ) from None
 
 
 def read_plans(outputs: Path, reporter: Reporter = SILENT) -> dict[Path, SweepPlan]:
-    """Read the plans of all sweeps, by directory; the reporter is told of damaged plans, which are skipped."""
+    """Read the plans of all sweeps, by directory; damaged plans are reported and skipped."""
     found: dict[Path, SweepPlan] = {}
     for directory in sorted(file.parent for file in outputs.glob("sweeps/*/cells.json")):
         try:
             found[directory] = read_plan(directory)
         except UserError as error:
-            reporter.say(f"{error.problem}, and is passed over")
+            reporter.say(f"{error.problem}, and is skipped")
     return found
 
 
@@ -163,7 +163,7 @@ def report_command(directory: Path) -> str:
 
 
 def attach_command(directory: Path, verb: str = "attach") -> str:
-    """The command that goes on with the sweep in a directory, or does something else with it."""
+    """The ``sextant sweep`` command for the sweep in a directory, by default ``attach``."""
     return command("sweep", verb, directory.name, outputs=other_than_default(directory.absolute().parents[1]))
 
 
@@ -173,7 +173,7 @@ def find_sweep(reference: str, outputs: Path, reporter: Reporter = SILENT) -> Pa
     Args:
         reference: name, directory or parent run of the sweep.
         outputs: output folder.
-        reporter: is told of damaged plans that are skipped, as any of them may have that name.
+        reporter: receives messages about damaged plans that are skipped, as any of them may have that name.
 
     Raises:
         UserError: the sweep does not exist, or it has not run here; an unknown sweep lists those that have run.
@@ -192,7 +192,7 @@ def find_sweep(reference: str, outputs: Path, reporter: Reporter = SILENT) -> Pa
             return file.parent
     if (conf_dir() / "sweep" / f"{reference}.yaml").is_file():
         raise UserError(
-            f"sweep={reference} has not run here: nothing of it lies in {outputs}",
+            f"sweep={reference} has not run here: {outputs} has no files of it",
             f"Run it: {command('train', '-m', f'sweep={reference}')}. If it ran into another folder: outputs=<folder>.",
         )
     names = ", ".join(dict.fromkeys(plan.name for _, plan in plans))

@@ -26,7 +26,7 @@ _ERRORS_ONLY = _ErrorsOnly()
 
 
 def quiet_libraries() -> None:
-    """Turn off telemetry, adverts and the libraries' progress bars, and give up soon on a server that does not answer.
+    """Turn off telemetry, adverts and the libraries' progress bars, and give up early on an unresponsive server.
 
     Variables that the user has set are kept.
     """

@@ -13,8 +13,11 @@ from sextant.runs.history import read_history
 from sextant.tracking.store import Store, how_to_fill
 
 Status = Literal["RUNNING", "FINISHED", "FAILED", "KILLED"]
-PARENT = "mlflow.parentRunId"
-#: keys of a config that a list of runs shows beside the parts
+PARENT, NOTE = "mlflow.parentRunId", "mlflow.note.content"
+#: tag with the main metric of a run
+RESULT = "sextant.result"
+DIVERGED = "This run diverged."
+#: keys of a config that a list of runs shows next to its parts
 LOOKED_FOR = ("seed", "optimizer.lr", "trainer.max_epochs", "trainer.batch_size")
 BATCH = 1000
 FLUSH_EVERY_S = 2.0
@@ -29,7 +32,7 @@ class MirroredRun:
     Args:
         store: the tracking store.
         run_id: an open MLflow run.
-        reporter: is told of a failure.
+        reporter: receives a message if the store fails.
 
     Attributes:
         broken: whether the store failed; nothing is sent afterwards.
@@ -99,11 +102,11 @@ class MirroredRun:
             return
         try:
             call()
-        except Exception as error:  # whatever the store raises, the run directory is complete
+        except Exception as error:  # the run directory is complete, whatever the store raises
             self.broken = True
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             self.reporter.say(
-                f"The tracking store failed and is left alone for now ({reason}). "
+                f"The tracking store failed; this run sends it nothing more ({reason}). "
                 f"Nothing is lost: the next run that logs there fills it from the run directories, "
                 f"and so does {how_to_fill(self.store)}"
             )
@@ -157,13 +160,13 @@ def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status) 
         step = int(results.get("steps", 0))
         logged = {name for line in read_history(directory.history) if line["step"] == step for name in line["metrics"]}
         final = {name: value for name, value in results["metrics"].items() if value is not None}
-        mirror.log({name: value for name, value in final.items() if name not in logged}, step, milliseconds(ended))
+        names = sorted(final, key=lambda name: name != main_metric(final))  # MLflow lists them in this order
+        mirror.log({name: final[name] for name in names if name not in logged}, step, milliseconds(ended))
         mirror.tags({"sextant.outcome": str(results["outcome"])})
     failure = directory.state().get("failure")
     if failure:
         mirror.tags({"sextant.failure": str(failure)})
-    if why := why_diverged(directory):
-        mirror.tags({"mlflow.note.content": why})
+    mirror._try(lambda: describe(mirror, directory))
     for path in (directory.config, directory.metrics, directory.figures, directory.path / "trajectories"):
         mirror.artifacts(path)
     if note is not None and note["log_checkpoint"]:
@@ -174,12 +177,50 @@ def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status) 
     return not mirror.broken
 
 
+def main_metric(metrics: Mapping[str, Any]) -> str:
+    """The first metric of the test; without a test, the first metric; empty if there is none.
+
+    >>> main_metric({"val/accuracy": 0.7, "test/accuracy/clean": 0.6, "test/accuracy/fog/1": 0.5})
+    'test/accuracy/clean'
+    """
+    return next((name for name in metrics if name.startswith("test/")), next(iter(metrics), ""))
+
+
+def main_result(directory: RunDirectory) -> str:
+    """The main metric of a run and its value; its outcome if it has no metrics, and empty if it has no results."""
+    results = directory.results() or {"metrics": {}, "outcome": ""}
+    metrics = {name: value for name, value in results["metrics"].items() if value is not None}
+    name = main_metric(metrics)
+    return f"{name} = {metrics[name]:.4g}" if name else str(results["outcome"])
+
+
+def described(directory: RunDirectory, about: str = "") -> str:
+    """The description of a run: why it diverged if it did, its main metric, and what it is."""
+    result = main_result(directory)
+    parts = (why_diverged(directory), f"**{result}**" if "=" in result else "", about)
+    return "\n\n".join(part for part in parts if part)
+
+
+def describe(mirror: MirroredRun, directory: RunDirectory) -> bool:
+    """Tag a run with its main metric and describe it; return False if it is up to date. The user's text is kept."""
+    result, tags = main_result(directory), mirror.store.client.get_run(mirror.run_id).data.tags
+    if not result or tags.get(RESULT) == result:
+        return False
+    note, former = tags.get(NOTE, ""), f"**{tags.get(RESULT)}**"
+    if former in note:
+        note = note.replace(former, f"**{result}**", 1)
+    elif not note or note.startswith(DIVERGED):
+        note = described(directory)
+    mirror.tags({RESULT: result, NOTE: note})
+    return True
+
+
 def why_diverged(directory: RunDirectory) -> str:
-    """What the description of a run says that diverged; empty for others."""
+    """Why a run diverged, for its description; empty for other runs."""
     results = directory.results()
     if results is None or results["outcome"] != "diverged":
         return ""
-    return f"This run diverged. {results.get('message') or 'It did not learn.'}"
+    return f"{DIVERGED} {results.get('message') or 'It did not learn.'}"
 
 
 def note_of(directory: RunDirectory, store: Store) -> dict[str, Any] | None:
@@ -203,14 +244,14 @@ def milliseconds(seconds: float) -> int:
 
 
 def known_run(store: Store, run_ids: list[str], *, deleted: bool = False) -> str | None:
-    """The newest of these MLflow runs that the store still has; with ``deleted``, runs deleted by a user count too."""
+    """The newest of these MLflow runs that the store has; with ``deleted``, also runs that a user deleted."""
     from mlflow.exceptions import MlflowException
 
     for run_id in reversed(run_ids):
         try:
             run = store.client.get_run(run_id)
         except MlflowException as error:
-            if error.error_code != "RESOURCE_DOES_NOT_EXIST":  # a store that does not answer may still have it
+            if error.error_code != "RESOURCE_DOES_NOT_EXIST":  # a store that does not respond may have it
                 raise
             continue
         if deleted or run.info.lifecycle_stage == "active":

@@ -6,7 +6,16 @@ from sextant.errors import UserError
 from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import RunDirectory, all_runs
 from sextant.runs.locks import LockedError, run_lock
-from sextant.tracking.mirror import MirroredRun, Status, ended_at, finish_mirror, known_run, note_of, open_mirror
+from sextant.tracking.mirror import (
+    MirroredRun,
+    Status,
+    describe,
+    ended_at,
+    finish_mirror,
+    known_run,
+    note_of,
+    open_mirror,
+)
 from sextant.tracking.store import Kind, Store, open_store, require_server, telling_store_errors
 from sextant.tracking.sweep_parent import refill_parents
 
@@ -19,9 +28,9 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: R
     Args:
         store: the tracking store.
         outputs: output folder with the run directories.
-        all_of_them: false considers only runs and sweeps that log to this store, and of these only what it did not
-            receive, unless it lost its database.
-        reporter: is told of each run that is sent, of refusals by the store, and of unreadable sweeps.
+        all_of_them: false sends only what the store has not received of the runs and sweeps that log to it, or all of
+            these if it lost its database.
+        reporter: receives messages about each run sent, refusals by the store, and unreadable sweeps.
 
     Returns:
         The number of runs and parents of sweeps that were created or repaired.
@@ -45,7 +54,7 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: R
             refused.append(f"{directory.path.parent.name}/{directory.path.name}")
     parents = refill_parents(store, outputs, changed, all_of_them=all_of_them, reporter=reporter)
     if refused:
-        raise UserError(f"the tracking store {store.uri} did not take {', '.join(refused)}", "Its message is above.")
+        raise UserError(f"the tracking store {store.uri} refused {', '.join(refused)}", "Its message is above.")
     return len(changed) + parents
 
 
@@ -55,7 +64,7 @@ def catch_up(kind: Kind, uri: str | None, outputs: Path, reporter: Reporter) -> 
         with telling_store_errors(uri, outputs):
             store = open_store(kind, uri, outputs)
             refill(store, outputs, all_of_them=False, reporter=reporter)
-    except Exception as error:  # whatever the store raises, the run directories are complete
+    except Exception as error:  # the run directories are complete, whatever the store raises
         reason = error.problem if isinstance(error, UserError) else str(error)
         reporter.say(f"The tracking store lacks some of the earlier runs: {reason}")
 
@@ -79,7 +88,7 @@ def _refill_one(store: Store, directory: RunDirectory, reporter: Reporter) -> bo
         if whole and store.client.get_run(known).info.status == status:
             if note is not None and not note["sent"]:
                 directory.update_state({"tracking": {**note, "sent": True}})
-            return None
+            return describe(MirroredRun(store, known), directory) or None
     reporter.say(f"filling {directory.path.parent.name}/{directory.path.name}")
     sent = finish_mirror(_open(store, directory, reporter), directory, status)
     if not sent and store.artifacts is None:
@@ -95,7 +104,7 @@ def _open(store: Store, directory: RunDirectory, reporter: Reporter) -> Mirrored
 
 
 def _behind(store: Store, outputs: Path) -> list[RunDirectory]:
-    """The runs that log to this store and that it did not receive.
+    """The runs that log to this store but that it has not received.
 
     If the store lacks the oldest or the newest run that it once had, its database was lost or replaced by an older
     copy. All runs that log to it are returned then.

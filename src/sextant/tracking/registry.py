@@ -15,7 +15,7 @@ from sextant.tracking.store import Store
 if TYPE_CHECKING:
     from mlflow.models import ModelSignature
 
-#: names of the artifact that holds a model's checkpoint, and of the column of photos
+#: names of the artifact with a model's checkpoint, and of the column of images
 CHECKPOINT, IMAGE = "checkpoint", "image"
 
 
@@ -27,7 +27,7 @@ class Answers(Protocol):
 
 
 def serve(load: Callable[[Path], Answers]) -> None:
-    """Define the model that MLflow serves; called by the code file that is kept with a model.
+    """Define the model that MLflow serves; called by the code file stored with a model.
 
     The model takes a table with a column ``image``, the bytes of image files of any kind and size.
 
@@ -70,7 +70,7 @@ class Registration:
 
     Attributes:
         name: name of the model in the registry.
-        code: file that calls :func:`serve`; it is kept with the model, and nothing is pickled.
+        code: file that calls :func:`serve`; it is stored with the model, and nothing is pickled.
         checkpoint: checkpoint of the model.
         card: model card.
         experiment: experiment that shows the model.

@@ -1,9 +1,9 @@
 """MLflow's server, which ends when the process that started it ends, however that happens.
 
-Between the two runs a guard, a process out of reach of signals to the terminal or the process group. It reads from a
-pipe whose other end only the starter holds. The system closes the pipe when the starter ends, and the guard then ends
-everything that it started. A signal at the parent's death (``PR_SET_PDEATHSIG``) would reach only the server and none
-of its workers.
+A guard process runs between the two; signals to the terminal or the process group do not reach it. It reads from a
+pipe of which only the starter holds the other end. The system closes the pipe when the starter ends, and the guard then
+ends everything that it started. A signal at the parent's death (``PR_SET_PDEATHSIG``) would reach only the server and
+none of its workers.
 """
 
 import ctypes
@@ -30,7 +30,8 @@ WITHOUT_JOBS = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
 def server_command(host: str, port: int, database: str, artifacts: str) -> list[str]:
     """The command that serves an MLflow database and a folder of artifacts, both given as addresses."""
     return [
-        *(sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port), "--workers", "1"),
+        *(sys.executable, "-m", "sextant.tracking.training_view", "server", "--app-name", "sextant"),
+        *("--host", host, "--port", str(port), "--workers", "1"),
         *("--backend-store-uri", database, "--artifacts-destination", artifacts),
         *("--uvicorn-opts", "--log-level error --no-access-log"),
     ]
@@ -53,7 +54,7 @@ def free_port(host: str, first: int) -> int:
 def guarded(command: Sequence[str]) -> Iterator["subprocess.Popen[bytes]"]:
     """Run a command while the block runs; the command and its children end when the block or this process ends.
 
-    What it writes to standard output is dropped: of MLflow's server that are its settings, while errors go elsewhere.
+    Its standard output is dropped: MLflow's server writes only its settings there, and errors to standard error.
 
     Yields:
         The guard process, which ends with the command and has its exit status.
@@ -86,7 +87,7 @@ def main(command: Sequence[str]) -> int:
     def pass_on() -> None:
         for line in child.stderr or ():
             if not line.startswith(EXPECTED):
-                with suppress(OSError):  # it is read on, so that the server never waits
+                with suppress(OSError):  # reading continues, so that the server never blocks
                     os.write(sys.stderr.fileno(), line)
 
     passing = threading.Thread(target=pass_on, daemon=True)

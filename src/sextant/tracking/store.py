@@ -22,14 +22,26 @@ from sextant.runs.outputs_folder import other_than_default
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
+    from mlflow.entities import Experiment
 
 Kind = Literal["sqlite", "server"]
 
-HOW_TO_READ = (
-    "Runs with a plus sign are sweeps: their page has the question, the command and what was found. Their runs are "
-    "named by arm, setting and seed. To compare runs, select them and choose *Compare*; group the list by the tag "
-    "`arm` to see an arm's mean."
-)
+#: id of the experiment that MLflow makes with each store
+DEFAULT = "0"
+KIND, NOTE = "mlflow.experimentKind", "mlflow.note.content"
+#: how descriptions begin that this program wrote, in this and earlier versions; others are the user's
+OURS = "Runs with a plus sign are sweeps"
+HOW_TO_READ = f"""{OURS}.
+
+| in the list | meaning |
+| --- | --- |
+| a run with a plus sign | a sweep: name, digest, arms. Its page has the question, the results and the command |
+| a run below it | one cell: arm, setting, seed, digest. Its description begins with the main metric |
+| tag `arm` | *Group by* it to average over the seeds of an arm |
+| tag `sextant.outcome` | `finished` or `diverged`; a sweep's metric `runs/diverged` counts the latter |
+
+To compare runs, select them and choose *Compare*.
+"""
 
 
 @dataclass(frozen=True)
@@ -47,13 +59,13 @@ class Store:
     artifacts: Path | None
 
     def is_at(self, kind: str | None, uri: str | None) -> bool:
-        """Whether this is the store that the keys ``tracking.kind`` and ``tracking.uri`` name."""
+        """Whether the keys ``tracking.kind`` and ``tracking.uri`` refer to this store."""
         if self.artifacts is not None:
             return kind == "sqlite"
         return kind == "server" and (uri or "").rstrip("/") == self.uri.rstrip("/")
 
     def experiment_id(self, name: str) -> str:
-        """The id of an experiment, created if it does not exist; safe if two processes ask at once."""
+        """The id of an experiment, created if it does not exist; safe for concurrent processes."""
         from mlflow.exceptions import MlflowException
 
         found = self.client.get_experiment_by_name(name)
@@ -67,10 +79,30 @@ class Store:
                     raise
         if found.lifecycle_stage == "deleted":
             self.client.restore_experiment(found.experiment_id)
-        for key, value in experiment_tags(name).items():
-            if key not in found.tags:  # the user's own text is kept
-                self.client.set_experiment_tag(found.experiment_id, key, value)
+        self._tag(found)
         return str(found.experiment_id)
+
+    def tidy(self) -> None:
+        """Bring the tags of all experiments up to date, and delete MLflow's *Default* from an embedded store if empty.
+
+        A deleted experiment can be restored in MLflow.
+        """
+        from mlflow.entities import ViewType
+
+        for found in self.client.search_experiments():
+            if found.experiment_id != DEFAULT:
+                self._tag(found)
+            elif self.artifacts is not None and not self.client.search_runs(
+                [DEFAULT], run_view_type=ViewType.ALL, max_results=1
+            ):
+                self.client.delete_experiment(DEFAULT)
+
+    def _tag(self, found: "Experiment") -> None:
+        """Set the tags that an experiment lacks, and replace a description of an earlier version; keep the user's."""
+        for key, value in experiment_tags(found.name).items():
+            present = found.tags.get(key)
+            if present is None or (present != value and key == NOTE and OURS in present):
+                self.client.set_experiment_tag(found.experiment_id, key, value)
 
 
 def experiment_tags(name: str) -> dict[str, str]:
@@ -80,11 +112,11 @@ def experiment_tags(name: str) -> dict[str, str]:
     """
     about = chapter_of(name).about if name in CHAPTERS else "Runs of Sextant."
     note = f"{about}\n\n{HOW_TO_READ}"
-    return {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": note}
+    return {KIND: "custom_model_development", NOTE: note}
 
 
 def _folder_name(experiment: str) -> str:
-    """The name of the folder for an experiment's artifacts, whose name may be one of no single folder."""
+    """The name of the folder for an experiment's artifacts; the experiment's name may not be a valid folder name."""
     return experiment.replace("/", "_").lstrip(".").encode()[:200].decode(errors="ignore") or "_"
 
 
@@ -125,7 +157,7 @@ def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
         except (sqlite3.Error, MlflowException) as error:
             raise UserError(
                 f"{database} cannot be opened as a tracking store: {str(error).splitlines()[0]}",
-                "Move it away: it is a mirror, and a new one is filled from the run directories by "
+                "Move it away: it is only a mirror, and a new one can be filled from the run directories with "
                 f"{command('dashboard', outputs=other_than_default(outputs))}",
             ) from None
     return Store(client, uri, artifacts)
@@ -179,12 +211,12 @@ def require_server(uri: str) -> None:
     """Check that an MLflow server answers.
 
     Raises:
-        UserError: it does not answer within half a minute, as a server under heavy load may be slow.
+        UserError: it does not respond within half a minute, which allows for heavy load.
     """
     try:
         urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=30.0).close()
     except urllib.error.HTTPError:
-        return  # something answers; whether it is MLflow is seen later
+        return  # something responds; later requests show whether it is MLflow
     except (OSError, ValueError) as error:
         reason = getattr(error, "reason", error)
         raise UserError(

@@ -1,4 +1,4 @@
-"""The MLflow run that stands for a sweep; its cells are its children."""
+"""The MLflow run of a sweep, the parent of the runs of its cells."""
 
 import time
 from collections.abc import Container, Mapping, Sequence
@@ -13,14 +13,15 @@ from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import LockedError, run_lock
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan, read_plans
 from sextant.tracking.mirror import (
+    NOTE,
     PARENT,
     MirroredRun,
     Status,
     clean_params,
+    described,
     ended_at,
     known_run,
     milliseconds,
-    why_diverged,
 )
 from sextant.tracking.store import Kind, Store, open_store, require_server, telling_store_errors
 
@@ -30,6 +31,10 @@ PAGE, PICTURES = "page.json", "page"
 PARENT_ID = "PARENT"
 #: metric of the page: number of runs that have ended
 DONE = "runs/done"
+#: tag of a parent with the version of its page; stores and pages of other versions are brought up to date
+VERSION, PRESENT = "sextant.page", "2"
+#: largest number of arms in the name of a sweep's run
+MOST_ARMS = 4
 
 
 def open_parent(kind: Kind, uri: str | None, outputs: Path, plan: SweepPlan, experiment: str) -> MirroredRun:
@@ -53,10 +58,11 @@ def _find_or_make(store: Store, experiment_id: str, plan: SweepPlan, outputs: Pa
     found = store.client.search_runs([experiment_id], query, max_results=1)  # created, but killed before the record
     if found:
         return MirroredRun(store, found[0].info.run_id)
-    tags = {"mlflow.runName": plan.title, "sextant.sweep": key, "sextant.command": " ".join(plan.command)}
+    name = parent_name(plan)
+    tags = {"mlflow.runName": name, "sextant.sweep": key, "sextant.command": " ".join(plan.command)}
     if plan.definition.get("question"):
-        tags["mlflow.note.content"] = str(plan.definition["question"])
-    made = store.client.create_run(experiment_id, start_time=began, tags=tags, run_name=plan.title)
+        tags[NOTE] = str(plan.definition["question"])
+    made = store.client.create_run(experiment_id, start_time=began, tags=tags, run_name=name)
     return MirroredRun(store, made.info.run_id)
 
 
@@ -71,7 +77,7 @@ def send_page(parent: MirroredRun, directory: Path) -> None:
     if page is None:
         return
     text = str(page["text"]).replace(PARENT_ID, parent.run_id)
-    parent.tags({"mlflow.note.content": text, **page["tags"], **page.get("own_tags", {})})  # a page of before has none
+    parent.tags({NOTE: text, **page["tags"], **page.get("own_tags", {})})  # a page of before has none
     parent.params(page["params"])
     parent.log(page["metrics"], page["step"], milliseconds(time.time()))
     parent.flush()
@@ -85,7 +91,7 @@ def label_cells(
     tags: Mapping[str, str] = MappingProxyType({}),
     named: Container[str] = (),
 ) -> set[str]:
-    """Name the runs of a sweep by arm, setting and seed, and tag them; arms that read answers of one run share it.
+    """Name the runs of a sweep by arm, setting, seed and digest, and tag them; arms that evaluate one run share it.
 
     A run that no sweep made becomes part of this one; a run of another sweep keeps its name. Runs in ``named`` are
     skipped. Returns the runs that have a name now.
@@ -101,14 +107,13 @@ def label_cells(
             continue
         found_now.add(run)
         arms, first = [cell.arm for cell in of_run], of_run[0]
-        name = run_name(arms, first.setting, first.seed)
+        name = run_name(arms, first.setting, first.seed, first.digest)
         _tie(parent, plan, RunDirectory(outputs / run))
         known = parent.store.client.get_run(found)
         if known.info.run_name != name and known.data.tags.get(PARENT, parent.run_id) == parent.run_id:
-            note = f"{name}, of the sweep {plan.name}. {plan.definition.get('question') or ''}".rstrip()
-            note += f"\n\n{why}" if (why := why_diverged(RunDirectory(outputs / run))) else ""
+            about = f"{name}, of the sweep {plan.name}. {plan.definition.get('question') or ''}".rstrip()
             own = {"mlflow.runName": name, "arm": " + ".join(arms), "setting": first.setting, "sweep": plan.name}
-            own["mlflow.note.content"] = note
+            own[NOTE] = described(RunDirectory(outputs / run), about)
             child = MirroredRun(parent.store, found)
             child.tags({**own, **tags})
             child.params(clean_params(RunDirectory(outputs / run).state().get("params", {}), _varied(plan)))
@@ -124,13 +129,26 @@ def _varied(plan: SweepPlan) -> list[str]:
     return list(dict.fromkeys([*plan.cells[0].factors, *space, *keys]))
 
 
-def run_name(arms: Sequence[str], setting: str, seed: int) -> str:
+def run_name(arms: Sequence[str], setting: str, seed: int, digest: str) -> str:
     """The name of a run of a sweep.
 
-    >>> run_name(["push_pull"], "lenet_a", 3)
-    'push_pull lenet_a seed 3'
+    >>> run_name(["push_pull"], "lenet_a", 3, "94bbbd32f6507c70")
+    'push_pull lenet_a seed 3 (94bbbd32)'
     """
-    return " ".join([" + ".join(arms), *([] if setting == "-" else [setting]), f"seed {seed}"])
+    return " ".join([" + ".join(arms), *([] if setting == "-" else [setting]), f"seed {seed}", f"({digest[:8]})"])
+
+
+def parent_name(plan: SweepPlan) -> str:
+    """The name of the run of a sweep: its title, its digest and its first arms; a search has trials in place of arms.
+
+    >>> cells = [Cell({}, arm, 0, 0, "94bbbd32", "runs/a/b") for arm in ("conv", "push_pull")]
+    >>> parent_name(SweepPlan("demo", {"arms": {"conv": {}, "push_pull": {}}}, [], cells))
+    'demo 75b6f062: conv, push_pull'
+    """
+    arms = [] if plan.is_search else list(plan.definition.get("arms") or {})
+    listed = ", ".join([*arms[:MOST_ARMS], *(["..."] if len(arms) > MOST_ARMS else [])])
+    title = f"{plan.title} {plan.digest[:8]}"
+    return f"{title}: {listed}" if listed and listed not in plan.title else title
 
 
 def log_report(outputs: Path, plan: SweepPlan, report: Path) -> None:
@@ -158,7 +176,7 @@ def refill_parents(
         outputs: output folder with the sweeps.
         changed: run directories whose MLflow runs may have been recreated.
         all_of_them: false considers only sweeps that log to this store and have had a parent in it.
-        reporter: is told of unreadable sweeps.
+        reporter: receives messages about unreadable sweeps.
 
     Returns:
         The number of parent runs that were created, ended or brought up to date.
@@ -206,7 +224,7 @@ def _repair(store: Store, outputs: Path, plan: SweepPlan, changed: Sequence[RunD
         parent = MirroredRun(store, known)
     for run in runs if known is None else [run for run in runs if run in changed]:
         _tie(parent, plan, run)
-    behind = known is None or _behind(store, known, directory)
+    behind = known is None or _rename(parent, plan) or _behind(store, known, directory)
     if behind or any(run in changed for run in runs):
         label_cells(parent, plan, outputs, (read_json(directory / PAGE) or {}).get("tags", {}))
     if behind:
@@ -215,6 +233,14 @@ def _repair(store: Store, outputs: Path, plan: SweepPlan, changed: Sequence[RunD
     if parent.broken and store.artifacts is None:
         require_server(store.uri)
     return behind
+
+
+def _rename(parent: MirroredRun, plan: SweepPlan) -> bool:
+    """Give a parent that has the name of an earlier version its present one; return whether it did."""
+    is_former = bool(parent.store.client.get_run(parent.run_id).info.run_name == plan.title)
+    if is_former:
+        parent.tags({"mlflow.runName": parent_name(plan)})
+    return is_former
 
 
 def _tie(parent: MirroredRun, plan: SweepPlan, run: RunDirectory) -> None:
@@ -229,10 +255,13 @@ def _tie(parent: MirroredRun, plan: SweepPlan, run: RunDirectory) -> None:
 
 
 def _behind(store: Store, parent: str, directory: Path) -> bool:
-    """Whether the parent has not ended, or its count of ended runs differs from the page in the sweep's directory."""
+    """Whether the parent has not ended, or the page in the sweep's directory has another count of runs or version."""
     found, page = store.client.get_run(parent), read_json(directory / PAGE)
-    counted = None if page is None else page["metrics"].get(DONE)
-    return found.info.status == "RUNNING" or (counted is not None and found.data.metrics.get(DONE) != counted)
+    is_running = bool(found.info.status == "RUNNING")
+    if page is None or is_running:
+        return is_running
+    version = page.get("own_tags", {}).get(VERSION)
+    return bool(found.data.metrics.get(DONE) != page["metrics"].get(DONE) or found.data.tags.get(VERSION) != version)
 
 
 def _deleted(store: Store, plan: SweepPlan) -> bool:

@@ -1,1 +1,1 @@
-"""What the Lightning modules of several chapters share: optimisers, schedules, losses by step, processes."""
+"""Shared parts of the Lightning modules of several chapters: optimisers, schedules, losses by step, processes."""

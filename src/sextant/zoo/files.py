@@ -70,7 +70,7 @@ def read_card(path: Path) -> dict[str, Any]:
         if isinstance(found, dict) and isinstance(found.get("sha256"), str) and set(found.get(MODEL) or ()) >= NEEDED:
             return found
     except FileNotFoundError:
-        raise UserError(f"{path} needs a card {card.name} beside it, which is missing", REINSTALL) from None
+        raise UserError(f"{path} has no card beside it: {card.name} is missing", REINSTALL) from None
     except (OSError, ValueError):
         pass
     raise UserError(f"{card} is damaged: it is not the card of a model", REINSTALL)
@@ -154,7 +154,7 @@ def _readable(card: Mapping[str, Any]) -> str:
 
 
 def _halved(tensor: "Tensor") -> "Tensor":
-    """A copy, in half precision for two dimensions or more; vectors, such as biases and statistics, and tensors fitted in
+    """A copy, in half precision for two dimensions or more; vectors, such as biases and statistics, and tensors in
     double precision keep theirs. Tensors in a file must not share memory, hence the copy.
     """
     single = tensor.is_floating_point() and tensor.element_size() <= 4

@@ -59,7 +59,7 @@ def test_what_the_network_saw_is_told_in_whole_pixels(calibrator, tmp_path, monk
     monkeypatch.setattr(Fake, "predict", lambda self, images, aspect: tell(self, images[..., :18, :24], aspect))
     calibrator.network.spec = replace(calibrator.network.spec, aspects=(1.1,), width=80, height=70)
     (said,) = [each for each in calibrator.calibrate(photo(tmp_path / "a.png")).reasons if "fewer than" in each]
-    assert "of 80x60 pixels the network saw 66x60, fewer than the 80x70" in said
+    assert "of 80x60 pixels the network used 66x60, fewer than the 80x70" in said
 
 
 def test_what_a_run_trained_calibrates_without_its_module(checkpoint, tmp_path):
@@ -192,7 +192,7 @@ def test_a_prior_that_has_no_meaning_is_refused(calibrator, prior, tmp_path):
 @pytest.mark.parametrize("prior", [0.5, 1e9])
 def test_a_prior_that_no_photo_can_have_is_refused(calibrator, prior, tmp_path):
     for calibrate in (calibrator.calibrate_many, calibrator.one_camera):
-        with pytest.raises(UserError, match="of a photo 60 pixels high are sought from 9 to 3600 pixels"):
+        with pytest.raises(UserError, match="of a photo 60 pixels high must be from 9 to 3600 pixels"):
             calibrate([photo(tmp_path / "a.png")], focal_prior=prior)
 
 

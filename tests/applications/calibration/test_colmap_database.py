@@ -215,13 +215,13 @@ def test_the_command_writes_it_and_never_over_one(tmp_path, opened):
     paths = [photo(tmp_path / f"{k}.png") for k in range(2)]
     calibrate(paths, tmp_path / "out", colmap=True)
     assert opened(tmp_path / "out" / "colmap" / "database.db").num_images() == 2
-    with pytest.raises(UserError, match=r"database\.db is there already"):
+    with pytest.raises(UserError, match=r"database\.db already exists"):
         calibrate(paths, tmp_path / "out", colmap=True)
 
 
 def test_what_is_no_file_is_refused(tmp_path):
     cameras = calibrated([np.full((60, 80, 3), 70, np.uint8)])
-    with pytest.raises(ArgumentError, match=r"photos\[0\] is no file"):
+    with pytest.raises(ArgumentError, match=r"photos\[0\] is not a file"):
         write_colmap(cameras, tmp_path)
     with pytest.raises(ArgumentError, match="there is no camera"):
         write_colmap([], tmp_path)

@@ -22,9 +22,9 @@ SURE = (0.02, 0.01, math.radians(5) / 1.38, 0.05)
         (Fake(scale=(0.02, 0.01, 0.03, 0.5)), (80, 60), "not trustworthy", "apparent distortion: 68 % interval"),
         (Fake(scores=1), (80, 60), "not trustworthy", "field of view: 68 % interval ±inf"),
         (Fake(scale=(float("nan"), 0.01, 0.03, 0.05)), (80, 60), "not trustworthy", "tilt"),
-        (Fake(), (400, 60), "weak", "saw only 20% of the photo"),
+        (Fake(), (400, 60), "weak", "covers only 20% of the photo"),
         (Fake(), (32, 32), "good", None),
-        (Fake(place=0.995), (80, 60), "weak", "at the end of what the network was trained on"),
+        (Fake(place=0.995), (80, 60), "weak", "at the end of the network's training range"),
         (Fake(place=float("nan")), (80, 60), "weak", "at the end"),
     ],
 )
@@ -52,9 +52,9 @@ class Ranged(Fake):
     ("grey", "verdict", "says"),
     [
         (70, "good", None),  # 71 degrees
-        (120, "weak", "the 95 % interval reaches beyond what the network was trained on: field of view"),  # 45
-        (50, "weak", "the 95 % interval reaches beyond what the network was trained on: field of view"),  # 90
-        (150, "weak", "at the end of what the network was trained on: size; the truth may lie beyond"),  # 37
+        (120, "weak", "the 95 % interval extends beyond the network's training range: field of view"),  # 45
+        (50, "weak", "the 95 % interval extends beyond the network's training range: field of view"),  # 90
+        (150, "weak", "at the end of the network's training range: size; the true value may lie beyond it"),  # 37
     ],
 )
 def test_a_camera_near_the_end_of_those_trained_on_is_not_good_however_sure(tmp_path, grey, verdict, says):
@@ -69,8 +69,8 @@ def test_a_focal_length_that_is_known_takes_the_doubt_away(tmp_path):
     model, path = Ranged(scale=SURE), photo(tmp_path / "a.png", grey=120)
     (alone,) = calibrate([path], tmp_path / "1", model)
     (known,) = calibrate([path], tmp_path / "2", model, focal_prior=70.0)
-    assert "reaches beyond" in " ".join(alone["confidence"]["reasons"])
-    assert "reaches beyond" not in " ".join(known["confidence"]["reasons"])
+    assert "extends beyond" in " ".join(alone["confidence"]["reasons"])
+    assert "extends beyond" not in " ".join(known["confidence"]["reasons"])
 
 
 @pytest.mark.slow
@@ -80,7 +80,7 @@ def test_a_photo_that_looks_like_nothing_trained_on_is_told(tmp_path, strange, v
     model.strangeness = strange
     (row,) = calibrate([photo(tmp_path / "a.png")], tmp_path / "out", model)
     assert row["confidence"]["verdict"] == verdict
-    assert ("does not look like" in " ".join(row["confidence"]["reasons"])) == (verdict == "weak")
+    assert ("does not resemble" in " ".join(row["confidence"]["reasons"])) == (verdict == "weak")
 
 
 def test_a_photo_smaller_than_the_input_is_weak(tmp_path):
@@ -89,7 +89,7 @@ def test_a_photo_smaller_than_the_input_is_weak(tmp_path):
     model.predict = lambda images, aspect: Fake.predict(Fake(), images[:, :, :18, :24], aspect)
     (row,) = calibrate([photo(tmp_path / "a.png", (32, 32))], tmp_path / "out", model)
     assert row["confidence"]["verdict"] == "weak"
-    assert "of 32x32 pixels the network saw" in row["confidence"]["reasons"][0]
+    assert "of 32x32 pixels the network used" in row["confidence"]["reasons"][0]
 
 
 def test_a_focal_length_by_exif_that_disagrees_is_told_though_not_used(tmp_path):

@@ -40,14 +40,14 @@ def test_place_paper_and_ink_do_not_matter(other):
 
 
 def test_an_empty_sheet_is_named():
-    with pytest.raises(UserError, match="nothing to be seen"):
+    with pytest.raises(UserError, match="the picture is blank"):
         digit_of(np.full((280, 280, 3), 255, np.uint8))
 
 
 @pytest.mark.parametrize("shape", [(30, 600, 3), (200, 400, 3)])
 def test_a_strip_or_panorama_is_no_digit(shape):
     street = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
-    with pytest.raises(UserError, match="times as wide as high, and no digit is"):
+    with pytest.raises(UserError, match="times as wide as high, which no digit is"):
         digit_of(street)
 
 

@@ -98,5 +98,5 @@ def test_a_strip_is_not_trusted(calibrator, tmp_path):
 
 def test_what_is_no_photo_is_refused(calibrator, tmp_path):
     (tmp_path / "video.jpg").write_bytes(b"\x00\x00\x00\x18ftypmp42" + bytes(500))
-    with pytest.raises(UserError, match="is a video, no photo"):
+    with pytest.raises(UserError, match="is a video, not a photo"):
         photo_answer(calibrator, tmp_path / "video.jpg")

@@ -346,7 +346,7 @@ FOLDERS = {
         ["3 photos of one camera (Apple iPhone 12)", "camera=one", "focal_prior=exif", "Apple iPhone 12, f 259 px"],
     ),
     "no EXIF": (photos, ["if one camera with one zoom took them all", "camera=one"]),
-    "mixed cameras": (_mixed, ["4 photos of 2 cameras or settings of a lens, each", "those of one at a time"]),
+    "mixed cameras": (_mixed, ["4 photos of 2 cameras or settings of a lens, each", "the photos of one at a time"]),
     "a panorama among photos": (_among, ["1 panoramas of 360 degrees among 3 photos, such as hall.png"]),
     "panoramas": (
         lambda folder: [panorama(folder / f"{k}.png", k) for k in range(4)],
@@ -354,21 +354,23 @@ FOLDERS = {
     ),
     "a jump in time": (_jumps, ["1 jumps in time by EXIF, the first of 117.0 s before 4.jpg", "0:02:01 by EXIF"]),
     "names that jump": (_jumping_names, ["1 jumps in time by names, the first of 61.0 s before 1066.50.png"]),
-    "names out of order": (_backwards, ["the order of names is not that of time by EXIF at 1 places, the first 1.jpg"]),
+    "names out of order": (
+        _backwards, ["the order of names differs from the order of time by EXIF at 1 places, the first 1.jpg"]
+    ),
     "poses without images": (_poses_alone, ["poses.txt (tum): 8 poses"]),
     "images without poses": (_fewer_rows, ["of 6 of 8 images", "2 images in . have no pose"]),
     "rows without images": (_more_rows, ["5 poses have no image"]),
-    "another number of poses": (_other_count, ["8 poses for 7 images, and no times that tell which belong together"]),
+    "another number of poses": (_other_count, ["8 poses for 7 images, and no times by which to match them"]),
     "two clocks": (_clocks, ["no pose is near in time to an image: do both use the same clock?"]),
     "nan in TUM": (_nan_tum, ["poses.txt (tum): 1 lines cannot be used"]),
     "nan in KITTI": (_nan_kitti, ["poses.txt (kitti)", "12 finite numbers are expected"]),
     "nan in a table": (_nan_csv, ["x='nan' of a.png must be finite numbers"]),
-    "nan in JSON": (_nan_json, ["frame 1: its file_path or its 4x4 transform_matrix is missing or no pose"]),
+    "nan in JSON": (_nan_json, ["frame 1: its file_path or its 4x4 transform_matrix is missing or not a pose"]),
     "a table in Latin-1": (_latin, ["poses.csv (csv): cannot be read: byte"]),
-    "JSON without end": (_deep, ["reconstruction.json (opensfm): is no JSON"]),
-    "a model that was cut": (_cut_colmap, ["images.bin (colmap): is truncated, or no file of COLMAP (200 bytes)"]),
-    "a world without ground": (_no_ground, ["no two axes of the world are the ground"]),
-    "one drive alone": (_one_drive, ["a second one through the same places is needed"]),
+    "JSON without end": (_deep, ["reconstruction.json (opensfm): is not JSON"]),
+    "a model that was cut": (_cut_colmap, ["images.bin (colmap): is truncated, or not a COLMAP file (200 bytes)"]),
+    "a world without ground": (_no_ground, ["the ground is not a plane of two world axes"]),
+    "one drive alone": (_one_drive, ["need a second one through the same places"]),
     "a drive without poses": (
         _walk, ["/winter/images map=", "/summer output=walk/winter/images", "/summer every=10 output=walk/again"]
     ),
@@ -378,19 +380,19 @@ FOLDERS = {
          "words.jpg: cannot be decoded (10 bytes): it is text", "phone.heic: is HEIC by its content",
          "raw.CR2: is a raw file (.cr2)", "images: 2 "],
     ),
-    "links in a circle": (_links, ["day/round is a link to a folder", "gone.jpg: is a link to nothing", "self.jpg: "]),
-    "pipes": (_pipes, ["pipe.jpg: is no file", "pipe.csv: is no file", "3 photos"]),
-    "the same twice": (_twice, ["1 images have the content of another, such as copy.jpg = 0.jpg", "1.jpg and 1.png"]),
+    "links in a circle": (_links, ["day/round is a link to a folder", "gone.jpg: is a broken link", "self.jpg: "]),
+    "pipes": (_pipes, ["pipe.jpg: is not a file", "pipe.csv: is not a file", "3 photos"]),
+    "the same twice": (_twice, ["1 images are duplicates of another, such as copy.jpg = 0.jpg", "1.jpg and 1.png"]),
     "videos that do not decode": (_broken_video, ["walk.mp4: cannot be opened as a video", "empty.avi: is empty"]),
     "a video": (_video, ["walk.avi: 20 frames of 96x64, 2.0 s", "every=10"]),
     "recordings": (_bags, ["recordings: first.bag\nsecond", "second every=10 output=localization/second"]),
     "too large to decode": (_bomb, ["60000x30000 (1)", "30000x30000 (1)"]),
     "two trajectories": (_trajectories, ["sextant trajectory ", "groundtruth.txt ", "1 pairs of files"]),
-    "names with UTM": (_utm, ["2 folders, database as the map; their names say", "places=utm"]),
+    "names with UTM": (_utm, ["2 folders, database as the map; their names state", "places=utm"]),
     "two rides": (_rides, ["2 folders, reference as the map; equal names", "places=name"]),
     "classes": (_classes, ["2 folders of images, cat to dog: if each is a class", "dataset=image_folder"]),
     "classes numbered alike": (
-        _numbered_classes, ["equal names are taken for equal places", "3 folders of images, digit 0 to digit 2: if"]
+        _numbered_classes, ["equal names are assumed to be equal places", "3 folders of images, digit 0 to digit 2: if"]
     ),
     "classes with splits": (_split_classes, ["2 folders of images, cat to dog"]),
     "classes of few": (lambda folder: classes(folder, 3, 5), ["3 folders of images", "dataset=image_folder"]),
@@ -400,16 +402,16 @@ FOLDERS = {
     ),
     "copies of one second": (lambda folder: classes(folder, 2, 6, seconds=0), ["dataset=image_folder"]),
     "drives a metre apart": (
-        lambda folder: spaced(folder, 1), ["images are 1 m apart, so within 5 m counts", " dataset.protocol=town"]
+        lambda folder: spaced(folder, 1), ["images are 1 m apart, so 5 m counts as correct", " dataset.protocol=town"]
     ),
-    "drives 20 m apart": (lambda folder: spaced(folder, 20), [" dataset.protocol=town", "few poses can be within it"]),
+    "drives 20 m apart": (lambda folder: spaced(folder, 20), [" dataset.protocol=town", "few poses can be so close"]),
     "odometry beside": (
         lambda folder: _with_odometry(folder, "winter/odometry.csv", LINE), ["/winter/odometry.csv output=walk/winter"]
     ),
     "odometry among": (
         lambda folder: _with_odometry(folder, "winter/images/Odom.csv", LINE), ["/winter/images/Odom.csv output=walk"]
     ),
-    "known cameras": (_known, ["the truth lies beside: known.csv", "sextant benchmark calibration"]),
+    "known cameras": (_known, ["ground truth beside the photos: known.csv", "sextant benchmark calibration"]),
     "a published set": (_published, ["sextant train dataset=mnist paths.data="]),
     "tags": (_tags, ["GPS: 1 images over 0 x 0 m, 0 with a direction", "gravity: 1 by accelerometer (Apple)"]),
     "drives with tables": (lambda folder: drives(folder, "csv"), ["'dataset.test={evening_run: \"evening run\"}'"]),
@@ -423,7 +425,7 @@ FOLDERS = {
     "drives of nerfstudio": (lambda folder: drives(folder, "nerfstudio"), ["poses=nerfstudio dataset.plane=xz"]),
     "drives by GPS": (
         lambda folder: drives(folder, "gps"),
-        ["map (gps): 8 poses, of 8 of 8 images", "dataset.poses=gps", "the camera is taken to look along the way"],
+        ["map (gps): 8 poses, of 8 of 8 images", "dataset.poses=gps", "the camera is assumed to point along the path"],
     ),
     "GPS of two towns": (_apart, ["map (gps): 8 poses", "over 5,000 x 0 m"]),
     "rides by GPS": (_placed_rides, ["places=gps", "dataset.poses=gps", "GPS: 16 images over 140 x 0 m, 16 with a d"]),

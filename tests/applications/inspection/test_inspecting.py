@@ -320,7 +320,7 @@ def test_what_is_not_there_is_one_message(tmp_path):
         ("essex3in1", ["2 folders, reference as the map; equal names"]),
         ("kitti", ["poses/00.txt", "1 pairs of files"]),
         ("cold", ["map.json (cold): 4,111 poses", "dataset=cold"]),
-        ("york_urban", ["the truth lies beside: york_urban.csv"]),
+        ("york_urban", ["ground truth beside the photos: york_urban.csv"]),
         ("butterflies", ["5 folders of images, 001 to 009: if each is a class"]),
     ],
 )  # fmt: skip

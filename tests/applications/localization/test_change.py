@@ -141,10 +141,10 @@ def test_in_a_world_that_is_not_the_maps_it_is_lost(street, localizer):
 @pytest.mark.parametrize(
     ("scale", "there", "says"),
     [
-        (0.7, True, r"odometry tells of too short a way: in the end it was taken 1\.[3-5]\d times"),
-        (1.4, True, r"odometry tells of too long a way: in the end it was taken 0\.[67]\d times"),
-        (0.0, True, "at 45 images odometry said that the camera stood while its images said that it moved"),
-        (1.0, False, "the last ones had looked hardly more like where the robot was thought to be"),
+        (0.7, True, r"the distances of odometry are too short: in the end they were multiplied by 1\.[3-5]\d"),
+        (1.4, True, r"the distances of odometry are too long: in the end they were multiplied by 0\.[67]\d"),
+        (0.0, True, "at 45 images odometry reported a standstill while the images showed motion"),
+        (1.0, False, "the recent ones hardly resembled the estimated place more than any other"),
         (1.0, True, None),
     ],
 )

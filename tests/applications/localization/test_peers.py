@@ -105,7 +105,7 @@ def test_the_default_descriptor_is_of_the_size_of_images(monkeypatch):
 
 def test_walks_that_are_not_there_or_have_no_data_are_refused_before_any_work(monkeypatch):
     monkeypatch.delenv("SEXTANT_DATA", raising=False)
-    for walks, said in (("nowhere", "none begins so; there are: office"), ("Nordland", "SEXTANT_DATA is not set")):
+    for walks, said in (("nowhere", "no walk begins with this"), ("Nordland", "SEXTANT_DATA is not set")):
         monkeypatch.setattr("sys.argv", ["localization_peers", f"walks={walks}"])
         with pytest.raises(SystemExit, match=said):
             main()

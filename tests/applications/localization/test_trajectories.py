@@ -77,7 +77,7 @@ def test_a_straight_line_has_no_alignment_and_says_so(tmp_path):
 @pytest.mark.parametrize(
     ("write", "said"),
     [
-        (lambda folder, poses: (folder / "b.txt").write_text("1 2 3\n"), "3 numbers in its first line are no pose"),
+        (lambda folder, poses: (folder / "b.txt").write_text("1 2 3\n"), "3 numbers in its first line are not a pose"),
         (lambda folder, poses: None, "b.txt does not exist"),
         (
             lambda folder, poses: write_kitti_file(folder / "b.txt", poses + np.eye(4)[3] * [[1e160], [0], [0], [0]]),
@@ -90,7 +90,7 @@ def test_a_straight_line_has_no_alignment_and_says_so(tmp_path):
         (lambda folder, poses: write_kitti_file(folder / "b.txt", poses[:-1]), "20 poses and .* 19; without times"),
         (
             lambda folder, poses: write_tum_file(folder / "b.txt", np.arange(20.0), poses),
-            r"these poses cannot be joined: .*a.txt \(KITTI\) by lines, .*b.txt \(TUM\) by times",
+            r"these poses cannot be matched: .*a.txt \(KITTI\) by lines, .*b.txt \(TUM\) by times",
         ),
     ],
 )

@@ -266,7 +266,7 @@ def test_photos_that_cannot_be_looked_up(rides, places):
     photos = [rides[1] / "000.png", rides[1] / "001.png", "gone.jpg"]
     with pytest.raises(UserError, match=r"001\.png: cannot be decoded \(7 bytes\)"):
         places.look_up(photos[1])
-    with pytest.raises(UserError, match="is a folder; an image is a file"):
+    with pytest.raises(UserError, match="is a folder, not a file"):
         places.look_up(rides[1])
     with pytest.raises(UserError, match=r"gone\.jpg: there is no such file"):
         places.look_up(photos[2])
@@ -306,24 +306,24 @@ def test_arrays_that_cannot_be_looked_up_are_named_and_the_others_are_not_lost(r
         (lambda places, day: places.look_up(np.zeros((16, 24, 3))), "float64 16x24x3; the network takes uint8 16x24x3"),
         (lambda places, day: places.look_up(np.full((16, 24, 3), 256)), "int64 16x24x3"),
         (lambda places, day: places.look_up([[1, 2], [3]]), "the network takes uint8 16x24x3"),
-        (lambda places, day: places.add([scene(9)]), "the names of files, and a value of type Image is no file"),
-        (lambda places, day: places.add([pixels(9), pixels(8)]), "a value of type ndarray is no file"),
-        (lambda places, day: places.add(pixels(9)), "a value of type ndarray is no file"),
-        (lambda places, day: places.add(None), "a value of type NoneType is no file"),
-        (lambda places, day: places.add([None]), "a value of type NoneType is no file"),
+        (lambda places, day: places.add([scene(9)]), "the names of files, and a value of type Image is not a file"),
+        (lambda places, day: places.add([pixels(9), pixels(8)]), "a value of type ndarray is not a file"),
+        (lambda places, day: places.add(pixels(9)), "a value of type ndarray is not a file"),
+        (lambda places, day: places.add(None), "a value of type NoneType is not a file"),
+        (lambda places, day: places.add([None]), "a value of type NoneType is not a file"),
         (lambda places, day: places.add(day, "here"), "positions='here' must be numbers"),
         (lambda places, day: places.add(day, [["a", "b"]] * 6), r"positions=\[\['a', 'b'\], .* must be numbers"),
-        (lambda places, day: places.add(day, [(0, 0), (0, np.inf)] * 3), "positions: that of photo 1 is infinite"),
+        (lambda places, day: places.add(day, [(0, 0), (0, np.inf)] * 3), "position of photo 1 is infinite"),
         (lambda places, day: places.look_up(None), "of type NoneType; the network takes uint8 16x24x3"),
         (lambda places, day: places.look_up_many(3), "photos is of type int; several photos are expected"),
         (lambda places, day: PlaceMap("Hog", (64, 64)), r"size=\(64, 64\) must be of the class ImageSize"),
         (lambda places, day: PlaceMap("Hog", "big"), "size='big' must be of the class ImageSize"),
         (lambda places, day: PlaceMap.open(None), "None is not a saved map of photos"),
         (lambda places, day: PlaceMap("Hogg"), "descriptor='Hogg' must be one of Hog, PatchNormalised, Pixels, Whit"),
-        (lambda places, day: PlaceMap("whitened PCA"), "WhitenedPCA learns from images, and has seen none"),
+        (lambda places, day: PlaceMap("whitened PCA"), "WhitenedPCA has not been fitted to images"),
         (lambda places, day: PlaceMap(Pixels(), temperature=0), "temperature=0 must be a finite number above 0"),
         (lambda places, day: PlaceMap(Pixels(), temperature="hot"), "temperature='hot' must be a finite number"),
-        (lambda places, day: PlaceMap(lambda images: images), "size=None: this descriptor does not tell"),
+        (lambda places, day: PlaceMap(lambda images: images), "size=None: this descriptor does not state"),
     ],
 )
 def test_mistakes(rides, places, ask, says):
@@ -390,7 +390,7 @@ def test_a_network_goes_with_the_map_and_a_run_opens_what_was_saved_without(ride
     found = places.look_up_many(photos)
     assert PlaceMap.open(tmp_path / "whole").look_up_many(photos) == found
     assert PlaceMap.open(tmp_path / "bare", run=checkpoint).look_up_many(photos) == found
-    with pytest.raises(UserError, match=r"saved without what describes photos\nName the run"):
+    with pytest.raises(UserError, match=r"saved without its descriptor\nName the run"):
         PlaceMap.open(tmp_path / "bare")
     content = torch.load(checkpoint, weights_only=True)
     content["state_dict"] = {name: tensor + 1 for name, tensor in content["state_dict"].items()}
@@ -417,7 +417,7 @@ def test_a_descriptor_that_cannot_be_kept_is_given_again(rides, tmp_path):
     places.tolerance = 1
     places.add(rides[0])
     places.save(tmp_path)
-    with pytest.raises(UserError, match="without what describes photos"):
+    with pytest.raises(UserError, match="without its descriptor"):
         PlaceMap.open(tmp_path)
     again = PlaceMap.open(tmp_path, descriptor=layer)
     assert again.look_up(rides[1] / "003.png") == places.look_up(rides[1] / "003.png")

@@ -88,7 +88,7 @@ def test_positions_without_headings_are_no_poses(images):
 
 
 def test_without_poses_it_says_what_was_looked_for(images):
-    with pytest.raises(UserError, match=r"no file there has poses of its images, nor has their EXIF"):
+    with pytest.raises(UserError, match=r"neither a file there nor EXIF has poses of its images"):
         posed_images(images)
     (images / "poses.txt").write_text("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n")
     with pytest.raises(UserError, match=r"poses.txt: .*time 0.000000 is not after"):
@@ -112,9 +112,7 @@ def test_of_several_models_the_largest_is_used_and_another_can_be_chosen(images)
         )
     found = posed_images(images)
     assert found.source == images / "sparse/0/images.bin"
-    said = (
-        "2 reconstructions, each in a frame of its own: sparse/0/images.bin (6 images), sparse/1/images.bin (4 images)"
-    )
+    said = "2 reconstructions, each in its own frame: sparse/0/images.bin (6 images), sparse/1/images.bin (4 images)"
     assert any(said in remark for remark in found.remarks)
     assert any(said in remark for remark in inspect(images).remarks)
     for name in NAMES[4:]:
@@ -130,7 +128,5 @@ def test_a_partial_model_beside_another_is_refused_with_both(images):
         folder = images / "sparse" / str(model)
         folder.mkdir(parents=True)
         WRITERS["colmap"][1](folder / "images.bin", names, in_space(POSES[: len(names)]))
-    with pytest.raises(
-        UserError, match=r"2 of 6 images have no pose(.|\n)*2 reconstructions, each in a frame of its own"
-    ):
+    with pytest.raises(UserError, match=r"2 of 6 images have no pose(.|\n)*2 reconstructions, each in its own frame"):
         posed_images(images)

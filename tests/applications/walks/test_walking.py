@@ -134,7 +134,7 @@ def test_a_map_that_does_not_tell_its_camera_needs_a_field_of_view(walked, world
     localizer.facts = {}
     localizer.save(tmp_path / "map")
     given = {"photos": 1, "replay": "none", "held": "level"}
-    with pytest.raises(UserError, match="does not tell the camera of its images"):
+    with pytest.raises(UserError, match="does not record the camera of its images"):
         localize_walk(world.folder / "autumn", tmp_path / "map", tmp_path / "out", **given)
 
 
@@ -149,14 +149,17 @@ class NeverAsked:
 @pytest.mark.parametrize("wrong", [{"descriptor": "Hog"}, {"rows": 120}, {"vfov_deg": 55}])
 def test_what_a_saved_map_has_of_its_own_is_not_given_again(walked, world, tmp_path, wrong):
     name, value = next(iter(wrong.items()))
-    with pytest.raises(UserError, match=f"{name}={value} is not for map=.*, a saved map, which has its own"):
+    with pytest.raises(UserError, match=f"{name}={value} does not apply to map=.*: a saved map has its own"):
         localize_walk(world.folder / "autumn", walked / "map", tmp_path / "out", calibrator=NeverAsked(), **wrong)
 
 
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"descriptor": "Hogg"}, "descriptor=Hogg is none of Hog, PatchNormalised, Pixels, WhitenedPCA, nor a run"),
+        (
+            {"descriptor": "Hogg"},
+            "descriptor=Hogg is neither one of Hog, PatchNormalised, Pixels, WhitenedPCA nor a run",
+        ),
         ({"rows": 4}, "rows=4 must be from 8 to 1080"),
         ({"rows": 100_000}, "rows=100000 must be from 8 to 1080"),
         ({"vfov_deg": 170}, "vfov_deg=170 must be between"),

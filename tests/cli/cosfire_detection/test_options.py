@@ -33,8 +33,8 @@ def test_values_are_read():
     ("given", "says"),
     [
         ({"preset": "digits"}, "preset=digits must be one of photo, bifurcation"),
-        ({"preset": "digit", "run": "x"}, "preset= and run= do not go together"),
-        ({"layer": "conv2"}, "run= is missing"),
+        ({"preset": "digit", "run": "x"}, "preset= and run= exclude each other"),
+        ({"layer": "conv2"}, "needs the network of run=, which is missing"),
         ({"point": "12"}, "point=12 must be two numbers"),
         ({"point": "a,b"}, "point=a,b must be two numbers"),
         ({"point": "nan,1"}, "point=nan,1 must be two numbers"),

@@ -28,7 +28,7 @@ def test_if_all_fail_the_command_fails_and_the_files_say_why(tmp_path):
 
 @pytest.mark.parametrize("broken", [{"tilt": float("nan")}, {"tilt": 1.6}, {"k1_hat": float("inf")}])
 def test_a_prediction_that_is_no_camera_is_an_error_of_that_photo(tmp_path, broken):
-    with pytest.raises(UserError, match="what the network predicts is no camera"):
+    with pytest.raises(UserError, match="the network's prediction is not a valid camera"):
         calibrate([photo(tmp_path / "a.png")], tmp_path / "out", Fake(**broken))
 
 

@@ -86,7 +86,7 @@ def test_what_is_missing_is_told(tmp_path, make, says):
             for value in ("-674.9", "0", "nan", "inf", "")
         ),
         ("a.png,90,1000", r"line 2: tilt_deg=1000 of a\.png must be a number from -90 to 90"),
-        ("a.png,90,0\nb.png,90,0\n./a.png,90,0", r"line 4: \./a\.png is in line 2 already"),
+        ("a.png,90,0\nb.png,90,0\n./a.png,90,0", r"line 4: \./a\.png is already listed in line 2"),
         ("a.png,90,0\nnope.png,90,0", r"t\.csv cannot be used as it is\n  line 3: nope\.png: no such file in"),
     ],
 )
@@ -150,7 +150,7 @@ def test_panoramas_of_one_scene_are_not_independent_and_a_photo_among_them_is_na
     assert {photo.cluster for photo in of(tmp_path, cuts=1)} == {"house"}
     save(tmp_path / "a.jpg")
     (tmp_path / "list.csv").write_text("file\na.jpg\np.png\n")
-    with pytest.raises(UserError, match=r"line 2: a\.jpg is no panorama: its sides are not 2:1"):
+    with pytest.raises(UserError, match=r"line 2: a\.jpg is not a panorama: its sides are not 2:1"):
         of(tmp_path, cuts=1)
 
 
@@ -158,7 +158,7 @@ def test_panoramas_of_one_scene_are_not_independent_and_a_photo_among_them_is_na
     ("name", "content", "says"),
     [
         ("t.csv", b"file,f_px\n,90\n", "line 2 has no file"),
-        ("t.csv", b"file,f_px\n\xff\xfe,90\n", "cannot be read: byte 10 is not of text in UTF-8"),
+        ("t.csv", b"file,f_px\n\xff\xfe,90\n", "cannot be read: byte 10 is not text in UTF-8"),
         ("t.csv", b"file,f_px\na.png,90,5\n", "line 2: 3 values for 2 columns: decimal commas"),
         ("calibration_computed.json", b"{", "has no focal length of a camera"),
         ("calibration_computed.json", b'{"K": []}', "has no focal length of a camera"),

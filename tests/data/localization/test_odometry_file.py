@@ -8,7 +8,7 @@ from sextant.errors import UserError
 @pytest.mark.parametrize(("line", "columns"), [("0.1,1,2,0", 4), ("1,2", 2), ("0.1,1,2,0,0,0,0,1", 8)])
 def test_a_table_without_names_has_three_columns(tmp_path, line, columns):
     (path := tmp_path / "odometry.csv").write_text(f"{line}\n{line}\n")
-    with pytest.raises(UserError, match=f"has {columns} columns and no line that names them"):
+    with pytest.raises(UserError, match=f"has {columns} columns and no header"):
         read_odometry(path)
 
 
@@ -23,7 +23,7 @@ def test_headings_that_look_like_degrees_are_remarked(tmp_path, theta, told):
     (path := tmp_path / "odometry.csv").write_text(f"x,y,theta\n0,0,{theta}\n0,1,{theta}\n")
     motions, remarks = motions_of(read_odometry(path), ["a.png", "b.png"], None, path)
     assert np.isfinite(motions[1]).all()
-    assert any("a column heading_deg holds degrees" in remark for remark in remarks) == told
+    assert any("use heading_deg for degrees" in remark for remark in remarks) == told
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def timed(column, stamps, separator=","):
 def test_a_column_of_times_is_read_in_its_unit(tmp_path, column, unit):
     text = timed(column, [f"{k * unit:.0f}" for k in range(5)])
     assert motions(tmp_path, text, [0.5, 1.5, 3.5]) == (
-        [None, 2.0, 4.0], "odometry: poses are those at the times of the images, by the times of its rows",
+        [None, 2.0, 4.0], "odometry: poses are interpolated at the times of the images",
     )  # fmt: skip
 
 
@@ -88,10 +88,10 @@ def test_seconds_and_nanoseconds_in_two_columns(tmp_path):
 @pytest.mark.parametrize(
     ("stamps", "times", "expected", "said"),
     [
-        ([2, 0, 1, 3], [0, 1], [None, 2.0], "were sorted"),  # x is 2 and 4 at 0 and 1 s
+        ([2, 0, 1, 3], [0, 1], [None, 2.0], "have been sorted"),  # x is 2 and 4 at 0 and 1 s
         ([10, 10.5, 11], [10, 10.5, 11], [None, 2.0, 2.0], "at the times"),
         ([10, 10.5, 11], [10, 10.25, 10.5, 10.75, 11], [None, 1.0, 1.0, 1.0, 1.0], "at the times"),
-        ([0, 1, 2], [100, 101, 102], [None, 2.0, 2.0], "its clock is -100.000 s from that of the images"),
+        ([0, 1, 2], [100, 101, 102], [None, 2.0, 2.0], "its clock is -100.000 s off the images"),
         ([0, 1, 2, 3], None, [None, 2.0, 2.0, 2.0], "its times are not used, since images have none"),
         ([0, 1, 2, 60], [0, 1, 30, 60], [None, 2.0, None, None], "gaps of more than 5 s"),
     ],
@@ -106,11 +106,11 @@ def test_rows_go_by_time_where_clocks_are_one(tmp_path, stamps, times, expected,
 @pytest.mark.parametrize(
     ("text", "times", "said"),
     [
-        (timed("time", [0, 500, 1000, 1500]), [0, 0.5, 1, 1.5, 1.6], r"few at a time with poses\n.*column time_ms"),
+        (timed("time", [0, 500, 1000, 1500]), [0, 0.5, 1, 1.5, 1.6], r"few at a time with a pose\n.*column time_ms"),
         (timed("time", [0, 1, 2]), [100, 101, 103, 107], r"from 0.000 s to 2.000 s; the images .* none at a time"),
-        (timed("time", [0, 1, 1, 2]), [0, 1, 2], r"lines 3 and 4 have other poses at the same time, time=1"),
-        (timed("time", [0, "one", 2]), [0, 1, 2], r"line 3: time='one' is no time"),
-        (timed("time", [0, "nan", 2]), [0, 1, 2], r"line 3: time='nan' is no time"),
+        (timed("time", [0, 1, 1, 2]), [0, 1, 2], r"lines 3 and 4 have different poses at the same time, time=1"),
+        (timed("time", [0, "one", 2]), [0, 1, 2], r"line 3: time='one' is not a time"),
+        (timed("time", [0, "nan", 2]), [0, 1, 2], r"line 3: time='nan' is not a time"),
         (timed("time", [0, 1, 2]), None, r"3 rows for 4 images, .*; its times cannot be used: 4 of 4 names contain no"),
         ("x,y,theta\n0,0,0\n1,two,0\n", [0, 1], r"line 3 is not a pose: 1,two,0"),
         ("x,y,theta\n0,0,0\n1,5,0,0\n", [0, 1], r"line 3: 4 values for 3 columns: decimal commas\?"),

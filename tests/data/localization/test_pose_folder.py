@@ -183,7 +183,7 @@ def test_without_odometry_motion_is_missing_and_that_is_said(tmp_path):
     assert np.isnan(data.test[0].motion[1:]).all()
     assert (data.test[0].motion[0] == 0).all()
     assert data.test[0].odometry == "none"
-    assert any("nothing is known about motion" in note for note in data.notes)
+    assert any("the motion between images is unknown" in note for note in data.notes)
 
 
 def test_drives_of_their_own_for_validation(tmp_path):
@@ -238,7 +238,7 @@ def test_kitti_poses_of_another_count_or_plane_are_told(tmp_path):
     folder = write(tmp_path, "kitti")
     away = POSES * np.array([1, 1, 0]) + np.array([0, 0, np.pi / 2])  # along z, where KITTI's drives begin
     (folder / "map" / "poses.txt").write_text(kitti(away))
-    with pytest.raises(UserError, match=r"8 of 8 poses looks nearly perpendicular(.|\n)*plane=xz"):
+    with pytest.raises(UserError, match=r"8 of 8 poses is nearly perpendicular(.|\n)*plane=xz"):
         source(folder, "kitti", plane="xy").read()
     lines = (folder / "run" / "poses.txt").read_text().splitlines()
     (folder / "run" / "poses.txt").write_text("\n".join(lines[:5]))

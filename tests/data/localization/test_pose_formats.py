@@ -116,7 +116,7 @@ def test_heading_is_that_of_the_axis_ahead_whatever_its_tilt_and_roll(heading, t
 
 def test_a_camera_that_looks_along_the_normal_has_no_heading():
     up = np.stack([pose([1, 0, 0]), pose([0, 0.05, 1])])
-    with pytest.raises(UserError, match=r"1 of 2 poses looks nearly perpendicular(.|\n)*pose 2: 87 degrees"):
+    with pytest.raises(UserError, match=r"1 of 2 poses is nearly perpendicular(.|\n)*pose 2: 87 degrees"):
         to_plane(up, "xy", "z", "poses.txt")
     assert to_plane(up, "yz", "x", "p").shape == (2, 3)
     edge = np.radians(STEEPEST_DEG)

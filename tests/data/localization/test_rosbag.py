@@ -104,9 +104,9 @@ def test_a_topic_is_chosen_where_there_are_several(bags, tmp_path):
     with pytest.raises(UserError, match="image_topic= is missing: there are /left, /right"):
         open_rosbag(path)
     np.testing.assert_array_equal(seen(open_rosbag(path, image_topic="/right")), [255 - PICTURE])
-    with pytest.raises(UserError, match="image_topic=/middle: no messages of"):
+    with pytest.raises(UserError, match="image_topic=/middle has no messages of type"):
         open_rosbag(path, image_topic="/middle")
-    with pytest.raises(UserError, match="odometry_topic=/odom: no messages of"):
+    with pytest.raises(UserError, match="odometry_topic=/odom has no messages of type"):
         open_rosbag(path, image_topic="/left", odometry_topic="/odom")
 
 
@@ -127,7 +127,7 @@ def test_a_damaged_bag_is_one_message(tmp_path):
 
 def test_topics_are_of_bags_alone(tmp_path):
     Image.fromarray(PICTURE).save(tmp_path / "1.png")
-    with pytest.raises(UserError, match="image_topic=/camera is of a ROS bag"):
+    with pytest.raises(UserError, match="image_topic=/camera is for a ROS bag"):
         open_drive(str(tmp_path), None, tmp_path / "out", image_topic="/camera")
 
 
@@ -172,7 +172,7 @@ def test_orientations_that_are_none_are_left_out_and_said(bags, tmp_path, turned
         (
             {"drive.bag": b"a few words"},
             "drive.bag",
-            r"begins with b'a few words', and a ROS 1 bag with b'#ROSBAG V2.0'",
+            r"begins with b'a few words', but a ROS 1 bag begins with b'#ROSBAG V2.0'",
         ),
         ({"drive.bag": b""}, "drive.bag", r"It begins with b''"),
         ({"drive.bag": b"#ROSBAG V2.0\n"}, "drive.bag", r"rosbag reindex"),

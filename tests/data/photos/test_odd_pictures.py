@@ -30,11 +30,11 @@ def screenshot():
     [
         (noisy((300, 400)), None),
         (noisy((400, 300)), None),
-        (np.full((300, 400, 3), 150, np.uint8), "next to nothing: a blank wall"),
-        (noisy((300, 400), mean=180, spread=0.8), "next to nothing"),
+        (np.full((300, 400, 3), 150, np.uint8), "almost nothing: a blank wall"),
+        (noisy((300, 400), mean=180, spread=0.8), "almost nothing"),
         (noisy((40, 800)), "a strip of 20:1"),
         (screenshot(), "a screenshot, drawing or page"),
-        (fisheye(), "a fisheye's picture"),
+        (fisheye(), "a fisheye picture"),
     ],
 )
 def test_what_no_lens_of_the_model_took_is_named(image, says):

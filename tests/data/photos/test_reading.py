@@ -126,7 +126,7 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
     ("name", "brand", "says"),
     [
         ("p.heic", b"heic", "p.heic is HEIC by its content, which is not decoded here: save it as JPEG"),
-        ("v.mp4", b"mp42", "v.mp4 is a video, no photo"),
+        ("v.mp4", b"mp42", "v.mp4 is a video, not a photo"),
     ],
 )
 def test_a_format_that_is_not_decoded_is_explained(tmp_path, name, brand, says):

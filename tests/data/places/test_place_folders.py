@@ -182,7 +182,7 @@ def test_an_open_quotation_mark_is_told(tmp_path):
 
 def test_a_table_that_is_no_text_is_told(tmp_path):
     (tmp_path / "poses.csv").write_bytes(b"\xff\xfe\x00file")
-    with pytest.raises(UserError, match="is not of text in UTF-8"):
+    with pytest.raises(UserError, match="is not text in UTF-8"):
         read_pose_table(tmp_path / "poses.csv")
 
 

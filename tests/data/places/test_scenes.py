@@ -145,8 +145,8 @@ def test_places_that_a_drive_comes_to_again_are_no_new_scenes():
     scenes = scenes_of(Made(placed([there_and_back, there_and_back + 1], aligned=True), "m"), spacing=4)
     # 0, 40, .. 280, then back over 278 (frame 32, the place of frame 28), 238, .. 38 (frame 56, that of frame 4)
     assert [frame for _, frame, _ in told(scenes.read("train"))] == list(range(0, 32, 4))
-    assert scenes.left_out[0] == "0/32 is the place of 0/28"
-    assert scenes.left_out[-1] == "0/56 is the place of 0/4"
+    assert scenes.left_out[0] == "0/32 shows the same place as 0/28"
+    assert scenes.left_out[-1] == "0/56 shows the same place as 0/4"
     exact = PlaceTolerance("m", 0.5, 25)
     scenes = scenes_of(Made(placed([there_and_back, there_and_back], aligned=True), "m"), spacing=4, tolerance=exact)
     assert len(scenes.spec().classes) == 15

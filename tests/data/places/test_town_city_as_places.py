@@ -73,5 +73,5 @@ def test_a_split_that_no_drive_reaches_is_told_before_rendering(city, tmp_path):
 def test_no_condition_may_be_called_as_the_map(city):
     named = {"name": "map", "condition": "winter_noon"}
     source = as_place_source(TownCity(roots=[city.cache], **CITY | {"conditions": ["summer_noon", named]}))
-    with pytest.raises(UserError, match="one is called 'map'"):
+    with pytest.raises(UserError, match="the name 'map' is reserved for the city's map"):
         source.read("train")

@@ -124,7 +124,7 @@ def test_cameras_of_a_model_that_is_not_known(tmp_path):
 
 def test_a_count_that_no_file_could_hold_ends_at_once(tmp_path):
     (tmp_path / "images.bin").write_bytes(struct.pack("<Q", 2**63))
-    with pytest.raises(UserError, match="truncated, or no file of COLMAP"):
+    with pytest.raises(UserError, match="truncated, or not a COLMAP file"):
         read(tmp_path / "images.bin")
 
 

@@ -219,7 +219,7 @@ def test_the_chunk_size_of_a_begun_store_stays(tmp_path):
     [
         ("image.npy", lambda p: p.write_bytes(p.read_bytes()[:-1]), "bytes long, should be"),
         ("image.npy", lambda p: p.unlink(), "the file is missing"),
-        ("image.npy", lambda p: np.save(p, np.zeros((22, 6, 5), "u1")), "the manifest says uint8"),
+        ("image.npy", lambda p: np.save(p, np.zeros((22, 6, 5), "u1")), "the manifest requires uint8"),
         ("depth.npy", lambda p: p.write_bytes(b"nonsense"), "not an array file"),
         ("manifest.json", lambda p: p.write_text("{"), "the manifest cannot be read"),
         ("manifest.json", lambda p: p.write_text(p.read_text().replace('"salt": 0', '"salt": 1')), "was altered"),
@@ -238,7 +238,7 @@ def test_a_damaged_file_is_named_with_what_to_do(name, spoil, said, tmp_path):
 def test_a_store_of_another_plan_is_not_taken(tmp_path):
     other = open_store(ToyPlan(salt=1), tmp_path)
     other.directory.rename(other.directory.with_name(f"toy-{ToyPlan().digest[:8]}"))
-    with pytest.raises(DamagedStoreError, match="the config asks for"):
+    with pytest.raises(DamagedStoreError, match="the config requires"):
         open_store(ToyPlan(), tmp_path)
 
 

@@ -116,7 +116,7 @@ def test_a_world_that_cannot_be_is_refused(overrides, said):
 
 def test_a_task_without_fits_elsewhere_refuses_them():
     overrides = ["task=place_recognition", "dataset.world=1", "dataset.fit_world=0"]
-    with pytest.raises(UserError, match=r"dataset.fit_world=0: task=place_recognition trains on towns of their own"):
+    with pytest.raises(UserError, match=r"dataset.fit_world=0: task=place_recognition trains on separate towns"):
         build_dataset(validate(to_plain(compose(overrides))))
 
 

@@ -104,11 +104,11 @@ def test_the_error_is_the_share_of_wrong_predictions():
         (lambda: CorruptionErrors(float("nan"), {"fog": (0.2,)}), "shares in"),
         (lambda: CorruptionErrors(0.1, {"fog": ()}), "without any severity: fog"),
         (lambda: CorruptionErrors(0.1, {}).mean(), "at least one corruption"),
-        (lambda: CorruptionErrors(0.1, {"fog": (0.2,)}).mean(("fog", "snow")), "no error is known for snow"),
+        (lambda: CorruptionErrors(0.1, {"fog": (0.2,)}).mean(("fog", "snow")), "no error for snow"),
         (lambda: corruption_ratio([0.1, 0.2], [0.1, 0.2, 0.3]), "2 severities need as many"),
         (lambda: corruption_ratio([], [0.1]), "0 severities"),
-        (lambda: corruption_ratio([0.1], [0.0]), "loses nothing"),
-        (lambda: corruption_score(CorruptionErrors(0, {"fog": (0.2,)}), a_baseline(snow=(0.1,))), "known for fog"),
+        (lambda: corruption_ratio([0.1], [0.0]), "loss under this corruption is zero"),
+        (lambda: corruption_score(CorruptionErrors(0, {"fog": (0.2,)}), a_baseline(snow=(0.1,))), "no error for fog"),
     ],
 )
 def test_what_cannot_be_scored_is_refused(call, message):

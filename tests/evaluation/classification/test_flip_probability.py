@@ -68,7 +68,7 @@ def test_the_mean_is_over_the_ten_perturbations_alone():
     assert mean_flip_probability(values) == pytest.approx(0.1)
     assert mean_flip_probability(values, ("tilt", "shear")) == pytest.approx(0.5)
     del values["tilt"]
-    with pytest.raises(ValueError, match="known for tilt"):
+    with pytest.raises(ValueError, match="no flip probability for tilt"):
         mean_flip_probability(values)
 
 

@@ -153,7 +153,7 @@ def test_what_cannot_be_compared_is_refused():
     for delta in (0, 1.5, -1, np.inf):
         with pytest.raises(ValueError, match="whole number of frames"):
             relative_errors(truth, guess, delta=delta)
-    with pytest.raises(ValueError, match="no pair at this distance"):
+    with pytest.raises(ValueError, match="no pair of poses at this distance"):
         ErrorStatistics.of(relative_errors(truth, guess, delta=1e4, unit="m"))
 
 

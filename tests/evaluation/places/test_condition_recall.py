@@ -79,5 +79,5 @@ def test_recall_by_factor_is_grouped_and_has_statsmodels_wilson_interval(seed, l
 
 @pytest.mark.parametrize(("hit", "factor"), [([True], [np.nan]), ([True], [1.0, 2.0]), ([], [])])
 def test_queries_without_a_factor_are_refused(hit, factor):
-    with pytest.raises((ValueError, TypeError), match=r"hits and finite factors|Type-check"):
+    with pytest.raises((ValueError, TypeError), match=r"as many hits as finite factors|Type-check"):
         factor_recall(np.array(hit, bool), np.array(factor, float))

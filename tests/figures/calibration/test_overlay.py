@@ -93,14 +93,14 @@ def test_the_grid_covers_the_picture_with_a_bounded_number_of_lines(p):
     [
         (photo(), "horizon (in the picture)"),
         (photo(1.2, 0.0), "horizon (below the picture)"),
-        (photo(seen=(0.1, 0.0, 0.8, 1.0)), "seen by the network"),
+        (photo(seen=(0.1, 0.0, 0.8, 1.0)), "input of the network"),
     ],
 )
 def test_the_legend_says_what_is_drawn(p, text):
     figure = calibration_overlay(p)
     labels = [label.get_text() for label in figure.axes[0].get_legend().get_texts()]
     assert text in labels
-    assert ("seen by the network" in labels) == (p.seen != WHOLE)
+    assert ("input of the network" in labels) == (p.seen != WHOLE)
     figure.savefig(io.BytesIO())
 
 

@@ -112,7 +112,7 @@ def test_a_file_of_something_else_is_refused(path, content):
     with pytest.raises(UserError, match="cannot be read as COSFIRE filters"):
         Cosfire.load(path)
     save_file({"weight": torch.zeros(3)}, path)
-    with pytest.raises(UserError, match="something else"):
+    with pytest.raises(UserError, match="not one of filters"):
         Cosfire.load(path)
     with pytest.raises(UserError, match="cannot be read as COSFIRE filters"):
         Cosfire.load(path.parent)

@@ -39,5 +39,5 @@ def test_a_rounded_map_tells_nearly_the_same(make, runs):
 
 
 def test_a_part_of_the_map_cannot_be_rounded():
-    with pytest.raises(ValueError, match="tile=64 reads a part of the map, and rounded=True holds all of it"):
+    with pytest.raises(ValueError, match="tile=64 reads part of the map, but rounded=True holds all of it"):
         CachedLocalGP(tile=64, rounded=True)

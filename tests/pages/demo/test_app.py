@@ -92,25 +92,25 @@ def test_a_digit_is_read(client):
 @pytest.mark.parametrize(
     ("question", "files", "settings", "said"),
     [
-        ("photo", [], {}, "0 files were sent; 1 are needed"),
+        ("photo", [], {}, "0 files were sent; 1 needed"),
         ("photo", [("notes.txt", b"plain text")], {}, "notes.txt cannot be decoded (10 bytes): it is text"),
         ("photo", [("empty.jpg", b"")], {}, "empty.jpg is empty (0 bytes)"),
-        ("photo", [("film.mp4", b"\0\0\0\x18ftypmp42" + bytes(900))], {}, "film.mp4 is a video, no photo"),
+        ("photo", [("film.mp4", b"\0\0\0\x18ftypmp42" + bytes(900))], {}, "film.mp4 is a video, not a photo"),
         ("photo", [("cut.jpg", CHINA[:30_000])], {}, "cut.jpg cannot be decoded (30,000 bytes): image"),
         ("photo", [("iPhone.HEIC", b"\0\0\0\x18ftypheic" + bytes(99))], {}, "iPhone.HEIC is HEIC by its content"),
         ("photo", [("tiny.png", png(NOISE[:8, :9]))], {}, "tiny.png has 9x8 pixels; the shorter side must"),
         ("photo", [("strip.png", png(NOISE[:20, :400]))], {}, "strip.png has 400x20 pixels"),
         ("photo", [("../../etc/passwd", b"root")], {}, "cannot be decoded (4 bytes): it is text"),
-        ("places", [("one.jpg", CHINA)], {}, "1 files were sent; 2 are needed"),
+        ("places", [("one.jpg", CHINA)], {}, "1 files were sent; 2 needed"),
         ("places", [("a.jpg", CHINA), ("b.jpg", b"x")], {}, "b.jpg cannot be decoded (1 bytes)"),
-        ("places", [("a.jpg", CHINA), ("grey.png", png(NOISE // 128 + 90))], {}, "grey.png shows nothing to compare"),
+        ("places", [("a.jpg", CHINA), ("grey.png", png(NOISE // 128 + 90))], {}, "grey.png is blank"),
         ("example", [("a.jpg", CHINA)], {}, "points: 0 given"),
-        ("example", [("a.jpg", CHINA)], {"points": "0,left,0.5"}, "points=0,left,0.5 is no point"),
-        ("example", [("a.jpg", CHINA)], {"points": "0,nan,0.5"}, "lies in no photo"),
-        ("digit", [], {}, "there is no digit to look at"),
-        ("digit", [], {"digit": "eleven"}, "there is no digit to look at"),
+        ("example", [("a.jpg", CHINA)], {"points": "0,left,0.5"}, "points=0,left,0.5 is not a point"),
+        ("example", [("a.jpg", CHINA)], {"points": "0,nan,0.5"}, "lies outside the photos"),
+        ("digit", [], {}, "there is no digit to read"),
+        ("digit", [], {"digit": "eleven"}, "there is no digit to read"),
         ("digit", [], {"digit": "11"}, "digit=11 must be one of 0 to 9"),
-        ("digit", [("white.png", png(np.full((64, 64, 3), 255, np.uint8)))], {}, "there is nothing to be seen"),
+        ("digit", [("white.png", png(np.full((64, 64, 3), 255, np.uint8)))], {}, "the picture is blank"),
         ("weather", [("a.jpg", CHINA)], {}, "weather: no such question"),
     ],
 )  # fmt: skip
@@ -133,7 +133,7 @@ def test_a_strip_of_twenty_to_one_is_answered_and_not_trusted(client):
 def test_a_file_too_large_is_named(client, monkeypatch):
     monkeypatch.setattr(serving_app, "LARGEST_FILE", 1000)
     assert ask(client, "photo", ("large.jpg", CHINA)) == (
-        422, {"problem": "the file is too large: 64 MB are taken", "fix": "Save the photo smaller, or as JPEG."},
+        422, {"problem": "the file is too large: at most 64 MB", "fix": "Save a smaller version, or as JPEG."},
     )  # fmt: skip
 
 
@@ -141,13 +141,13 @@ def test_a_request_too_large_is_refused_before_it_is_read(client, monkeypatch):
     monkeypatch.setattr(serving_app.InMemory, "max_content_length", 2000)
     status, found = ask(client, "photo", ("large.jpg", CHINA))
     assert status == 413
-    assert found["problem"] == "the request is too large: 64 MB are taken for a photo, 500 kB for a text"
+    assert found["problem"] == "the request is too large: at most 64 MB for a photo, 500 kB for a text"
 
 
 def test_a_text_too_large_is_not_called_a_file(client):
     status, found = ask(client, "digit", digit="1" * 500_001)
     assert status == 413
-    assert found["problem"] == "the request is too large: 64 MB are taken for a photo, 500 kB for a text"
+    assert found["problem"] == "the request is too large: at most 64 MB for a photo, 500 kB for a text"
 
 
 @pytest.fixture
@@ -213,7 +213,7 @@ def test_where_there_is_no_room_at_all_the_page_is_told_what_to_do(client, memor
 def test_pages_of_others_are_refused(client, headers):
     for response in (client.get("/", headers=headers), client.post("/ask/digit", data={"digit": "1"}, headers=headers)):
         assert response.status_code == 403
-        assert "answers its own page alone" in response.get_json()["problem"]
+        assert "accepts requests only from its own page" in response.get_json()["problem"]
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8000", "localhost:8000", "localhost", "[::1]:8000"])
@@ -249,7 +249,7 @@ def test_a_fault_of_ours_is_told_without_its_details(monkeypatch, caplog):
 
     monkeypatch.setitem(QUESTIONS, "photo", (1, 1, broken))
     status, found = ask(demo_app().test_client(), "photo", ("a.jpg", CHINA))
-    assert (status, found["problem"]) == (500, "this went wrong: ZeroDivisionError")
+    assert (status, found["problem"]) == (500, "unexpected error: ZeroDivisionError")
     assert "secret" in caplog.text
 
 

@@ -132,17 +132,17 @@ def test_two_photos_are_compared_after_the_tab_was_chosen_by_keys(tab, photos):
     assert tab.run("document.activeElement.id") == "tab-places"
     assert not tab.run("document.getElementById('places').hidden")
     choose(tab, "#places .drop:nth-of-type(1) input", photos / "china.jpg")
-    assert answered(tab, "places") == "One more photo, please."
+    assert answered(tab, "places") == "Choose a second photo."
     choose(tab, "#places .drop:nth-of-type(2) input", photos / "flower.jpg")
     assert answered(tab, "places").startswith("Answered in")
     assert float(tab.run("document.querySelector('#places .similarity').textContent")) < 0.9
-    assert "of pairs of two places" in tab.run("document.querySelector('#places .lead').textContent")
+    assert "of pairs of different places" in tab.run("document.querySelector('#places .lead').textContent")
 
 
 def test_an_example_is_pointed_at_by_mouse_and_by_keys(tab, photos):
     tab.run("document.getElementById('tab-example').click()")
     choose(tab, "#example .drop:nth-of-type(1) input", photos / "china.jpg")
-    assert answered(tab, "example").startswith("Click a thing")
+    assert answered(tab, "example").startswith("Click an object")
     tab.run(CLICK % (0.4, 0.6))
     assert answered(tab, "example").startswith("1 of at most 3 points")
     tab.run("document.querySelector('#example .frame').focus()")
@@ -159,17 +159,17 @@ def test_matches_are_counted_without_what_was_pointed_at(tab, tmp_path, monkeypa
     choose(
         tab, "#example .drop:nth-of-type(1) input", drawn(tmp_path / "two.png", (440, 330), ((110, 110), (310, 190)))
     )
-    assert answered(tab, "example").startswith("Click a thing")
+    assert answered(tab, "example").startswith("Click an object")
     tab.run("document.querySelector('#example .frame img').decode()")
     for x in (0.251, 0.258):  # side by side, and found once
         tab.run(CLICK % (x, 0.335))
     tab.run("document.querySelector('#example .find').click()")
     assert answered(tab, "example").startswith("Answered in")
-    assert tab.run(LEAD).endswith("Besides what you pointed at, 1 match.")
+    assert tab.run(LEAD).endswith("Besides your own points, 1 match.")
     monkeypatch.setattr(where_else, "MOST_FOUND", 2)
     tab.run("document.querySelector('#example .find').click()")
     assert answered(tab, "example").startswith("Answered in")
-    assert tab.run(LEAD).endswith("Besides what you pointed at, 1 or more matches.")
+    assert tab.run(LEAD).endswith("Besides your own points, 1 or more matches.")
 
 
 def test_of_two_photos_chosen_quickly_the_later_is_shown(tab, photos):
@@ -177,7 +177,7 @@ def test_of_two_photos_chosen_quickly_the_later_is_shown(tab, photos):
     choose(tab, "#example .drop:nth-of-type(1) input", photos / "china.jpg")
     tab.run("waiting.then(() => null)")
     choose(tab, "#example .drop:nth-of-type(1) input", photos / "flower.jpg")
-    assert answered(tab, "example").startswith("Click a thing")
+    assert answered(tab, "example").startswith("Click an object")
     tab.run("new Promise((done) => { release(); setTimeout(done); })")
     assert tab.run("document.querySelector('#example .frame img').alt") == "flower.jpg"
 

@@ -185,7 +185,7 @@ def test_a_finished_run_is_tested_again_with_the_same_answers(usual, tmp_path):
         (["task.methods=[nearest]"], "belongs to the trained weights"),
         (["dataset=cifar10"], "cifar10"),
         (["dataset.size=20"], "images of 1x20x20, the filters were configured from 10 of 1x28x28"),
-        (["corruption=cifar10_p"], "corruption: task=cosfire draws the corruptions of its images and has no use for"),
+        (["corruption=cifar10_p"], "corruption: task=cosfire draws the corruptions of its images and cannot use"),
     ],
 )
 def test_what_does_not_fit_a_finished_run_is_told(usual, tmp_path, overrides, says):
@@ -409,11 +409,11 @@ def test_places_seen_through_the_network_of_another_run(street, outputs, tmp_pat
         (["bank=gabor"], "bank=vectors and strategy=vector_keypoints belong together"),
         (["strategy=circles"], "bank=vectors and strategy=vector_keypoints belong together"),
         (["features.frozen=true", "~backbone"], "features.frozen=true: there is no backbone"),
-        (["features.frozen=true", "features.run=x"], "the network of features.run stays as it is anyway"),
-        (["descriptor=whitened_pca"], "descriptor.dimensions=128 are learnt from a map"),
-        (["descriptor=network"], "descriptor.dimensions=128 are learnt from a map"),
-        (["descriptor=network", "descriptor.dimensions=null"], "descriptor=network is the backbone as it is"),
-        (["~backbone"], "no backbone and no features.run: bank looks at the feature map of a network"),
+        (["features.frozen=true", "features.run=x"], "the network of features.run is always frozen"),
+        (["descriptor=whitened_pca"], "descriptor.dimensions=128 are fitted to a map"),
+        (["descriptor=network"], "descriptor.dimensions=128 are fitted to a map"),
+        (["descriptor=network", "descriptor.dimensions=null"], "descriptor=network uses the backbone without training"),
+        (["~backbone"], "no backbone and no features.run: the bank needs the feature map of a network"),
         (["backbone=null"], "Leave it out: '~backbone'"),
         (["task.novel_classes=1"], "Choose 0, or a number from 2 to 8"),
         (["task.novel_classes=9"], "Choose 0, or a number from 2 to 8"),
@@ -422,12 +422,12 @@ def test_places_seen_through_the_network_of_another_run(street, outputs, tmp_pat
         (["task.images=5000"], "task.images=5,000: dataset=digits has 1,29"),
         (["task.images=200", "task.examples=21"], "task.examples=21: there are 20 training images of class"),
         (["features=run", "features.run=nothing"], "nothing: no run"),
-        (["task.methods=[descriptor]"], "task.methods=[descriptor]: this run has none of what these need"),
-        (["task.methods=[network]", "task.novel_classes=3"], "this run has none of what these need"),
+        (["task.methods=[descriptor]"], "task.methods=[descriptor]: this run lacks what these need"),
+        (["task.methods=[network]", "task.novel_classes=3"], "this run lacks what these need"),
         (["task.methods=[cosfire_svm,cosfire_svm]"], "task.methods"),
         (["task.methods=[cosfire]"], "cosfire_svm"),
         (["task.fine_tune.epochs=-1"], "task.fine_tune.epochs"),
-        (["corruption=cifar10_p"], "corruption: task=cosfire draws the corruptions of its images and has no use for"),
+        (["corruption=cifar10_p"], "corruption: task=cosfire draws the corruptions of its images and cannot use"),
         (["dataset=town_seasons"], "of places it needs task.scenes"),
         (["task.least_parts=50", "task.images=120", "trainer.max_epochs=1"], "Lower task.least_parts"),
         (
@@ -456,11 +456,11 @@ def test_a_run_of_a_task_without_a_feature_map(usual, outputs):
     ("overrides", "says"),
     [
         (["dataset=digits", "task.prices=[1.0]"], "dataset=digits has classes, not places"),
-        (["task.prices=[0.1,1.0]"], "scenes leave no image to choose one by"),
-        (["backbone=lenet_a", "bank=channels"], "too few images each to train a network on"),
+        (["task.prices=[0.1,1.0]"], "scenes leave no images for choosing one"),
+        (["backbone=lenet_a", "bank=channels"], "too few images each to train a network"),
         (["bank=channels"], "no backbone and no features.run"),
-        (["task.novel_classes=2"], "task.novel_classes=2: scenes have the images"),
-        (["task.examples=1"], "task.examples=1: scenes have the images"),
+        (["task.novel_classes=2"], "task.novel_classes=2: the images of scenes are set by"),
+        (["task.examples=1"], "task.examples=1: the images of scenes are set by"),
         (["task.scenes.queries=[night]"], "has no night"),
     ],
 )
@@ -486,7 +486,7 @@ def test_a_checkpoint_cannot_smuggle_in_a_part_of_the_network_of_another_run(out
     content = load_checkpoint(found.last_checkpoint)
     content[KEY]["spec"]["features"]["config"]["backbone"] = {"_target_": "os.system", "command": "false"}
     torch.save(content, altered := tmp_path / "altered.ckpt")
-    with pytest.raises(UserError, match=re.escape("wants to build os.system")):
+    with pytest.raises(UserError, match=re.escape("import paths outside Sextant: os.system")):
         evaluate.main([f"run={altered}", f"paths.outputs={tmp_path}", "tracking=none"])
 
 

@@ -99,7 +99,7 @@ def test_along_a_railway_poses_stay_on_it():
 
 
 def test_nothing_can_be_timed_where_nothing_is_seen():
-    with pytest.raises(ValueError, match="nothing is seen along run"):
+    with pytest.raises(ValueError, match="the drive run has no observation"):
         sensor_cost(Slow(), drive([0, 0]), OFFICE_LOCALIZATION)
 
 

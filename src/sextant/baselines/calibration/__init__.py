@@ -1,6 +1,6 @@
-"""Geometric baselines of calibration: what a network has to beat, and what refines it.
+"""Geometric calibration: baselines of networks, and the line evidence that refines their predictions.
 
-Every method has ``fit(cameras)``, which learns a prior from training labels alone, ``calibrate(image)`` and
+Every method has ``fit(cameras)``, which learns a prior from training labels only, ``calibrate(image)`` and
 ``calibrate_many(images)``. All are deterministic.
 """
 

@@ -1,4 +1,4 @@
-"""Cameras from the lines of one image, by every method: work for many processes, which import little for it."""
+"""Cameras from the lines of one image, by every method; few imports, for use in worker processes."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from sextant.geometry import CameraParameters
 def cameras_by_lines(
     methods: Sequence[CalibrationBaseline], image: UInt8[ndarray, "h w 3"], belief: CameraBelief
 ) -> list[CameraParameters]:
-    """The camera by each of ``methods``, and last the one from all lines and a network's ``belief``.
+    """The camera by each of ``methods``, then the one from all lines and a network's ``belief``.
 
     >>> import numpy as np
     >>> from sextant.baselines.calibration import VanishingPoints

@@ -1,8 +1,8 @@
 """The full classical baseline: distortion from bent lines, then vanishing points, then everything at once.
 
-The plumb-line estimate of ``k1_hat`` straightens the image, so that the detector finds whole lines where the lens shows
-arcs. Their ends are bent back, and tilt, roll, heading, focal length and distortion are fitted together with the exact
-lens model, with the plumb-line estimate and its uncertainty as the prior of the distortion.
+The plumb-line estimate of ``k1_hat`` straightens the image, so that the detector finds whole lines instead of pieces of
+arcs. Their ends are distorted again, and tilt, roll, heading, focal length and distortion are fitted together with the
+exact lens model; the plumb-line estimate and its uncertainty are the prior of the distortion.
 """
 
 from dataclasses import replace
@@ -30,9 +30,9 @@ from sextant.baselines.calibration.vanishing_points import find_frame
 
 #: The straightened image is at most this many times as wide and high as the image.
 LARGEST_CANVAS = 1.7
-#: Arcs of lenses that bend less than this are straight to the detector, and the image is left as it is.
+#: Smaller distortion does not affect the detector, and the image is not straightened.
 NEGLIGIBLE = 0.02
-#: Ends of segments that cross the border of the picture come out at most this far beyond it, in image heights.
+#: Ends of segments may lie at most this far beyond the border of the picture, in image heights.
 OVERSHOOT = 0.01
 
 
@@ -67,12 +67,12 @@ class CombinedGeometry(CalibrationBaseline):
 
 
 def detect_bent_segments(image: UInt8[ndarray, "h w 3"], k1_hat: float, focal: float) -> Float64[ndarray, "n 2 2"]:
-    """Segments that are straight once the lens is undone, given by their ends in the original image, longest first.
+    """Segments that are straight after undistortion, given by their ends in the original image, longest first.
 
     Args:
         image: RGB.
         k1_hat: apparent distortion of the lens.
-        focal: in image heights; it need only be known roughly.
+        focal: in image heights; a rough value suffices.
 
     Raises:
         ValueError: it is not a uint8 RGB image.
@@ -105,9 +105,9 @@ def detect_bent_segments(image: UInt8[ndarray, "h w 3"], k1_hat: float, focal: f
 def _straighten(
     grey: UInt8[ndarray, "h w"], edge: Float64[ndarray, "2"], room: float, k1_hat: float, k2_hat: float
 ) -> UInt8[ndarray, "h2 w2"]:
-    """The image with its lens undone, ``room`` times as wide and high; ``edge``: half of its sides in image heights.
+    """The undistorted image, ``room`` times as wide and high; ``edge``: half of the image's sides in image heights.
 
-    Beyond the border it is a single grey, so that lines end there: a repeated border would lead them on, elsewhere.
+    Beyond the border it is a single grey, so that lines end there: a replicated border would prolong them wrongly.
     """
     height, width = (max(round(side * room), 1) for side in grey.shape)
     columns, rows = (2 * (np.arange(count) + 0.5) / count - 1 for count in (width, height))

@@ -1,4 +1,4 @@
-"""Calibration without looking at the image: the answers that every method must beat."""
+"""Image-independent calibration: the baselines that every method must beat."""
 
 from typing import Self
 

@@ -1,4 +1,4 @@
-"""Smooth chains of edge pixels, to a fraction of a pixel: what straight lines become behind a bending lens."""
+"""Smooth chains of edge pixels with subpixel accuracy: the images of straight lines under distortion."""
 
 import cv2
 import numpy as np
@@ -12,17 +12,17 @@ from sextant.baselines.calibration.line_segments import FRAME, heights_from_work
 WEAK, STRONG = 60, 120
 #: A chain ends where it turns by more than this within this many pixels on both sides.
 TURN, REACH = np.radians(32), 5
-#: Shorter chains, in image heights, do not show how a line bends.
+#: Shorter chains, in image heights, are too short to measure bending.
 SHORTEST = 0.1
-#: Number of points that a chain is averaged to.
+#: Number of averaged points per chain.
 POINTS = 16
 
 
 def detect_chains(image: UInt8[ndarray, "h w 3"]) -> Float64[ndarray, "n points 2"]:
     """Chains, each of :data:`POINTS` points ``(u, v)`` in image heights from the centre, evenly spaced along it.
 
-    Each point is the mean of a stretch of edge pixels, each of which was moved across the edge to the peak of the
-    gradient (a parabola through three values).
+    Each point is the mean of a stretch of edge pixels, each moved across the edge to the peak of the gradient (a
+    parabola through three values).
 
     Raises:
         ValueError: it is not a uint8 RGB image.
@@ -52,7 +52,7 @@ def detect_chains(image: UInt8[ndarray, "h w 3"]) -> Float64[ndarray, "n points 
         if np.hypot(*(pixels[run.start] - pixels[run.stop - 1])) < SHORTEST * grey.shape[0]:
             continue
         columns, rows = pixels[run].T
-        if used[rows, columns].mean() < 0.3:  # a contour walks along both sides of a thin edge
+        if used[rows, columns].mean() < 0.3:  # a contour runs along both sides of a thin edge
             used[rows, columns] = True
             chains.append(_averaged(fine[run]))
     if not chains:
@@ -63,7 +63,7 @@ def detect_chains(image: UInt8[ndarray, "h w 3"]) -> Float64[ndarray, "n points 
 def _to_peak(
     pixels: Int[ndarray, "n 2"], dx: Float32[ndarray, "h w"], dy: Float32[ndarray, "h w"]
 ) -> Float64[ndarray, "n 2"]:
-    """Edge pixels moved along the gradient to where its length peaks, by at most one pixel."""
+    """Edge pixels moved along the gradient to the peak of its length, by at most one pixel."""
     length = np.hypot(dx, dy)
     columns, rows = pixels.T
     across = np.stack([dx[rows, columns], dy[rows, columns]], axis=-1) / (length[rows, columns, None] + 1e-6)
@@ -74,7 +74,7 @@ def _to_peak(
 
 
 def _smooth_runs(pixels: Int[ndarray, "n 2"], contours: list[Int[ndarray, "k 2"]]) -> list[slice]:
-    """Stretches without a corner of the contours, which lie end to end in ``pixels``."""
+    """Corner-free stretches of the contours, which are concatenated in ``pixels``."""
     ahead = np.zeros_like(pixels, dtype=np.float64)
     ahead[:-REACH] = pixels[REACH:] - pixels[:-REACH]
     before = np.zeros_like(ahead)
@@ -82,7 +82,7 @@ def _smooth_runs(pixels: Int[ndarray, "n 2"], contours: list[Int[ndarray, "k 2"]
     cross, dot = before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0], (before * ahead).sum(-1)
     corner: Bool[ndarray, "n"] = np.abs(np.arctan2(cross, dot)) > TURN
     ends = np.cumsum([len(contour) for contour in contours])
-    for end in (0, *ends):  # where one contour meets the next, the pixels around tell nothing
+    for end in (0, *ends):  # where one contour meets the next, turns are meaningless
         corner[max(end - REACH, 0) : end + REACH] = True
     starts = np.flatnonzero(np.diff(np.concatenate([[True], corner, [True]]).astype(np.int8)))
     return [slice(first, last) for first, last in zip(starts[::2], starts[1::2], strict=True) if last - first > POINTS]

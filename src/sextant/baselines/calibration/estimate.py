@@ -1,4 +1,4 @@
-"""What a geometric method believes about a camera before and after it has seen the image."""
+"""Priors on a camera, and the estimates of geometric methods given an image."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from sextant.geometry import CameraParameters
 
 #: The median absolute deviation of a Gaussian is 1 / 1.4826 of its standard deviation.
 MAD_TO_SIGMA = 1.4826
-#: The four numbers in which beliefs are Gaussian; ``k1_hat = k1 / focal^2`` is the bend that an image shows.
+#: The four numbers in which beliefs are Gaussian; ``k1_hat = k1 / focal^2`` is the distortion visible in an image.
 BELIEF_NAMES = ("tilt", "roll", "log_focal", "k1_hat")
 
 
 class Determined(NamedTuple):
-    """Which of the parameters the image itself settled; the others keep the prior's value, or nearly so."""
+    """Which of the parameters the image determines; the others stay near the prior's value."""
 
     tilt: bool
     roll: bool
@@ -76,7 +76,7 @@ class CameraPrior:
 
 
 def prior_of_cameras(cameras: CameraParameters, *, level: bool = False) -> CameraPrior:
-    """The belief that training labels justify: their medians and spreads (1.48 median absolute deviations).
+    """The prior given training labels: medians and spreads (1.48 median absolute deviations, or more for long tails).
 
     Args:
         cameras: a batch.
@@ -97,7 +97,7 @@ def prior_of_cameras(cameras: CameraParameters, *, level: bool = False) -> Camer
     if level:
         centre[[0, 1, 3]] = 0
     spread = MAD_TO_SIGMA * np.median(np.abs(values - centre), axis=0)
-    # constant labels leave no spread, heavy tails (roll) too little: the second moment helps with both
+    # heavy tails (roll) and mostly constant labels have too small a median deviation: half the RMS is the least
     spread = np.maximum(spread, 0.5 * np.sqrt(np.mean((values - centre) ** 2, axis=0)))
     return CameraPrior.of_vector(centre, np.maximum(spread, 1e-3))
 
@@ -114,9 +114,9 @@ class CalibrationEstimate:
     """The calibration of one image.
 
     Attributes:
-        camera: tensors without dimensions; always finite, since the prior stands in for what is not determined.
-        determined: which parameters the image settled: those whose standard deviation fell below half the prior's.
-        covariance: that of tilt, roll, log focal and k1_hat given image and prior; the prior's where nothing was seen.
+        camera: tensors without dimensions; always finite, since undetermined parameters come from the prior.
+        determined: which parameters the image determines: those with a standard deviation below half the prior's.
+        covariance: covariance of tilt, roll, log focal and k1_hat given image and prior; the prior's without lines.
         long_segments: number of line segments longer than 0.1 image heights; chains of edge pixels for plumb lines.
 
     Example:
@@ -141,7 +141,7 @@ class CalibrationEstimate:
 
     @classmethod
     def of_prior(cls, prior: CameraPrior, long_segments: int) -> "CalibrationEstimate":
-        """The estimate where the image says nothing."""
+        """The estimate for an image without evidence."""
         return cls.of_vector(prior.vector, np.diag(np.square(prior.sigma)), prior, long_segments)
 
     @property
@@ -184,7 +184,7 @@ def stack_cameras(estimates: list[CalibrationEstimate]) -> CameraParameters:
 
 
 class CalibrationBaseline(ABC):
-    """A method that calibrates single images without learning more than a prior from the training labels.
+    """A method that calibrates single images and learns only a prior, from training labels.
 
     Args:
         prior: belief about the camera; ``fit`` replaces it.
@@ -195,7 +195,7 @@ class CalibrationBaseline(ABC):
         self.prior_, self.seed = prior or CameraPrior(), seed
 
     def fit(self, cameras: CameraParameters) -> Self:
-        """Learn how a batch of training cameras is spread around a level camera without distortion."""
+        """Learn the spread of a batch of training cameras around a level camera without distortion."""
         self.prior_ = prior_of_cameras(cameras, level=True)
         return self
 
@@ -213,7 +213,7 @@ class CalibrationBaseline(ABC):
 
 
 def check_image(image: UInt8[ndarray, "h w 3"]) -> None:
-    """Refuse what is not an RGB image of 8 bits.
+    """Refuse anything but an 8-bit RGB image.
 
     Raises:
         ValueError: the image is empty, or of another type or shape.

@@ -1,8 +1,8 @@
-r"""One camera from all evidence at once: lines, a network, a prior on people's cameras, and whatever else is known.
+r"""One camera from all evidence: lines, a network, a prior on typical cameras, and any other beliefs.
 
 The estimate is the camera of least cost (:mod:`~sextant.baselines.calibration.joint_problem`) over many starts: frames
-of vanishing points, and the believed cameras with the headings that suit the lines best. The curvature at the optimum
-gives a covariance, to which other modes contribute by their probability relative to the best.
+of vanishing points, and the believed cameras with the headings that fit the lines best. The covariance about the best
+mode sums each mode's inverse curvature and squared offset, weighted by the mode's probability.
 
 Sources: as :mod:`~sextant.baselines.calibration.vanishing_points`; K. L. Lange, R. J. A. Little, J. M. G. Taylor,
 "Robust statistical modeling using the t distribution", JASA 1989, for the losses.
@@ -33,18 +33,18 @@ from sextant.baselines.calibration.robust_fit import HIGH, LOW
 from sextant.baselines.calibration.terms import CameraBelief, GravityBelief, PhotoPrior, Term
 from sextant.baselines.calibration.vanishing_points import FEWEST, SCORED, hypotheses, upright
 
-#: headings of a believed camera that are tried: a frame repeats after a right angle
+#: headings tried for a believed camera: frames repeat after a right angle
 HEADINGS = np.radians(np.arange(-45, 45, 3.0))
-#: number of frames that are followed; weight of a belief while vectors are as rough as four segments make them
+#: number of starts kept; weight of the beliefs when ranking starts, which are as rough as frames of four segments
 FOLLOWED, ROUGHLY = 6, 0.3
-#: standard deviation of the log focal length of frames where it is unknown, and up to which it counts as known
+#: standard deviation of the log focal length of frames if it is unknown, and the largest with which it counts as known
 FOCALS, KNOWN_FOCAL = 0.35, 0.06
 #: distance in tilt, roll, heading or log focal from which two starts are distinct
 APART = 0.1
 
 
 def joint_starts(problem: JointProblem, seed: int) -> list[Float64[ndarray, "5"]]:
-    """Cameras to start from; each believed one with its best heading is always among them."""
+    """Starting cameras, always including each believed one with its best heading."""
     believed = _believed(problem)
     segments, (spread, k1_hat) = problem.lines.segments, _known_lens(problem, believed)
     if len(segments) < FEWEST:
@@ -73,9 +73,9 @@ def joint_starts(problem: JointProblem, seed: int) -> list[Float64[ndarray, "5"]
 
 
 def _known_lens(problem: JointProblem, believed: list[Float64[ndarray, "5"]]) -> tuple[float, float]:
-    """Spread of the log focal lengths of frames, and k1_hat; a known lens is given to all believed cameras.
+    """Spread of the log focal lengths of frames, and k1_hat; a known lens is assigned to all believed cameras.
 
-    Frames are then sought behind that lens: any other costs more than all lines could save.
+    Frames are then searched only for that lens: any other costs more than all lines can save.
     """
     named = [term.lens for term in problem.beliefs if term.lens]
     log_focal, sigma, k1_hat = min(named, key=lambda lens: lens[1], default=(0.0, np.inf, None))
@@ -88,7 +88,7 @@ def _known_lens(problem: JointProblem, believed: list[Float64[ndarray, "5"]]) ->
 
 
 def _believed(problem: JointProblem) -> list[Float64[ndarray, "5"]]:
-    """The cameras that beliefs name as such."""
+    """The cameras given by the beliefs."""
     longer, k1_hat = problem.lines.longer, problem.lines.k1_hat
     found = []
     for term in problem.beliefs:
@@ -129,7 +129,7 @@ class JointEstimate:
     Attributes:
         vector: tilt, roll, log focal and k1_hat of the best mode, in image heights.
         covariance: covariance of these, other modes included.
-        support: how many long segments point to each axis, right, down and forward.
+        support: number of long segments along each axis: right, down and forward.
         rivals: probability of all modes but the best.
         ends: which of tilt, roll, focal length and distortion lie at an end of the range searched.
     """
@@ -142,11 +142,11 @@ class JointEstimate:
 
 
 def joint_estimate(lines: LineEvidence, beliefs: Sequence[Term], *, seed: int = 0) -> JointEstimate:
-    """The camera of a photo from its lines and everything else that is known.
+    """The camera of a photo from its lines and all other evidence.
 
     Args:
         lines: lines of the photo.
-        beliefs: a network's, priors, and whatever else is known; in heights of the photo.
+        beliefs: beliefs of a network, priors and other evidence, in heights of the photo.
         seed: seed of the vanishing points' hypotheses; the same evidence and seed give the same camera.
 
     Raises:

@@ -2,12 +2,12 @@ r"""The cost of a camera given all evidence of a photo, and its minima.
 
 The cost is half the sum of all terms' robust losses (:mod:`~sextant.baselines.calibration.terms`). Each segment of a
 picture belongs to the nearest of three orthogonal axes, with a Cauchy loss, or to none, at the cost of a segment at the
-threshold. So modes that explain different segments are compared by the same sum.
+threshold, so that modes that explain different segments have comparable costs.
 
 Segments are weighted by the share of their length that some frame explains beyond chance: where that is small, the
 scene is not a world of boxes. On crops of panoramas, the errors of frames are four times those from the curvature where
-a share of 0.2 is explained, twice at 0.4, and the same from 0.65 on. So in the curvature, the weight of segments is the
-cube of that in the cost.
+a share of 0.2 is explained, twice at 0.4, and equal from 0.65 on. In the curvature, the weight of segments is therefore
+the cube of that in the cost.
 """
 
 import math
@@ -34,7 +34,7 @@ from sextant.baselines.calibration.manhattan import (
 from sextant.baselines.calibration.robust_fit import HIGH, LOW, RobustFit
 from sextant.baselines.calibration.terms import StraightChains, Term
 
-#: what a segment that fits no axis costs: as much as one at the threshold
+#: cost of a segment that fits no axis: that of one at the threshold
 OUTLIER = 0.5 * math.log1p((math.sin(THRESHOLD) / WORLD_NOISE) ** 2)
 #: share of explained length from which segments count in full, and the least weight that they have
 FRAME, LEAST = 0.7, 0.05
@@ -49,7 +49,7 @@ class Mode:
         vector: tilt, roll, heading, log focal, k1_hat, in image heights.
         covariance: covariance of these, from the curvature.
         cost: negative log posterior up to a constant.
-        support: how many long segments point to each of the axes.
+        support: number of long segments along each of the axes.
     """
 
     vector: Float64[ndarray, "5"]
@@ -61,19 +61,19 @@ class Mode:
 def _trust(explained: float) -> float:
     """The weight of a photo's segments: the root of the share of their length that some frame explains.
 
-    Of six curves, this one has the smallest errors over the photos of ``benchmarks.joint_intervals``, whichever set of
-    them is left out. It is steep where nothing is explained: a photo of a hedge leaves its camera to the network.
+    Of six curves, this one has the smallest errors over the photos of ``benchmarks.joint_intervals``, whichever of
+    their sets is left out. Segments that no frame explains get almost no weight, so the network determines the camera.
     """
     return min(max(math.sqrt(max(explained, 0.0) / FRAME), LEAST), 1.0)
 
 
 class AlignedSegments(Term):
-    """Segments point to the vanishing points that they are assigned to.
+    """Residuals of segments, which point to the vanishing points that they are assigned to.
 
     Args:
-        segments: ends in image heights, as the lens shows them.
+        segments: distorted ends in image heights.
         axis: axis of each segment: 0 right, 1 down, 2 forward.
-        share: weight of each segment, which limits what all segments of a picture count.
+        share: weight of each segment, which bounds the total weight of a picture's segments.
         certainty: see :class:`~sextant.baselines.calibration.terms.Term`.
         shorter: shorter side of the photo in image heights, of which the noise of ends is a fraction.
     """
@@ -105,7 +105,7 @@ class JointProblem:
 
     Args:
         lines: lines of the photo.
-        beliefs: everything else that is known about its camera.
+        beliefs: all other evidence about its camera.
     """
 
     def __init__(self, lines: LineEvidence, beliefs: Sequence[Term]):
@@ -119,7 +119,7 @@ class JointProblem:
         return np.asarray(sum(term.cost(vectors) for term in self.beliefs) + np.zeros(len(vectors)))
 
     def rough(self, start: Float64[ndarray, "5"]) -> Mode:
-        """The minimum near ``start`` with its distortion kept, and segments assigned once and generously."""
+        """The minimum near ``start`` at its distortion, with segments assigned once by a wide threshold."""
         return self._fit(start, FIRST_ROUND, np.arange(4), self.beliefs)
 
     def fine(self, start: Float64[ndarray, "5"]) -> Mode:

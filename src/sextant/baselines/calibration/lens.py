@@ -1,12 +1,12 @@
-r"""The lens in image heights, in numpy: fast enough for the inner loop of a search.
+r"""Radial distortion in image heights, in NumPy: fast enough for the inner loop of a search.
 
 With :math:`R = f r` the distortion :math:`r_d = r(1 + k_1 r^2 + k_2 r^4)` reads
 :math:`R_d = R(1 + \hat k_1 R^2 + \hat k_2 R^4)`, :math:`\hat k_1 = k_1/f^2`, :math:`\hat k_2 = k_2/f^4`, so that the
-straightness of lines shows :math:`\hat k_1` but not f. In the lens family of Lopez-Antequera et al. (2019)
+straightness of lines determines :math:`\hat k_1` but not f. In the lens family of Lopez-Antequera et al. (2019)
 :math:`\hat k_2 = 0.805\,\hat k_1^2 + 0.019\,\hat k_1/f^2`, and only the last, tiny term needs f.
 
-This is a twin of :func:`sextant.geometry.undistort_radius` without gradients, and equal to it; torch's overhead per
-call would be ten times the cost of the arithmetic.
+It equals :func:`sextant.geometry.undistort_radius`, without gradients; torch's overhead per call would be ten times the
+cost of the arithmetic.
 """
 
 import numpy as np
@@ -56,7 +56,7 @@ def _fold(a: Float[ndarray, "*b"], b: Float[ndarray, "*b"]) -> tuple[Bool[ndarra
 def undistort_points(
     points: Float[ndarray, "*#b 2"], k1_hat: Float[ndarray, "*#b"] | float, k2_hat: Float[ndarray, "*#b"] | float
 ) -> Float[ndarray, "*#b 2"]:
-    """Where a lens without distortion would show image points (image heights from the centre)."""
+    """Undistorted positions of image points (image heights from the centre)."""
     return np.asarray(points * undistort_factor(np.square(points).sum(-1), k1_hat, k2_hat)[..., None])
 
 

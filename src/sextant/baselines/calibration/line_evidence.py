@@ -1,4 +1,4 @@
-"""What the lines of a photo say about its camera, before any other evidence is used."""
+"""Line evidence of a photo: chains of edge pixels, straight segments, and a first estimate of the distortion."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,7 @@ from sextant.baselines.calibration.estimate import CameraPrior
 from sextant.baselines.calibration.plumb_line import straightening_k1_hat
 from sextant.baselines.calibration.vanishing_points import explained_share
 
-#: prior with which chains are straightened before segments are sought
+#: prior for straightening chains before segments are detected
 FIRST = CameraPrior(focal=0.9, k1_hat=-0.03, sigma=(0.3, 0.1, 0.4, 0.15))
 
 
@@ -21,8 +21,8 @@ class LineEvidence:
 
     Attributes:
         chains: smooth chains of edge pixels, in image heights from the centre.
-        segments: ends of segments that are straight once the lens is undone, longest first.
-        k1_hat: the distortion that straightens the chains, a first guess.
+        segments: ends of segments that are straight after undistortion, longest first.
+        k1_hat: the distortion that straightens the chains, a first estimate.
         longer: longer side of the photo, in image heights.
         shorter: shorter side, in image heights; pixels, and so the noise of lines, are the same fraction of it in
             portrait and landscape.

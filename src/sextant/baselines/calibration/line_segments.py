@@ -11,20 +11,20 @@ from numpy import ndarray
 
 from sextant.baselines.calibration.estimate import check_image
 
-#: The detector shrinks by this before it looks for gradients; pixel centres come out ``0.5 / LSD_SCALE`` too small.
+#: The detector shrinks by this before computing gradients; its pixel centres are ``0.5 / LSD_SCALE`` too small.
 LSD_SCALE = 0.8
-#: Shorter sides, in pixels, between which images are processed: below, segments are lost; above, time is.
+#: Range of the shorter side, in pixels, to which images are resized: smaller loses segments, larger takes longer.
 SMALLEST, LARGEST = 256, 512
 #: Length, in image heights, from which a segment counts as long.
 LONG = 0.1
-#: Nearer to the border than this, in image heights, are black columns, scanned margins and other unbent frames.
+#: Margin, in image heights, for black columns, scan borders and other frames that the lens did not distort.
 FRAME = 0.012
-#: Shorter segments, in image heights, say nothing about directions.
+#: Shorter segments, in image heights, do not determine directions.
 SHORTEST = 0.03
 
 
 def detect_segments(image: UInt8[ndarray, "h w 3"], shortest: float = SHORTEST) -> Float64[ndarray, "n 2 2"]:
-    """Segments by their two ends ``(u, v)`` in image heights from the centre, longest first, to a fraction of a pixel.
+    """Segments by their two ends ``(u, v)`` in image heights from the centre, longest first, with subpixel accuracy.
 
     Args:
         image: RGB.
@@ -71,7 +71,7 @@ def segment_lengths(segments: Float64[ndarray, "n 2 2"]) -> Float64[ndarray, "n"
 
 
 def count_long(segments: Float64[ndarray, "n 2 2"]) -> int:
-    """How many segments are longer than a tenth of the image height: how much geometry an image offers.
+    """Number of segments longer than a tenth of the image height, a measure of an image's line evidence.
 
     Example:
         >>> count_long(np.array([[[0.0, 0.0], [0.3, 0.4]], [[0.0, 0.0], [0.0, 0.05]]]))  # lengths of 0.5 and 0.05
@@ -98,7 +98,7 @@ def working_grey(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h2 w2"]:
     grey = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     side = min(grey.shape)
     scale = max(SMALLEST / side, 1.0) if side < LARGEST else LARGEST / side
-    # a sliver of an image would grow without bound
+    # limits the size of very elongated images
     scale = min(scale, 8 * LARGEST / max(grey.shape))
     if scale != 1:
         size = max(round(grey.shape[1] * scale), 1), max(round(grey.shape[0] * scale), 1)

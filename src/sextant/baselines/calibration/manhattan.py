@@ -1,12 +1,12 @@
 r"""The camera that makes line segments point to three orthogonal vanishing points.
 
 A world of boxes has edges along three orthogonal axes, one of them vertical. A camera
-:math:`x = (\theta, \psi, \alpha, \log f, \hat k_1)` with the heading α to one of the horizontal axes sees these as the
+:math:`x = (\theta, \psi, \alpha, \log f, \hat k_1)` with the heading α to one of the horizontal axes has these as the
 columns w of :math:`R = (R_x(\theta) R_z(\psi))^\top R_y(\alpha)`, with vanishing points :math:`f (w_x, w_y) / w_z`.
-A segment with direction d and midpoint m, both after the lens is undone, fits an axis if d is parallel to
+A segment with direction d and midpoint m, both after undistortion, fits an axis if d is parallel to
 :math:`e = (f w_x - m_u w_z,\; f w_y - m_v w_z)`, which is finite for axes parallel to the image as well. The residual
-is the sine of their angle over its standard deviation, which combines the noise of the segment's ends with that of the
-world. The estimate is the maximum of the posterior under Cauchy noise and a Gaussian prior.
+is the sine of their angle over its standard deviation, which combines the noise of the segment's ends with the
+deviation of real edges from the axes. The estimate maximizes the posterior under Cauchy noise and a Gaussian prior.
 """
 
 from dataclasses import dataclass
@@ -20,15 +20,15 @@ from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 from sextant.baselines.calibration.line_segments import segment_lengths
 from sextant.baselines.calibration.robust_fit import HIGH, LOW, RobustFit
 
-#: Standard deviations: of a segment's end across it, in image heights; of a world's edge from its axis, in radians.
+#: Standard deviations: of a segment's end across it, in image heights; of a real edge from its axis, in radians.
 END_NOISE, WORLD_NOISE = 0.0012, np.radians(0.4)
-#: Segments farther than this from an axis have nothing to do with it.
+#: Segments farther than this from an axis are not assigned to it.
 THRESHOLD = np.radians(2.5)
 #: Thresholds while the camera is only roughly known.
 FIRST_ROUND = (2 * THRESHOLD,)
-#: Segments of one picture repeat each other's errors: beyond this number, more of them add no weight.
+#: Errors of segments in one picture are correlated: their total weight is at most that of this many.
 EFFECTIVE_SEGMENTS = 25.0
-#: Where tilt, roll, log focal and k1_hat stand among the five numbers.
+#: Indices of tilt, roll, log focal and k1_hat among the five numbers.
 BELIEFS = np.array([0, 1, 3, 4])
 
 
@@ -59,13 +59,13 @@ def camera_axes(vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b 3 3"]:
 
 
 def sines(vectors: Float64[ndarray, "b 5"], segments: Float64[ndarray, "n 2 2"]) -> Float64[ndarray, "b 3 n"]:
-    """Signed sine of the angle between each segment and its direction to each vanishing point, the lens undone."""
+    """Signed sine of the angle between each undistorted segment and its direction to each vanishing point."""
     focal = np.exp(vectors[:, 3])
     return _sines(camera_axes(vectors), focal, straightened(vectors, segments))
 
 
 def straightened(vectors: Float64[ndarray, "b 5"], segments: Float64[ndarray, "n 2 2"]) -> Float64[ndarray, "b n 2 2"]:
-    """Ends of segments once the lens of each camera is undone."""
+    """Ends of segments, undistorted by the lens of each camera."""
     k1_hat = vectors[:, 4, None, None]
     return undistort_points(segments[None], k1_hat, apparent_k2(k1_hat, np.exp(vectors[:, 3, None, None])))
 
@@ -98,7 +98,7 @@ def msac_cost(
 def nearest_axis(
     vector: Float64[ndarray, "5"], segments: Float64[ndarray, "n 2 2"], threshold: float = THRESHOLD
 ) -> tuple[Int[ndarray, "n"], Bool[ndarray, "n"]]:
-    """The axis (0 right, 1 down, 2 forward) that each segment is nearest to, and whether it is within the threshold."""
+    """The axis (0 right, 1 down, 2 forward) nearest to each segment, and whether it is within the threshold."""
     distance = np.abs(sines(vector[None], segments)[0])
     return distance.argmin(axis=0), distance.min(axis=0) < np.sin(threshold)
 
@@ -114,11 +114,11 @@ def fit_manhattan(
     """The best camera near ``start``, by alternating between the segments' axes and the five numbers.
 
     Args:
-        segments: ends in image heights, as the lens shows them.
+        segments: distorted ends in image heights.
         start: tilt, roll, heading, log focal, k1_hat.
         prior: belief about all but the heading.
         bent: whether k1_hat is fitted as well; otherwise it keeps the value of ``start``.
-        thresholds: which segments take part in each round.
+        thresholds: largest angle of a segment from its axis in each round, in radians.
     """
     vector = np.clip(start, LOW + 1e-6, HIGH - 1e-6)
     for threshold in thresholds:
@@ -169,7 +169,7 @@ class _Problem(RobustFit):
         if 4 not in self.free:
             information[4, 4] = self.sigma[3] ** -2
         information[2, 2] += 1e-6  # the heading may be undetermined
-        # an outlier costs as much as a segment at the threshold, so that throwing segments out is no way to win
+        # an outlier costs as much as a segment at the threshold, so that discarding segments does not reduce the cost
         bound = np.log1p(np.square(np.sin(THRESHOLD) / WORLD_NOISE)) * self.share
         cost = 0.5 * float(rho[0].sum()) + 0.5 * bound * outliers
         return ManhattanFit(vector, np.linalg.inv(information), cost, len(self.segments))

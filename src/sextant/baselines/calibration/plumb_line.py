@@ -2,12 +2,12 @@ r"""Distortion from bent lines: the lens that makes chains of edge pixels straig
 
 Along a chain of n evenly spaced points let :math:`c_k = \sum_i q_k(i) p_i` with orthonormal polynomials :math:`q_k` of
 degree k. Then :math:`c_1` has its direction and extent :math:`L = |c_1|`, and the parts of :math:`c_2, c_3` across that
-are its bow and its S: both are 0 for a straight line, and finer wiggles, which are noise, are left out. Undoing barrel
-distortion stretches the picture, so lengths are only compared relative to L: the deviation is
-:math:`e = L_0 |(c_2, c_3)_\perp| / (L \sqrt n)` with the original extent :math:`L_0`; without this a lens that shrinks
-the picture would win. The posterior of :math:`\hat k_1`, in image heights, is computed on a grid (Cauchy noise: curves
-of the world count little) and its peak refined. Straightness does not show the focal length; the prior's enters only
-the tiny term of :func:`~sextant.baselines.calibration.lens.apparent_k2`.
+are its bow and its S: both are 0 for a straight line, and finer wiggles, which are noise, are left out. Undistortion of
+a barrel stretches the picture, so lengths are only compared relative to L: the deviation is
+:math:`e = L_0 |(c_2, c_3)_\perp| / (L \sqrt n)` with the original extent :math:`L_0`; without this, a lens that shrinks
+the picture would have the lowest cost. The posterior of :math:`\hat k_1`, in image heights, is computed on a grid, with
+Cauchy noise that down-weights curved edges of the scene, and its peak refined. Straightness does not determine the
+focal length; the prior's enters only the tiny term of :func:`~sextant.baselines.calibration.lens.apparent_k2`.
 
 Source of the idea: D. C. Brown, "Close-range camera calibration", 1971; F. Devernay, O. Faugeras, "Straight lines have
 to be straight", MVA 2001.
@@ -21,20 +21,20 @@ from sextant.baselines.calibration.edge_chains import detect_chains
 from sextant.baselines.calibration.estimate import CalibrationBaseline, CalibrationEstimate, CameraPrior
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 
-#: Values of k1_hat that are tried.
+#: Grid of values of k1_hat.
 GRID = np.linspace(-1.8, 0.4, 56)
-#: Deviation of a chain of straight lines, in image heights.
+#: Standard deviation from straightness of chains on straight lines, in image heights.
 NOISE = 0.00025
-#: Number of independent measurements that a chain counts as, and the most that all chains together count as.
+#: Independent measurements that one chain is worth, and the most that all chains together are worth.
 PER_CHAIN, AT_MOST = 1.0, 15.0
-#: Times that the grid is refined by seven about its best value; the smallest uncertainty that is claimed.
+#: Sevenfold refinements of the grid about its best value; the smallest standard deviation returned.
 ROUNDS, SMALLEST_SIGMA = 2, 1e-6
-#: Number of longest chains that take part.
+#: Number of longest chains used.
 MOST_CHAINS = 100
 
 
 class PlumbLine(CalibrationBaseline):
-    """Distortion by the straightness of edges; tilt, roll and focal length are the prior's.
+    """Distortion from the straightness of edges; tilt, roll and focal length are the prior's.
 
     Args:
         prior: belief about the camera; ``fit`` replaces it.
@@ -49,7 +49,7 @@ class PlumbLine(CalibrationBaseline):
     """
 
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:
-        """The camera that took ``image``: the prior, but for k1."""
+        """The camera that took ``image``: the prior's, except for k1."""
         chains = detect_chains(image)
         k1_hat, sigma = straightening_k1_hat(chains, self.prior_)
         vector, spread = self.prior_.vector, np.array(self.prior_.sigma)
@@ -79,7 +79,7 @@ def straightening_k1_hat(chains: Float64[ndarray, "n points 2"], prior: CameraPr
 def deviations(
     chains: Float64[ndarray, "n points 2"], k1_hat: Float64[ndarray, "a"], focal: float
 ) -> Float64[ndarray, "a n"]:
-    """How far from straight each chain is behind each lens, in image heights; relative to its extent there."""
+    """Deviation of each chain from straightness for each lens, relative to its extent there; in image heights."""
     k1_hat = k1_hat[:, None, None]
     return np.asarray(np.hypot(*bends(chains, undistort_points(chains[None], k1_hat, apparent_k2(k1_hat, focal)))))
 
@@ -87,7 +87,7 @@ def deviations(
 def bends(
     chains: Float64[ndarray, "n points 2"], undone: Float64[ndarray, "a n points 2"]
 ) -> tuple[Float64[ndarray, "a n"], Float64[ndarray, "a n"]]:
-    """Signed bow and S of chains once the lens is undone, in image heights of the chains as they were."""
+    """Signed bow and S of undistorted chains, scaled to the original chains' image heights."""
     extent = np.linalg.norm(_polynomials(chains[None])[0, :, 0], axis=-1)
     line, second, third = np.moveaxis(_polynomials(undone), 2, 0)
     scale = extent / np.square(line).sum(-1) / np.sqrt(chains.shape[1])

@@ -8,7 +8,7 @@ from jaxtyping import Float64, Int
 from numpy import ndarray
 from scipy.optimize import least_squares
 
-#: shortest and longest focal length that is sought, in image heights; 60 are 40 longer sides of 3:2, 1,400 mm
+#: shortest and longest focal length of the search, in image heights; 60 are 40 longer sides of 3:2, or 1,400 mm
 FOCAL_HEIGHTS = (0.15, 60.0)
 #: bounds of tilt, roll, heading, log focal and k1_hat
 LOW = np.array([-1.5, -np.pi / 4, -np.inf, np.log(FOCAL_HEIGHTS[0]), -2.5])
@@ -20,7 +20,7 @@ class RobustFit(ABC):
     """Residuals and their losses over the ``free`` numbers among the five.
 
     Args:
-        free: which of tilt, roll, heading, log focal and k1_hat are sought.
+        free: which of tilt, roll, heading, log focal and k1_hat are fitted.
         fixed: all five; the others keep these values.
 
     Attributes:

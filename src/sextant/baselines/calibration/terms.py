@@ -3,12 +3,12 @@ r"""Evidence about a camera, as robust residuals that one least-squares problem 
 A camera is the vector :math:`x = (\theta, \psi, \alpha, \log f, \hat k_1)` of
 :mod:`~sextant.baselines.calibration.manhattan`, f and :math:`\hat k_1` in image heights. A term gives residuals
 :math:`r(x)` in standard deviations and a loss :math:`\rho(r^2)`; the cost of a camera is half the sum of all losses, a
-negative log posterior. Only the loss of what is certain grows as fast as a normal distribution's. Student's
+negative log posterior. Only terms for certain values have the quadratic loss of a normal distribution. Student's
 
 .. math:: \rho(s) = (\nu + 1) \log(1 + s / \nu)
 
-lets a source of evidence that contradicts all others be outvoted, and a mixture of two normals holds two opinions at
-once. So no term spoils what the others agree on, as it would in a product of normals.
+down-weights evidence that contradicts all other evidence, and a mixture of two normals represents two hypotheses. So no
+term overrides what the others agree on, as it would in a product of normals.
 """
 
 import math
@@ -33,14 +33,14 @@ class Term(ABC):
 
     Attributes:
         certainty: factor on its part of the curvature for the covariance, below 1 where its errors are known to be
-            larger than its residuals say.
+            larger than its residuals suggest.
     """
 
     certainty: float = 1.0
 
     @property
     def lens(self) -> tuple[float, float, float | None] | None:
-        """Log focal, its standard deviation, and k1_hat if known as well; None for a term that names no lens."""
+        """Log focal, its standard deviation, and k1_hat if known as well; None for a term without a lens."""
         return None
 
     @abstractmethod
@@ -67,13 +67,13 @@ def student(squares: Float64[ndarray, "*b m"], nu: float) -> Float64[ndarray, "3
 
 @dataclass(frozen=True)
 class CameraBelief(Term):
-    """A camera that a source names with standard errors: a network, EXIF, an accelerometer, other photos.
+    """A camera with standard errors from another source: a network, EXIF, an accelerometer, other photos.
 
-    Each value is compared on its own: a focal length that turns out different leaves the named tilt as it is.
+    Parameters are compared independently: a different focal length leaves the believed tilt unchanged.
 
     Attributes:
         tilt, roll: in radians.
-        focal: in heights of the part that was seen.
+        focal: in heights of the part of the photo that the source used.
         k1_hat: apparent distortion ``k1 / focal²``.
         sigma: standard errors of tilt, roll, vertical field of view (radians) and k1_hat; infinite where not known.
         nu: degrees of freedom of the loss.
@@ -107,7 +107,7 @@ class CameraBelief(Term):
 
     @property
     def lens(self) -> tuple[float, float, float | None]:
-        """The lens that is named."""
+        """The believed lens."""
         per_vfov = (4 * self.focal**2 + 1) / (4 * self.focal)  # |d ln f / d vfov|
         k1_hat = self.k1_hat / self.zoom**2
         known = self.sigma[3] / self.zoom**2 < KNOWN_BEND
@@ -130,7 +130,7 @@ class CameraBelief(Term):
 
 @dataclass(frozen=True)
 class FocalBelief(Term):
-    """A focal length that EXIF or the user names.
+    """A focal length from EXIF or from the user.
 
     Attributes:
         focal: in image heights.
@@ -150,7 +150,7 @@ class FocalBelief(Term):
 
     @property
     def lens(self) -> tuple[float, float, None]:
-        """The focal length that is named."""
+        """The believed focal length."""
         return math.log(self.focal), self.sigma, None
 
     def residuals(self, vectors: Vectors) -> Float64[ndarray, "b 1"]:
@@ -164,11 +164,11 @@ class FocalBelief(Term):
 
 @dataclass(frozen=True)
 class GravityBelief(Term):
-    """The direction of gravity as a source such as an accelerometer names it.
+    """The direction of gravity from a source such as an accelerometer.
 
     Attributes:
         down: unit vector of gravity in the camera frame: right, down and forward.
-        sigma: standard deviation in each direction in which it may err, in radians.
+        sigma: standard deviation per direction, in radians.
         nu: degrees of freedom of the loss.
 
     Example:
@@ -201,12 +201,12 @@ class GravityBelief(Term):
 
 @dataclass(frozen=True)
 class PhotoPrior(Term):
-    """The prior on people's cameras before the photo is seen: about level, common lenses, mostly undistorted.
+    """The image-independent prior on the camera of a photo: about level, common lenses, mostly undistorted.
 
     It was chosen by hand to be wide: lenses of 16 to 65 mm (35-mm equivalent) are within two standard deviations, and
-    the tails beyond are Student's. The median, 32 mm, lies between those of phones (27 to 30) and of cameras (35 to
-    38). 31 mm has smaller errors on all photos of ``benchmarks.joint_intervals`` together, but larger ones without its
-    phones. Distortion is a mixture of pictures that the maker or a program undistorted and of lenses left as they are.
+    the tails are Student's. The median, 32 mm, lies between those of phones (27 to 30) and of cameras (35 to 38). 31 mm
+    has smaller errors on all photos of ``benchmarks.joint_intervals`` together, but larger ones without its phones.
+    Distortion is a mixture of pictures undistorted in the camera or by software, and of uncorrected lenses.
 
     Attributes:
         longer: longer side of the photo in image heights; focal lengths and distortion are compared in longer sides.
@@ -238,9 +238,9 @@ class PhotoPrior(Term):
         return np.concatenate([named, *parts], axis=1)
 
     def loss(self, squares: Float64[ndarray, "*b 5"]) -> Float64[ndarray, "3 *b 5"]:
-        """Student's loss; for the mixture, its cost for either component, with that one's probability as the slope.
+        """Student's loss; for the mixture, its cost for each component, with the component's probability as slope.
 
-        A single residual, the root of the mixture's cost, would have no slope at its peak and give no information.
+        A single residual, the root of the mixture's cost, would have zero slope at its peak and no information.
         """
         heights = self.straight[0] / self.straight[1], (1 - self.straight[0]) / self.bent[1]
         each = np.log(heights) - 0.5 * squares[..., 3:]
@@ -251,12 +251,12 @@ class PhotoPrior(Term):
         return np.concatenate([*parts, mixture], axis=-1)
 
 
-#: most independent measurements that all bent chains together count as, and the number of longest ones that take part
+#: most independent measurements that all chains together are worth, and the number of longest ones used
 CHAINS, MOST_CHAINS = 30.0, 40
 
 
 class StraightChains(Term):
-    """Chains of edge pixels are straight once the lens is undone.
+    """Residuals of chains of edge pixels, which are straight after undistortion.
 
     Args:
         chains: points in image heights from the centre.
@@ -278,7 +278,7 @@ class StraightChains(Term):
         return np.concatenate(bends(self.chains, points), axis=1) / self.noise
 
     def loss(self, squares: Float64[ndarray, "*b m"]) -> Float64[ndarray, "3 *b m"]:
-        """Cauchy's loss of each chain's bow and S together: curves of the world count little."""
+        """Cauchy's loss of each chain's bow and S together, which down-weights curved edges of the scene."""
         half = squares.shape[-1] // 2
         more = 1 + squares[..., :half] + squares[..., half:]
         rho = self.share * np.stack([np.log(more) / 2, 1 / more, -1 / np.square(more)])

@@ -3,8 +3,9 @@ r"""Vanishing points of a world of boxes by RANSAC: tilt, roll and focal length 
 Two segments on lines :math:`l_1, l_2` meet in the vanishing point :math:`v_1 = l_1 \times l_2`; so do two others in
 :math:`v_2`. If their axes are orthogonal, :math:`f^2 = -(v_1 \cdot v_2)` for points measured from the centre, and the
 third axis is the cross product. Half of the hypotheses are made this way. Where an axis is parallel to the image, as in
-any frontal or level view, this does not show f. So the other half takes f from the prior, the first axis from two
-segments and the second from one more, to which it is orthogonal. All are scored at once, and the best few refined.
+any frontal or level view, this does not determine f. The other half therefore takes f from the prior, the first axis
+from two segments, and the second axis from one more segment, orthogonal to the first. All are scored at once, and the
+best few are refined.
 
 Sources: J. Coughlan, A. Yuille, "Manhattan world", ICCV 1999; C. Rother, "A new approach to vanishing point detection
 in architectural environments", BMVC 2000 (angle from the midpoint); P. Torr, A. Zisserman, "MLESAC", 2000 (the score).
@@ -28,13 +29,13 @@ from sextant.baselines.calibration.robust_fit import HIGH, LOW
 
 #: Number of hypotheses; of those that are refined; of segments, longest first, that hypotheses are scored on.
 HYPOTHESES, REFINED, SCORED = 500, 3, 120
-#: Fewer segments than this make no frame.
+#: Fewest segments for which a frame is searched.
 FEWEST = 3
-#: Segments that make a frame.
+#: Segments drawn for a frame.
 PICKED = 4
-#: Focal lengths, in image heights, that two vanishing points may give: lines do not show those of longer lenses.
+#: Focal lengths, in image heights, accepted from two vanishing points; lines do not determine those of longer lenses.
 MEASURED = 0.15, 8.0
-#: Share of length that the score trades for one squared standard deviation off the prior.
+#: Penalty per squared standard deviation from the prior, as a share of the segments' length.
 PRIOR_WEIGHT = 0.01
 
 
@@ -61,7 +62,7 @@ class VanishingPoints(CalibrationBaseline):
         return self.calibrate_segments(segments)
 
     def calibrate_segments(self, segments: Float64[ndarray, "n 2 2"]) -> CalibrationEstimate:
-        """The camera that sees ``segments`` (ends in image heights from the centre, longest first)."""
+        """The camera of an image with ``segments`` (ends in image heights from the centre, longest first)."""
         found = find_frame(segments, self.prior_, seed=self.seed)
         if found is None:
             return CalibrationEstimate.of_prior(self.prior_, count_long(segments))
@@ -72,7 +73,7 @@ class VanishingPoints(CalibrationBaseline):
 def find_frame(
     segments: Float64[ndarray, "n 2 2"], prior: CameraPrior, *, seed: int, bent: bool = False
 ) -> ManhattanFit | None:
-    """The best Manhattan frame of segments seen by a lens with the prior's ``k1_hat``; None if there are too few.
+    """The best Manhattan frame of segments for a lens with the prior's ``k1_hat``; None if there are too few.
 
     Args:
         segments: ends in image heights from the centre, longest first.
@@ -100,9 +101,9 @@ def find_frame(
 def explained_share(segments: Float64[ndarray, "n 2 2"], prior: CameraPrior, *, seed: int) -> float:
     """Share of the longest segments' length that the best of many frames explains beyond chance, from 0 to 1.
 
-    Where it is small, the scene is not a world of boxes, and a frame fitted to it is arbitrary. The best of so many
-    frames explains part of any n segments: the four that it was made from, and about a share of ``0.12 + 3 / n`` of
-    the other n - 4, as counted on 4 to 200 random ones.
+    Where it is small, the scene is not a world of boxes, and a frame fitted to it is arbitrary. By chance, the best of
+    all frames explains part of any n segments: the four that define it, and about a share of ``0.12 + 3 / n`` of the
+    other n - 4, as measured on 4 to 200 random segments.
 
     Args:
         segments: ends in image heights from the centre, longest first.
@@ -129,7 +130,7 @@ def hypotheses(
 
     Args:
         segments: straight segments, longest first.
-        prior: belief about the focal length, where two segments do not tell it.
+        prior: belief about the focal length, where vanishing points do not determine it.
         generator: draws the picks.
     """
     ones = np.ones((len(segments), 1))
@@ -169,7 +170,7 @@ def upright(
     up = np.where(up[..., 1:2] > 0, -up, up)
     tilt, roll = np.arctan2(up[..., 2], np.hypot(up[..., 0], up[..., 1])), np.arctan2(-up[..., 0], -up[..., 1])
     roll = np.where(np.abs(roll) < np.pi / 4, roll, np.nan)
-    side = np.roll(np.moveaxis(frames, -1, 0), -1, axis=0)  # any other axis has the heading, up to a right angle
+    side = np.roll(np.moveaxis(frames, -1, 0), -1, axis=0)  # any other axis gives the heading modulo a right angle
     (ct, st), (cr, sr) = (np.cos(tilt), np.sin(tilt)), (np.cos(roll), np.sin(roll))
     across = cr * side[..., 0] - sr * side[..., 1]
     ahead = st * (sr * side[..., 0] + cr * side[..., 1]) + ct * side[..., 2]

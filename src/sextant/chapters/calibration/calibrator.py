@@ -29,16 +29,16 @@ SHIPPED = "zoo:calibration"
 
 
 class PhotoCalibrator:
-    """Calibrates photos from all evidence: the network of a calibration run, lines, and a prior over people's cameras.
+    """Calibrates photos by combining a calibration run's network, the photo's lines, and a prior on typical cameras.
 
-    The network sees the largest centred part of a photo with an aspect that it was trained on; results are in pixels of
-    the whole upright original. Photos are image files of any kind and size or Pillow images, turned upright by EXIF, or
-    upright arrays of RGB bytes. Photos are decoded one after the other, and only the small part that the network sees
-    is kept. So many photos are never in memory at once, and any iterable will do.
+    The network gets the largest centred part of a photo with an aspect ratio that it was trained on. Results are in
+    pixels of the whole upright original. Photos are image files of any format and size or Pillow images, rotated
+    upright by EXIF, or upright arrays of RGB bytes. They are decoded one at a time and only the network's small input
+    is kept, so memory stays bounded and any iterable will do.
 
-    Where a focal length is known beforehand, or photos are of one camera, estimates are fused at fixed appearance: the
-    apparent distortion ``k1 / f²`` and the seen offset of the horizon are kept, so that k1 and tilt follow the new
-    focal length.
+    A known focal length, or the other photos of one camera, refine the focal length and the apparent distortion
+    ``k1 / f²``. Tilt and roll are then estimated again with that lens; with ``network`` alone, roll and the position of
+    the horizon in the image are kept.
 
     >>> calibrator = PhotoCalibrator.load("outputs/runs/calibration/1a2b3c4d-s0")  # doctest: +SKIP
     >>> camera = calibrator.calibrate("photo.jpg")  # doctest: +SKIP
@@ -101,7 +101,7 @@ class PhotoCalibrator:
             gravity_prior: ``exif`` for the reading of the phone's accelerometer, if the file has it.
 
         Raises:
-            UserError: the photo cannot be read, or the network's prediction is not a camera.
+            UserError: the photo cannot be read, or the network's prediction is not a valid camera.
         """
         name = str(photo) if isinstance(photo, Path | str) else "the photo"
         (found,) = self._each([(name, photo)], focal_prior, gravity_prior)

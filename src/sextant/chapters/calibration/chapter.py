@@ -49,7 +49,7 @@ class CalibrationChapter(Chapter[CalibrationConfig]):
         return source
 
     def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files of a split are missing; a world that is not yet rendered has none."""
+        """Raise a ``UserError`` if files of a split are missing; worlds not yet rendered need none."""
         for split in ("train", "val", "test"):
             source.files(split)
 
@@ -67,7 +67,7 @@ class CalibrationChapter(Chapter[CalibrationConfig]):
         return rows | {"sampling": str(plain["sampling"].get("name", "")), "test": conditions_name(plain["corruption"])}
 
     def answers(self, config: CalibrationConfig) -> list[str]:
-        """The network, what learns nothing, and the geometric methods if they are tested."""
+        """The network, the image-independent baselines, and the geometric methods if they are tested."""
         blind = ["network", "constant", "prior"]
         return [*blind, *BY_LINES, "network + lines"] if config.task.geometric_baselines else blind
 
@@ -145,7 +145,7 @@ class CalibrationChapter(Chapter[CalibrationConfig]):
         from sextant.chapters.calibration.report import arrays, compare, figures, metrics, table
 
         assert module.result is not None
-        with self.reporter.progress("looking at lines", "crops") as progress:
+        with self.reporter.progress("detecting lines", "crops") as progress:
             report = compare(module, data, geometric=config.task.geometric_baselines, progress=progress)
         bearing = {key: float(errors.median()) for key, errors in module.bearing_errors_deg().items()}
         headline = Headline("bearing error (deg)", "", "lower", bearing)

@@ -1,17 +1,17 @@
-r"""Priors for COLMAP: a database with cameras and gravity, and a file that states how sure these are.
+r"""Priors for COLMAP: a database with cameras and gravity, and a file with their uncertainties.
 
 ``database.db`` holds for each photo its camera (model RADIAL), gravity and, if EXIF has it, the position on WGS 84.
 Gravity is a unit vector in the camera's frame (x right, y down, z forward); for tilt θ and roll ψ it is
 
 .. math:: g = (\sin\psi\cos\theta,\; \cos\psi\cos\theta,\; -\sin\theta).
 
-COLMAP 4.2 stores no uncertainty of gravity, which is therefore in ``priors.json``: the covariance
+COLMAP 4.2 stores no uncertainty of gravity, so ``priors.json`` holds it: the covariance
 :math:`\sigma_\theta^2\, g_\theta g_\theta^\top + \sigma_\psi^2\, g_\psi g_\psi^\top` in rad², with the derivatives of g
-by tilt and roll, which are taken as independent. It is perpendicular to g, so its rank is 2. COLMAP takes the database
-as certain. So the gravity of photos that are not trustworthy is only in ``priors.json``, and a focal length is only
-marked as known (``has_prior_focal_length``) for a camera with a good photo.
+by tilt and roll, whose errors are taken as independent. It is perpendicular to g, so its rank is 2. COLMAP treats the
+database as exact. Gravity of photos that are not trustworthy is therefore only in ``priors.json``, and a focal length
+is marked as known (``has_prior_focal_length``) only for a camera with a good photo.
 
-COLMAP reads an image as it is stored, whatever its EXIF orientation; cameras and vectors are rotated accordingly.
+COLMAP ignores the EXIF orientation; cameras and vectors are rotated to the image as stored.
 Sources: COLMAP 4.2, ``src/colmap/geometry/pose_prior.h`` and ``sensor/models.h``.
 """
 
@@ -60,8 +60,8 @@ def check_colmap(folder: Path) -> None:
 
     if (folder / DATABASE).exists():
         raise UserError(
-            f"{folder / DATABASE} is there already, perhaps with features that took hours",
-            "Move it away, or choose another folder: output=/path",
+            f"{folder / DATABASE} already exists, and may hold features that took hours to extract",
+            "Move it, or choose another folder: output=/path",
         )
 
 
@@ -80,7 +80,7 @@ def write_colmap(cameras: Sequence[PhotoCamera], folder: Path | str) -> list[Pat
 
     Raises:
         ArgumentError: there are no cameras, or one is not of a file.
-        UserError: there is a database already, the disk is full, or the folder cannot be written to.
+        UserError: a database already exists, the disk is full, or the folder cannot be written to.
         ModuleNotFoundError: pycolmap is not installed: ``pip install 'sextant-vision[colmap]'``.
 
     Example:
@@ -90,7 +90,7 @@ def write_colmap(cameras: Sequence[PhotoCamera], folder: Path | str) -> list[Pat
     folder = Path(folder).expanduser()
     check_colmap(folder)
     if without := [camera.name for camera in cameras if not Path(camera.name).is_file()]:
-        raise ArgumentError(f"cameras: {without[0]} is no file, and COLMAP reads files", "Calibrate files.")
+        raise ArgumentError(f"cameras: {without[0]} is not a file, and COLMAP needs files", "Calibrate files.")
     if not cameras:
         raise ArgumentError("cameras=[]: there is no camera", "Give at least one.")
     paths = [Path(os.path.abspath(camera.name)) for camera in cameras]

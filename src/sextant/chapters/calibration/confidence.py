@@ -1,4 +1,4 @@
-"""How far an estimated camera can be trusted, and why not further."""
+"""Verdicts on estimated cameras, with their reasons."""
 
 import math
 from collections.abc import Mapping
@@ -15,15 +15,15 @@ from sextant.chapters.calibration.photo_camera import Intervals, PhotoCamera, Ve
 from sextant.geometry import CameraParameters, focal_from_vfov, vfov_from_focal
 
 GOOD, TRUSTWORTHY = 0.5, 1.0  # half-width of a 68 % interval, in half-widths of the central 68 % of training cameras
-#: the same for a camera from all evidence, for which the spread of the training cameras is no measure: tilt and roll in
-#: radians, relative focal length, and k1_hat in longer sides: 0.1 and 0.3 in heights of 4:3
+#: absolute limits for a camera from all evidence, to which the training spread does not apply: tilt and roll in
+#: radians, relative focal length, and k1_hat in longer sides (0.1 and 0.3 in heights of 4:3)
 JOINTLY_GOOD = (math.radians(3), math.radians(2), 0.1, 0.18)
 JOINTLY_TRUSTWORTHY = (math.radians(10), math.radians(6), 0.25, 0.53)
-#: share of the network's own interval; a wider interval from all evidence rests on the network
+#: share of the network's own interval above which an interval from all evidence is taken to rest on the network
 LEANS = 0.5
 NAMES = ("tilt", "roll", "field of view", "apparent distortion")
-#: ends of a range that raise doubts; the training cameras end at :data:`ENDS`, since a range is a little wider than
-#: their spread
+#: shares at each end of a range that raise doubts; the training cameras end at :data:`ENDS`, since a range is slightly
+#: wider than their spread
 EDGE, ENDS = 0.01, 0.02 / 1.04
 #: names of the four numbers, whatever the parameterization
 NUMBERS = ("vertical position of the horizon or tilt", "roll", "size", "distortion")
@@ -33,8 +33,8 @@ def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple
     """A verdict, its reasons, and the widths of the 68 % intervals over the spread of the training cameras.
 
     The verdict is the worst of those by the widths, the finding's doubts and the training range. For the network alone,
-    an interval as wide as the spread of the training cameras says no more than was known before training. For all
-    evidence, the width itself counts.
+    an interval as wide as the spread of the training cameras is uninformative, so widths are relative to that spread.
+    For all evidence, they are absolute.
     """
     spread, half = network.spec.spread, finding.half["68"]
     ratios = half / np.asarray(spread)
@@ -57,7 +57,7 @@ def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple
 
 
 def _distinct(a: float, b: float) -> tuple[str, str]:
-    """Two numbers with the fewest digits, at least two, that tell them apart."""
+    """Two numbers with the fewest digits, at least two, that distinguish them."""
     shown = ((f"{a:.{digits}g}", f"{b:.{digits}g}") for digits in range(2, 18))
     return next((pair for pair in shown if pair[0] != pair[1]), (f"{a:.2g}", f"{b:.2g}"))
 
@@ -74,12 +74,12 @@ def _allowed(finding: Finding, network: CameraNetwork) -> tuple[Float64[ndarray,
 
 
 def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, str]]:
-    """Doubts about a camera at the end of the training range, or near it for how sure the network is.
+    """Doubts about a camera at the end of the training range, or too near it for its interval.
 
-    A network only answers within the range of its training cameras. A camera beyond an end is reported as one before
-    it, and the nearer the end, the surer the network is, since no training camera could be far off there. So an angle
-    is doubted where its 95 % interval reaches beyond the end. Distortion is not: most lenses have none, which is the
-    end of most ranges. Nor is anything that the lines of the photo settled.
+    A network predicts only within its training range. A camera beyond an end is predicted just inside it, and the
+    expected error shrinks towards the end, since no training camera could be far off there. So an angle is doubted
+    where its 95 % interval crosses the end. Distortion is not: most lenses have none, which is the end of most ranges.
+    Nor is any quantity that the lines of the photo determine.
     """
     said, doubts = finding.network or finding, []
     own = finding.alone or finding.half
@@ -89,7 +89,7 @@ def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, s
     placed = zip(NUMBERS, position, leaning, strict=True)
     if at := [name for name, p, leans in placed if leans and not EDGE <= p <= 1 - EDGE]:
         names = ", ".join(at)
-        doubts.append((1, f"at the end of what the network was trained on: {names}; the truth may lie beyond"))
+        doubts.append((1, f"at the end of the network's training range: {names}; the true value may lie beyond it"))
     ends = network.position(_interval_ends(said), aspect).double()
     reached = [
         name
@@ -100,7 +100,7 @@ def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, s
     ]
     if reached:
         names = ", ".join(reached)
-        doubts.append((1, f"the 95 % interval reaches beyond what the network was trained on: {names}"))
+        doubts.append((1, f"the 95 % interval extends beyond the network's training range: {names}"))
     return doubts
 
 
@@ -124,7 +124,7 @@ def _interval_ends(finding: Finding) -> CameraParameters:
 
 
 def photo_camera(finding: Finding, network: CameraNetwork) -> PhotoCamera:
-    """The camera of a photo with its intervals, and how far it can be trusted."""
+    """The camera of a photo with its intervals and verdict."""
     camera, photo, view = finding.camera, finding.photo, finding.view
     verdict, reasons, widths = confidence(finding, network)
     return PhotoCamera(

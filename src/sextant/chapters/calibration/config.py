@@ -66,7 +66,7 @@ class Canvas(Node):
 
 
 class FieldPrediction(Node):
-    """How a network learns the perspective field of a picture."""
+    """Training on the perspective field of a picture."""
 
     weight: Positive = Field(examples=[0.1])
 
@@ -157,7 +157,7 @@ class CalibrationTask(TaskNode):
     def _fields_are_of_canvases(self) -> Self:
         if self.perspective_field is not None and self.canvas is None:
             raise ValueError(
-                "task.perspective_field needs pictures on a canvas, as experiment=calibration_held has: "
+                "task.perspective_field needs pictures on a canvas, as in experiment=calibration_held: "
                 "task.perspective_field=null"
             )
         return self
@@ -167,7 +167,7 @@ class CalibrationTask(TaskNode):
         if self.canvas is not None and (self.width != self.height or self.width % 2):
             raise ValueError("task.canvas needs squares of an even number of pixels: task.width=112 task.height=112")
         if self.canvas is not None and self.geometric_baselines:
-            raise ValueError("task.canvas has pictures of all shapes, which geometric methods do not see here: "
+            raise ValueError("task.canvas mixes picture shapes, which the geometric baselines do not support: "
                              "task.geometric_baselines=false")  # fmt: skip
         return self
 

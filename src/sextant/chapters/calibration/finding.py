@@ -1,4 +1,4 @@
-"""Intermediate results for a photo's camera."""
+"""Intermediate camera estimates of photos."""
 
 import math
 from collections.abc import Mapping
@@ -19,22 +19,22 @@ LEVELS = {"68": (0.68, 1.0), "95": (0.95, 1.96)}  # name: share of photos, and m
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """A photo's camera in progress. Focal length and k1_hat are in heights of the part that was seen.
+    """An intermediate estimate of a photo's camera. Focal length and k1_hat are in heights of the network's view.
 
     Attributes:
         name: name of the photo.
         photo: the photo as read, without its picture.
-        view: the part that the network saw.
+        view: the part of the photo given to the network.
         camera: tilt, roll, focal and k1, float64 scalars.
         half: by level, half-widths of the intervals of tilt, roll, vfov (radians) and k1_hat.
         family: family of the lens.
-        doubts: what speaks against the camera, each with the best verdict that it allows: 0 good, 1 weak, 2 not
+        doubts: reasons against the camera, each with the best verdict that it allows: 0 good, 1 weak, 2 not
             trustworthy.
-        basis: what the intervals rest on.
+        basis: how the intervals were obtained.
         lines: lines of the photo; None if they are not used.
-        network: the finding of the network alone, if ``camera`` rests on more than that.
+        network: the finding of the network alone, if ``camera`` uses other evidence too.
         trusts_network: whether the network contributed to ``camera``.
-        strangeness: how strange the photo looks to the network.
+        strangeness: distance of the photo's appearance from the validation images, in units of their 95 % quantile.
         network_doubts: as ``doubts``, against the finding of the network alone.
         alone: half-widths of the intervals from this photo alone, if ``half`` is fused with others.
         gravity: gravity that contributes to ``camera`` besides the picture.
@@ -72,7 +72,7 @@ class Finding:
 
     @property
     def zoom(self) -> float:
-        """Height of the part that the network saw, in heights of the photo."""
+        """Height of the network's view, in heights of the photo."""
         return self.view.height / self.photo.height
 
     @property
@@ -81,7 +81,7 @@ class Finding:
         return max(self.photo.width, self.photo.height)
 
     def focal_interval(self, level: str) -> tuple[float, float]:
-        """Interval in pixels of the original; 0 and infinity where the interval of the field of view has no end."""
+        """Interval in pixels of the original; 0 or infinity where the field of view reaches π or 0."""
         vfov, half = float(vfov_from_focal(self.camera.focal)), self.half[level][2]
         wide, narrow = vfov + half, vfov - half
         low = float(focal_from_vfov(torch.tensor(wide, dtype=torch.float64))) if wide < math.pi else 0.0

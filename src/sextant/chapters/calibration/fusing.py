@@ -1,4 +1,4 @@
-r"""A photo's focal length and distortion as numbers that can be fused, and how a fused result becomes its camera.
+r"""Conversion of a photo's focal length and distortion to quantities that can be fused, and back to its camera.
 
 With the longer side of the original as unit, photos of one camera, in any orientation and at any scale, share
 :math:`\log f` and :math:`\hat k_1 = k_1 / f^2`. Their standard errors are half the 68 % intervals; with
@@ -36,8 +36,8 @@ def estimate(finding: Finding) -> tuple[Float64[ndarray, "2"], Float64[ndarray, 
 def shared(finding: Finding) -> float:
     """Share of the information on the focal length that photos of one camera have in common: all but their lines.
 
-    The prior and a network's bias are the same in every photo; however many photos there are, they are one piece of
-    evidence.
+    The prior and a network's bias are the same in every photo, so they count as one piece of evidence however many
+    photos there are.
     """
     if finding.network is None:
         return 0.0
@@ -51,8 +51,8 @@ def shared(finding: Finding) -> float:
 def adopt(finding: Finding, fusion: Fusion, basis: str) -> Finding:
     """The finding with a fused focal length and distortion.
 
-    Tilt and roll are those that the evidence gives with that lens, with the uncertainty of the lens included. For the
-    network alone, they are chosen such that the horizon stays where it was seen in the picture.
+    Tilt and roll are estimated again with that lens, and their intervals include its uncertainty. For the network
+    alone, roll is kept, and tilt is chosen such that the horizon keeps its position in the picture.
     """
     zoom = finding.side / finding.view.height
     old = finding.camera
@@ -82,6 +82,6 @@ def adopt(finding: Finding, fusion: Fusion, basis: str) -> Finding:
 
 
 def _lens(focal: float, k1: float, finding: Finding) -> CameraBelief:
-    """The belief that the lens is this one, beyond doubt."""
+    """A belief that fixes the lens, almost without uncertainty."""
     known = (math.inf, math.inf, CERTAIN, CERTAIN)
     return CameraBelief(0.0, 0.0, focal, k1 / focal**2, known, nu=math.inf, zoom=finding.zoom)

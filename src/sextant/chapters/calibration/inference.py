@@ -1,4 +1,4 @@
-"""What is seen in photos, what the network predicts for them, and immediate doubts about it."""
+"""Line detection and network prediction for photos, with doubts about the photo or its prediction."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,18 +24,18 @@ from sextant.data.upright import upright
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters
 
-#: photos whose reduced views go through the network at a time
+#: photos per forward pass of the network
 BATCH = 64
 LITTLE_SEEN = 0.6  # of the photo's area
 MAYBE_PANORAMA = (
-    "it is 2:1 and closed around, as panoramas of 360 degrees are, though its edge shows too little to be sure"
+    "it is 2:1 and its left and right edges match, as in a 360° panorama, but they show too little detail to be certain"
 )
 AnyPhoto = Path | str | UInt8[ndarray, "h w 3"] | Image.Image
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """A photo without its pixels, and what was seen in it."""
+    """A photo without its pixels, with its lines and the doubts about it."""
 
     name: str
     photo: Photo
@@ -54,7 +54,7 @@ def find_cameras(
     Args:
         network: the trained network.
         photos: photos with their names.
-        look_at_lines: keep the lines of each photo, and report what is not a photo.
+        look_at_lines: detect lines, refuse panoramas, and doubt pictures that may not be photos.
     """
     left = iter(photos)
     while batch := [attempted(name, _seen, network, name, photo, look_at_lines) for name, photo in islice(left, BATCH)]:
@@ -76,7 +76,7 @@ def _seen(network: CameraNetwork, name: str, photo: AnyPhoto, look_at_lines: boo
         doubts += [(1, MAYBE_PANORAMA)] if closed_around(read.image) else []
     if read.cropped:
         doubts.append(
-            (1, "EXIF describes a picture of another shape: cropped, it need not show the lens's axis in its middle")
+            (1, "its shape differs from that in EXIF: if it was cropped, the optical axis may not be at its centre")
         )
     return _Seen(name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view, lines, tuple(doubts))
 
@@ -87,12 +87,12 @@ def _read(name: str, photo: AnyPhoto) -> Photo:
     if isinstance(photo, Image.Image):
         try:
             photo = np.asarray(rgb_bytes(upright(eight_bits(photo)), 1))
-        except OSError as error:  # Pillow reads it only now
+        except OSError as error:  # Pillow decodes lazily
             raise UserError(f"{name} cannot be read: {error}", "Give another.") from None
     if not isinstance(photo, ndarray):
         raise UserError(
-            f"{name} is of type {type(photo).__name__}; a photo is a file, RGB bytes, or a picture of Pillow",
-            "Give its file; several photos go to calibrate_many or one_camera.",
+            f"{name} is of type {type(photo).__name__}; a photo is a file, RGB bytes, or a Pillow image",
+            "Give its file; for several photos use calibrate_many or one_camera.",
         )
     return photo_of_array(photo, name)
 
@@ -100,7 +100,7 @@ def _read(name: str, photo: AnyPhoto) -> Photo:
 def _predicted(
     network: CameraNetwork, views: Sequence[NetworkView]
 ) -> Iterator[tuple[Tensor, dict[str, Float64[ndarray, "4"]], float]]:
-    """For each view: the camera parameters, half-widths of their intervals by level, and the view's strangeness."""
+    """For each view, the camera parameters, half-widths of their intervals by level, and the strangeness."""
     if not views:
         return
     images = torch.from_numpy(np.stack([view.image for view in views]).transpose(0, 3, 1, 2).copy())
@@ -120,19 +120,19 @@ def _finding(
     name, photo, view = seen.name, seen.photo, seen.view
     if not (numbers.isfinite().all() and camera.focal > 0 and camera.tilt.abs() < math.pi / 2):
         said = ", ".join(f"{n}={v:.3g}" for n, v in zip(camera._fields, numbers.tolist(), strict=True))
-        return FailedPhoto(name, UserError(f"{name}: what the network predicts is no camera ({said})"))
+        return FailedPhoto(name, UserError(f"{name}: the network's prediction is not a valid camera ({said})"))
     doubts = []
     if view.share < LITTLE_SEEN:
-        doubts.append(f"the network saw only {view.share:.0%} of the photo: it has an unusual shape")
+        doubts.append(f"the network's input covers only {view.share:.0%} of the photo, whose shape is unusual")
     if view.width < spec.width or view.height < spec.height:
         doubts.append(
-            f"of {photo.width}x{photo.height} pixels the network saw {view.width:.0f}x{view.height:.0f}, fewer than "
-            f"the {spec.width}x{spec.height} that it takes"
+            f"of {photo.width}x{photo.height} pixels the network used {view.width:.0f}x{view.height:.0f}, fewer than "
+            f"the {spec.width}x{spec.height} of its input"
         )
     if strangeness > 1:
         doubts.append(
-            f"it does not look like anything the network was trained on: {strangeness:.1f} times as far from it as all "
-            "but a twentieth of its validation images"
+            f"it does not resemble the network's training images: its distance from them is {strangeness:.1f} times "
+            "the 95 % quantile of the validation images"
         )
     family = network.parameterization.k2_of_k1
     return Finding(

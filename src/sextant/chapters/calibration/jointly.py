@@ -1,9 +1,8 @@
-r"""A photo's camera from all evidence: the network, lines, a prior over people's cameras, and any named prior.
+r"""A photo's camera from all evidence: the network, lines, a prior on typical cameras, and any known values.
 
-Standard errors come from the curvature of the joint cost (:mod:`sextant.baselines.calibration.joint`). How often the
-truth lies within a multiple of them was counted on real photos and panoramas. :data:`MULTIPLES` are those that hold 68
-and 95 % of these, averaged over their sources. Under a normal distribution they would be 1 and 1.96; real evidence has
-longer tails.
+Standard errors come from the curvature of the joint cost (:mod:`sextant.baselines.calibration.joint`).
+:data:`MULTIPLES` of them were calibrated on real photos and panoramas, averaged over their sources, to cover the truth
+in 68 and 95 % of cases. Under a normal distribution they would be 1 and 1.96; real errors have longer tails.
 """
 
 import math
@@ -22,22 +21,22 @@ from sextant.geometry import CameraParameters, vfov_from_focal
 
 Method = Literal["joint", "lines", "network"]
 #: factors by which a network's errors of tilt, roll, vfov and k1_hat exceed those that it expects, on photos of sources
-#: that it never saw: rounded up from crops of 60 panoramas and 110 photos. That of vfov grows with the width of its
-#: interval, since these errors are all in one direction: at :data:`VAGUE` (radians) it is twice as large
+#: not in its training set: rounded up from crops of 60 panoramas and 110 photos. That of vfov grows with the width of
+#: its interval, since these errors are all in one direction: at :data:`VAGUE` (radians) it is twice as large
 NETWORK_SCALE = np.array([1.2, 1.2, 2.2, 4.0])
 VAGUE = math.radians(8)
-#: multiples of the joint standard errors of tilt, roll, vfov and k1_hat, by level: counted on 273 photos and crops of
-#: nine sources that trained no network, each source weighted by the root of its number of photos
+#: multiples of the joint standard errors of tilt, roll, vfov and k1_hat, by level: calibrated on 273 photos and crops
+#: of nine sources not used in training, each weighted by the root of its number of photos
 #: (``python -m benchmarks.joint_intervals``)
 MULTIPLES = {"68": np.array([1.4, 1.25, 0.85, 2.7]), "95": np.array([3.45, 4.3, 2.5, 10.8])}
-#: standard deviation of a lens's principal point from the centre, in longer sides; it turns the tilt
+#: standard deviation of a lens's principal point from the centre, in longer sides; it adds to the uncertainty of tilt
 PRINCIPAL_POINT = 0.01
-#: standard deviations of the prior of tilt, roll and log focal length beside a network that is at least as sure as the
-#: usual prior, since it has its own opinion of how people hold cameras; for tilt and roll, the usual prior takes over
-#: until the network is half as sure
+#: standard deviations of the prior of tilt, roll and log focal length beside a network at most as uncertain as the
+#: usual prior, since its training already covers how cameras are held; for tilt and roll they fall to the usual ones
+#: as the network's standard error grows to twice these
 WIDE = (1.0, 0.2, 0.35)
-#: least number of long segments that point to an axis for a lens to be measured by them, and least number for each of
-#: two axes; the probability of all cameras but the best above which it is doubted
+#: fewest long segments along the axes, and along each of two axes, that determine a lens; probability of all cameras
+#: but the best above which the best is doubted
 FEW, AN_AXIS, RIVALS = 10, 3, 0.2
 #: standard errors between the network and the joint camera above which they disagree
 DISAGREE = 3.0
@@ -49,10 +48,10 @@ def by_method(finding: Finding, method: Method) -> Finding:
 
 
 def jointly(finding: Finding, more: Sequence[Term] = ()) -> Finding:
-    """The camera given the network's finding, the lines, the prior, and ``more`` that is known.
+    """The camera given the network's finding, the lines, the prior and ``more`` beliefs.
 
     Args:
-        finding: finding of a photo whose lines were looked at; by the network, or jointly already.
+        finding: of a photo whose lines were detected; by the network alone, or already joint.
         more: further beliefs, in heights of the photo.
     """
     said = replace(finding.network or finding, gravity=finding.gravity)
@@ -65,14 +64,16 @@ def jointly(finding: Finding, more: Sequence[Term] = ()) -> Finding:
     found = joint_estimate(said.lines, [*beliefs, *down, *more])
     joint = _adopted(said, found, longer)
     if found.ends:
-        joint = joint.doubted(1, f"at an end of what is searched: {', '.join(found.ends)}; the truth may lie beyond")
-    if not more:  # otherwise the lens is known, and does not rest on lines
+        joint = joint.doubted(
+            1, f"at an end of the search range: {', '.join(found.ends)}; the true value may lie beyond"
+        )
+    if not more:  # otherwise the lens is known, and does not depend on the lines
         joint = joint.doubted(1, *_little(found))
     return joint.doubted(1, *_disagreements(said, joint)) if said.trusts_network else joint
 
 
 def _held(network: CameraBelief) -> tuple[float, float, float]:
-    """Standard deviations of the prior of people's cameras beside a network: the usual ones where it says nothing."""
+    """Standard deviations of the camera prior beside a network: the usual ones where it is uninformative."""
     usual = PhotoPrior.sigma
     tilt, roll = (
         wide - (wide - common) * min(max(said / common - 1, 0.0), 1.0)
@@ -82,7 +83,7 @@ def _held(network: CameraBelief) -> tuple[float, float, float]:
 
 
 def network_belief(said: Finding) -> CameraBelief:
-    """The network's prediction, with its errors on real photos; larger where a photo looks strange to it."""
+    """The network's prediction with its errors on real photos, larger where a photo is unlike its training images."""
     camera = said.camera
     tilt, roll, vfov, k1_hat = map(float, max(1.0, said.strangeness) * network_sigmas(said))
     return CameraBelief(
@@ -100,7 +101,7 @@ def network_sigmas(said: Finding) -> Float64[ndarray, "4"]:
 def _adopted(said: Finding, found: JointEstimate, longer: float) -> Finding:
     tilt, roll, log_focal, k1_hat = found.vector
     if not np.isfinite(found.vector).all():
-        raise ArithmeticError("the search for its camera ended nowhere")
+        raise ArithmeticError("the search for its camera did not converge")
     focal = math.exp(log_focal) / said.zoom
     k1_hat *= said.zoom**2
     per_log_focal = 4 * focal / (4 * focal**2 + 1)  # |d vfov / d ln f|
@@ -119,16 +120,16 @@ def _little(found: JointEstimate) -> list[str]:
     doubts = []
     if found.support.sum() < FEW or (found.support >= AN_AXIS).sum() < 2:
         doubts.append(
-            f"few lines tell the lens: {'+'.join(map(str, found.support))} long segments point to the three axes, "
-            f"fewer than {FEW}, or to fewer than two of them"
+            f"few lines constrain the lens: {'+'.join(map(str, found.support))} long segments along the three axes, "
+            f"fewer than {FEW} in all or too few along two of them"
         )
     if found.rivals > RIVALS:
-        doubts.append(f"another camera suits the photo nearly as well: its probability is {found.rivals:.0%}")
+        doubts.append(f"another camera fits the photo nearly as well, with a probability of {found.rivals:.0%}")
     return doubts
 
 
 def _disagreements(said: Finding, joint: Finding) -> list[str]:
-    """Doubts where the network is far from what lines and priors made of the photo."""
+    """Doubts where the network's prediction is far from the joint estimate."""
     off = [said.camera.tilt - joint.camera.tilt, said.camera.roll - joint.camera.roll]
     off.append(vfov_from_focal(said.camera.focal) - vfov_from_focal(joint.camera.focal))
     sigmas = network_sigmas(said)[:3]

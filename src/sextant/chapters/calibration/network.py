@@ -24,9 +24,9 @@ from sextant.models.calibration_net import cell_centres
 from sextant.models.canvas import pictures_of_canvas
 from sextant.runs.checkpoint import KEY
 
-#: share of validation images that count as looking usual
+#: share of validation images that count as typical
 USUAL = 0.95
-#: parameterizations that can tell any camera, however steep
+#: parameterizations that can represent any camera, however steep
 WITH_FIELD = ("angles", "direct")
 
 
@@ -35,13 +35,13 @@ class CalibrationSpec:
     """The inputs and output ranges of a trained network: with the weights, all that prediction needs.
 
     Attributes:
-        height: of its input in pixels.
-        width: of its input in pixels.
-        aspects: of the images it was trained on, before they were resized to the input.
+        height: height of the input in pixels.
+        width: width of the input in pixels.
+        aspects: width over height of the training images, before they were resized to the input.
         low: lower ends of the four ranges.
         high: upper ends of the four ranges.
         validation_crops: number of scores on which the intervals are based.
-        per_panorama: number of them from each panorama.
+        per_panorama: number of scores from each panorama.
         median: tilt, roll, focal and k1 in the middle of the training distribution.
         spread: half-width of the central 68 % of tilt, roll, vfov (radians) and k1_hat in training.
         canvas: the input is a square with the picture in its middle (:mod:`sextant.geometry.canvas`), and the ranges
@@ -73,8 +73,8 @@ class CalibrationPrediction:
         scale: expected absolute error of tilt, roll, vfov (radians) and k1_hat.
         scores: ratios of error to expected error on the validation split, one column each.
         per_panorama: validation crops of each panorama.
-        strangeness: distance of each image's looks from those of the validation split, in units of the distance below
-            which 95 % of such images stay; 0 if that is unknown, None if not computed.
+        strangeness: distance of each image's appearance from the validation images, in units of their 95 % quantile;
+            0 if that is unknown, None if not computed.
     """
 
     parameters: CameraParameters
@@ -141,7 +141,7 @@ class CameraNetwork(nn.Module):
         return self.decoded(self.space.from_unit(output.unit), aspect) if fitted is None else of_picture(fitted, aspect)
 
     def fitted(self, output: CalibrationOutput, aspect: Float[Tensor, "b"]) -> CameraParameters | None:
-        """The cameras on the canvas that fit the network's field best; None of a network without one."""
+        """The cameras on the canvas that fit the network's field best; None if it predicts no field."""
         if output.believed is None:
             return None
         start = self.parameterization.decode(self.space.from_unit(output.unit))
@@ -155,7 +155,7 @@ class CameraNetwork(nn.Module):
         return cell_centres(self.network.field.cells, aspect)
 
     def looks(self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 16"]:
-        """The looks of images in [0, 1] to the network, by :func:`picture_looks`."""
+        """Appearance statistics of images in [0, 1], by :func:`picture_looks`."""
         if self.network.lines is None:
             return picture_looks(images)
         pictures = pictures_of_canvas(images, aspect, self.network.lines)
@@ -172,7 +172,7 @@ class CameraNetwork(nn.Module):
 
     @torch.no_grad()
     def predict(self, images: Tensor, aspect: Float[Tensor, "b"]) -> CalibrationPrediction:
-        """Cameras and their uncertainty for images of bytes, ``(b, 3, h, w)``, and how strange the images look."""
+        """Cameras with their uncertainty, and the strangeness, of images of bytes ``(b, 3, h, w)``."""
         images, aspect = images.to(self.scores.device).float() / 255, aspect.to(self.scores.device)
         camera, scale = self(images, aspect)
         looks = self.looks(images, aspect)
@@ -199,7 +199,7 @@ class CameraNetwork(nn.Module):
         self.looks_scores.copy_(own_distances(looks, panoramas))
 
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *arguments: Any) -> None:
-        for name in ("looks_mean", "looks_whitening", "looks_scores"):  # missing in runs from before these existed
+        for name in ("looks_mean", "looks_whitening", "looks_scores"):  # missing in older runs
             state_dict.setdefault(prefix + name, getattr(self, name))
         head = prefix + "network.field."
         if self.network.field is not None and not any(name.startswith(head) for name in state_dict):
@@ -242,8 +242,8 @@ def network_parts(
     field = task.get("perspective_field") is not None
     if field and parameterization.name not in WITH_FIELD:
         raise UserError(
-            f"task.perspective_field: parameterization={parameterization.name} cannot tell all cameras that are fitted "
-            "to a field",
+            f"task.perspective_field: parameterization={parameterization.name} cannot represent every camera that may "
+            "be fitted to a field",
             f"parameterization={' or '.join(WITH_FIELD)}, or task.perspective_field=null",
         )
     try:

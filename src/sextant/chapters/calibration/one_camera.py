@@ -32,7 +32,7 @@ class OneCamera:
         photos: each photo with the fused camera, or why it failed; in the given order.
         fusion: fusion of the log of the focal length and of k1 / f², f in longer sides of a photo; it states which
             photos were kept and whether they agree.
-        doubts: what speaks against the result.
+        doubts: reasons against the result.
     """
 
     photos: tuple[PhotoCamera | FailedPhoto, ...]
@@ -46,7 +46,7 @@ class OneCamera:
 
     @property
     def focal_of_longer_side(self) -> float:
-        """Focal length in longer sides of a photo; times the longer side in pixels, it is in pixels."""
+        """Focal length over the longer side of a photo; multiply by that side in pixels to get pixels."""
         return math.exp(self.fusion.values[0])
 
     def row(self) -> dict[str, Any]:
@@ -92,13 +92,13 @@ def fuse_as_one_camera(
     fusion, doubts = _with_priors(fuse(values, sigmas, correlation=correlation), [*distinct.values()], focal_prior)
     if resized and not fusion.consistent:
         raise UserError(
-            f"{resized}, and they disagree more than their intervals allow (p = {fusion.p_value:.2g}): they are of "
+            f"{resized}, and they disagree more than their intervals allow (p = {fusion.p_value:.2g}): they are from "
             "several cameras",
-            "Calibrate the photos of each size by themselves, in a folder of their own.",
+            "Calibrate the photos of each size separately, each in a folder of its own.",
         )
     if not fusion.consistent:
         doubts.append(
-            f"the photos disagree more than their intervals allow (p = {fusion.p_value:.2g}): are they of one camera?"
+            f"the photos disagree more than their intervals allow (p = {fusion.p_value:.2g}): are they from one camera?"
         )
     basis = f"fused over {int(fusion.kept.sum())} photos, normal"
     kept = dict(zip(distinct, fusion.kept, strict=True))
@@ -112,7 +112,7 @@ def fuse_as_one_camera(
         if i != first:
             fused[i] = fused[i].doubted(0, f"a copy of {findings[first].name}: the two count as one photo")
     if resized:
-        doubts.append(f"{resized}: taken for one camera's, some of them made smaller or larger")
+        doubts.append(f"{resized}: they are treated as resized photos of one camera")
         fused = [finding.doubted(0, doubts[-1]) for finding in fused]
     used = np.array([i == first and kept[first] for i, first in enumerate(firsts)])
     return fused, replace(fusion, kept=used), tuple(doubts)
@@ -126,13 +126,13 @@ def _firsts(findings: Sequence[Finding]) -> list[int]:
 
 
 def _with_priors(fusion: Fusion, findings: Sequence[Finding], focal_prior: FocalPrior) -> tuple[Fusion, list[str]]:
-    """The fusion with the median of the known focal lengths, and what speaks against it."""
+    """The fusion with the median of the known focal lengths, and doubts about it."""
     priors = [prior for finding in findings if (prior := prior_of(finding, focal_prior))]
     doubts: list[str] = []
     if priors:
         means = np.array([prior.mean for prior in priors])
         if np.ptp(means) > 2 * priors[0].sigma:
-            doubts.append("EXIF gives focal lengths that differ: a zoom lens is another camera at each setting")
+            doubts.append("EXIF gives different focal lengths: each setting of a zoom lens is a different camera")
         known = with_prior(fusion, 0, Prior(float(np.median(means)), priors[0].sigma))
         against = disagreement(known.prior_z, focal_prior)
         if against and focal_prior == "exif":
@@ -142,20 +142,20 @@ def _with_priors(fusion: Fusion, findings: Sequence[Finding], focal_prior: Focal
 
 
 def _check_one_camera(findings: Sequence[Finding], focal_prior: FocalPrior) -> str:
-    """Refuse photos that cannot be of one camera; if they are of several sizes, say so."""
+    """Refuse photos that cannot be from one camera; return a note if they have several sizes, else an empty string."""
     shapes = {f.name: f.side / min(f.photo.width, f.photo.height) for f in findings}
     first, last = min(shapes, key=lambda p: shapes[p]), max(shapes, key=lambda p: shapes[p])
     if shapes[last] / shapes[first] - 1 > SAME_SHAPE:
         raise UserError(
-            f"{first} and {last} have sides of 1:{shapes[first]:.3f} and 1:{shapes[last]:.3f}, so that they are not of "
+            f"{first} and {last} have sides of 1:{shapes[first]:.3f} and 1:{shapes[last]:.3f}, so they are not from "
             "one camera, or one was cropped",
-            "Take it out, or calibrate each photo by itself.",
+            "Remove it, or calibrate each photo by itself.",
         )
     sides = {finding.side for finding in findings}
     if isinstance(focal_prior, int | float) and len(sides) > 1:
         raise UserError(
             f"focal_prior={focal_prior:g}: the photos have longer sides of {min(sides)} to {max(sides)} pixels, so "
-            "that their focal lengths in pixels differ",
+            "their focal lengths in pixels differ",
             "Give photos of one size, or focal_prior=exif",
         )
     named: dict[str, str] = {}
@@ -165,8 +165,8 @@ def _check_one_camera(findings: Sequence[Finding], focal_prior: FocalPrior) -> s
     if len(named) > 1:
         (one, first), (other, second) = list(named.items())[:2]
         raise UserError(
-            f"{first} is by {one} and {second} by {other}, by EXIF, so that they are not of one camera",
-            "Calibrate the photos of each camera by themselves, in a folder of their own.",
+            f"according to EXIF, {first} was taken with {one} and {second} with {other}, so not with one camera",
+            "Calibrate the photos of each camera separately, each in a folder of its own.",
         )
     sizes = {tuple(sorted((finding.photo.width, finding.photo.height))): finding for finding in findings}
     if len(sizes) == 1:
@@ -175,9 +175,9 @@ def _check_one_camera(findings: Sequence[Finding], focal_prior: FocalPrior) -> s
     if known and max(known.values()) > SAME_FOCAL * min(known.values()):
         wide, long = min(known, key=lambda name: known[name]), max(known, key=lambda name: known[name])
         raise UserError(
-            f"{wide} and {long} are of different sizes and, by EXIF, of focal lengths of {known[wide]:.2f} and "
-            f"{known[long]:.2f} longer sides, so that they are not of one camera and lens setting",
-            "Calibrate the photos of each size by themselves, in a folder of their own.",
+            f"{wide} and {long} differ in size and, according to EXIF, have focal lengths of {known[wide]:.2f} and "
+            f"{known[long]:.2f} longer sides, so they are not from one camera and lens setting",
+            "Calibrate the photos of each size separately, each in a folder of its own.",
         )
     told = ", ".join(f"{long}x{short}" for short, long in sorted(sizes, reverse=True)[:4])
     return f"the photos are of {len(sizes)} sizes ({told})"
@@ -188,7 +188,7 @@ def _camera_of(name: str) -> str:
     try:
         with open_picture(Path(name)) as image:
             exif = exif_of(image)
-    except Exception:  # decoders raise whatever they come across; an array has no file
+    except Exception:  # decoders may raise anything on a damaged file; an array has no file
         return ""
     block = directory(exif, EXIF_BLOCK)
     tags = [tag_of(exif, MAKE), tag_of(exif, MODEL), block.get(SERIAL), block.get(LENS)]

@@ -12,7 +12,7 @@ Undistort = Literal["crop", "all", "none"]
 
 
 class FocalOptions(Options):
-    """What the user may know about a camera beforehand."""
+    """Prior knowledge of a camera's focal length."""
 
     focal_prior: Annotated[Literal["exif"] | Annotated[float, Field(gt=0)] | None, NONE] = Field(
         None, title="none, exif or a focal length in pixels above 0", examples=["exif"]
@@ -21,7 +21,7 @@ class FocalOptions(Options):
 
 
 class CalibrationOptions(FocalOptions):
-    """What the user chose."""
+    """Options of the calibration of photos."""
 
     method: Literal["joint", "lines", "network"] = Field("joint", examples=["network"])
     """joint (default: network, lines and a prior on cameras together), lines (no network) or network (alone)"""

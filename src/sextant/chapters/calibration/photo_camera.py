@@ -1,4 +1,4 @@
-"""The camera of a photo, with everything that can be said of it."""
+"""The estimated camera of a photo, with its intervals and verdict."""
 
 import math
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ class Intervals:
 
     Attributes:
         tilt_deg, roll_deg: degrees.
-        focal_px: pixels of the upright original; starts at 0 or ends at infinity where nothing bounds it.
+        focal_px: pixels of the upright original; 0 or infinity at an end where it is unbounded.
         vfov_deg: nominal vertical field of view, degrees.
         k1: at the estimated focal length.
     """
@@ -43,22 +43,22 @@ class PhotoCamera:
     """The camera of a photo. Pixels are those of the upright original, after EXIF orientation.
 
     Attributes:
-        name: file of the photo; for an array its place, such as ``photos[3]``.
+        name: file of the photo; for an array its position, such as ``photos[3]``.
         width, height: size of the photo, pixels.
         exif_orientation: 1 to 8; 1 is upright.
         exif_focal_px: focal length from EXIF in pixels; None if it has none.
-        tilt_deg: tilt of the camera in degrees; positive looks up.
+        tilt_deg: tilt of the camera in degrees, positive upwards.
         roll_deg: roll of the camera in degrees.
         focal_px: focal length in pixels.
         k1, k2: coefficients of the radial distortion ``1 + k1 r² + k2 r⁴``, r the tangent of the angle to the axis.
-        interval_68, interval_95: intervals that hold the truth in 68 and 95 % of photos. For the network alone: of
-            photos like those it was trained on; for all evidence: on average over the sets that they were counted on.
-        intervals_by: what the intervals rest on.
+        interval_68, interval_95: intervals that cover the truth for 68 and 95 % of photos: for the network alone, of
+            photos like its training images; for all evidence, on average over the calibration sets.
+        intervals_by: how the intervals were obtained.
         verdict: how far the camera can be trusted.
-        reasons: why not further.
-        width_over_training_spread: half the 68 % intervals of tilt, roll, field of view and apparent distortion, in
-            units of the same over all training cameras.
-        seen: left, top, width and height of the part that the network saw, pixels.
+        reasons: why the verdict is not better, or what else to know about the estimate.
+        width_over_training_spread: half the 68 % intervals of tilt, roll, field of view and apparent distortion,
+            divided by the same over all training cameras.
+        seen: left, top, width and height of the part given to the network, pixels.
     """
 
     name: str

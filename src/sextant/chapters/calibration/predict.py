@@ -29,7 +29,7 @@ def predict_calibrations(
     return written.rows
 
 
-#: an interval within this of EXIF's focal length, as a share of it, would gain nothing by it
+#: an interval within this share of EXIF's focal length gains nothing from it
 EXACT = 0.05
 
 
@@ -62,7 +62,7 @@ def _interval(row: Mapping[str, Any]) -> str:
 
 
 def _hint(row: Mapping[str, Any]) -> list[str]:
-    """What EXIF knows of the focal length, where that was not used and would help."""
+    """EXIF's focal length as a hint, where it was not used and would help."""
     known = row.get("exif_focal_px")
     if not known or "focal_prior" in str(row.get("intervals_by", "")):
         return []
@@ -70,5 +70,5 @@ def _hint(row: Mapping[str, Any]) -> list[str]:
     return (
         []
         if low > known * (1 - EXACT) and high < known * (1 + EXACT)
-        else [f"EXIF says {known:,.0f} px: focal_prior=exif"]
+        else [f"EXIF gives {known:,.0f} px; to use it: focal_prior=exif"]
     )

@@ -16,12 +16,12 @@ from sextant.errors import ArgumentError
 #: a focal length in pixels of the photo, the one in EXIF, or none
 FocalPrior = float | Literal["exif"] | None
 #: standard deviation of the log of a focal length. EXIF: rounding to whole millimetres (2 % at 26 mm), makers that
-#: compare widths and not diagonals (4 %), lens corrections that crop. Given by hand: as well as a person knows it.
+#: compare widths and not diagonals (4 %), lens corrections that crop. Given by hand: a typical user's accuracy.
 PRIOR_SIGMA = {"exif": 0.05, "given": 0.02}
 PRIOR_DISAGREES = 3.0  # standard errors
 #: gravity from the accelerometer, in the photo's metadata, or none
 GravityPrior = Literal["exif"] | None
-#: standard deviation of an accelerometer per direction (radians): a hand-held phone, a sensor not quite square to it
+#: standard deviation of an accelerometer per direction (radians): hand motion, and a slightly misaligned sensor
 GRAVITY_SIGMA = math.radians(1.5)
 
 
@@ -52,7 +52,7 @@ def prior_of(finding: Finding, focal_prior: FocalPrior) -> Prior | None:
     low, high = (finding.photo.height * end for end in FOCAL_HEIGHTS)
     if not low <= focal_prior <= high:
         raise ArgumentError(
-            f"focal_prior={focal_prior:g}: focal lengths of a photo {finding.photo.height} pixels high are sought from "
+            f"focal_prior={focal_prior:g}: focal lengths of a photo {finding.photo.height} pixels high must be from "
             f"{low:.0f} to {high:.0f} pixels (of the file, not millimetres)",
             "focal_prior=exif",
         )
@@ -60,7 +60,7 @@ def prior_of(finding: Finding, focal_prior: FocalPrior) -> Prior | None:
 
 
 def disagreement(z: float, focal_prior: FocalPrior) -> list[str]:
-    """What to say of a prior that is ``z`` standard errors from the picture; nothing if it is close enough."""
+    """A doubt about a prior that is ``z`` standard errors from the picture's estimate; none if it is close enough."""
     if not abs(z) > PRIOR_DISAGREES:
         return []
     return [f"the focal length by focal_prior={focal_prior} and the picture disagree by {abs(z):.1f} standard errors"]
@@ -95,7 +95,7 @@ def with_gravity(finding: Finding, gravity_prior: GravityPrior) -> Finding:
 
 
 def with_priors(finding: Finding, focal_prior: FocalPrior, gravity_prior: GravityPrior) -> Finding:
-    """The finding with both priors as evidence, and what either says against it."""
+    """The finding with both priors as evidence, and the doubts that either raises."""
     held, doubts = _held(finding, gravity_prior)
     return with_focal_prior(held, focal_prior).doubted(0 if held.photo.gravity is None else 1, *doubts)
 
@@ -107,7 +107,7 @@ def _held(finding: Finding, gravity_prior: GravityPrior) -> tuple[Finding, list[
         return finding, ["the metadata contain no gravity: none was used"] * (gravity_prior is not None)
     belief = GravityBelief(known, GRAVITY_SIGMA)
     off = np.array(belief.pose) - [float(finding.camera.tilt), float(finding.camera.roll)]
-    steep = max(math.cos(belief.pose[0]), GRAVITY_SIGMA)  # looking nearly straight down, any roll is the same camera
+    steep = max(math.cos(belief.pose[0]), GRAVITY_SIGMA)  # near the vertical, roll is undetermined
     doubts: list[str] = []
     if (np.abs(off) > np.hypot(finding.half["95"][:2], [2 * GRAVITY_SIGMA, 2 * GRAVITY_SIGMA / steep])).any():
         tilt, roll = (math.degrees(angle) for angle in belief.pose)
@@ -116,7 +116,7 @@ def _held(finding: Finding, gravity_prior: GravityPrior) -> tuple[Finding, list[
     if gravity_prior is None:
         return finding, doubts
     if finding.network is None:
-        return finding, [*doubts, "gravity was not used: the network alone has no place for it"]
+        return finding, [*doubts, "gravity was not used: method=network does not support it"]
     return jointly(replace(finding, gravity=belief)), doubts
 
 

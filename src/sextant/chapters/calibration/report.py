@@ -1,4 +1,4 @@
-"""The trained network compared with methods that learn nothing or use only lines: errors, table, figures."""
+"""The trained network compared with image-independent and line-based baselines: errors, table, figures."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,8 +33,8 @@ KEPT = ("tilt_deg", "roll_deg", "vfov_deg", "k1", "k1_hat", "bearing_deg", "undi
 COLUMNS = ("method", "tilt (°)", "roll (°)", "vfov (°)", "k1", "k1/f²", "bearing (°)", "undistortion (px @480)")
 REPORTED = ("tilt", "roll", "vfov", "k1_hat")
 BATCH, SHEET = 64, 16
-#: images with fewer long segments than this share of the validation images count as poor in lines; likewise those that
-#: are darker, more cluttered or more curved
+#: images with fewer long segments than this quantile of the validation images count as poor in lines; the limits of
+#: dark, cluttered and curved images are the same quantile
 KIND_SHARE = 0.25
 FEW_LINES = "few lines"
 
@@ -57,7 +57,7 @@ class CalibrationReport:
 
 
 def compare(module: Calibration, data: CalibrationData, *, geometric: bool, progress: Advance) -> CalibrationReport:
-    """Compare the network's test predictions with the baselines on the same crops; geometric ones see them larger."""
+    """Compare the network's test predictions with baselines on the same crops; geometric ones get them enlarged."""
     from sextant.baselines.calibration import ConstantCamera, PriorCamera
 
     assert module.result is not None
@@ -117,7 +117,7 @@ def _geometric(
 
 
 def network_beliefs(prediction: CalibrationPrediction) -> "list[CameraBelief]":
-    """The network's belief about each image, with half-widths of the 68 % intervals as standard errors."""
+    """The network's prediction for each image as a belief; standard errors are half-widths of the 68 % intervals."""
     from sextant.baselines.calibration import CameraBelief
 
     sigmas = (prediction.scale * prediction.quantile(0.68).nan_to_num(posinf=3.0)).double().tolist()
@@ -129,7 +129,7 @@ def network_beliefs(prediction: CalibrationPrediction) -> "list[CameraBelief]":
 
 
 def _looks(data: CalibrationData, split: str, n: int, progress: Advance) -> dict[str, Float[ndarray, "n"]]:
-    """How the crops of a split look, by the kind of scene that low values are of.
+    """Statistics of a split's crops, by the kind of scene that low values indicate.
 
     Numbers of long segments, their share of the length of all segments, the mean grey, and ``-|k1 / f²|``.
     """
@@ -144,7 +144,7 @@ def _looks(data: CalibrationData, split: str, n: int, progress: Advance) -> dict
 def _over_crops(
     data: CalibrationData, split: str, n: int, look: Callable[..., Any], progress: Advance, *beside: Sequence[Any]
 ) -> Iterator[Any]:
-    """``look(image, *beside[i])`` for the first ``n`` crops of a split, in order, on as many processes as training."""
+    """``look(image, *beside[i])`` for the first ``n`` crops of a split, in order, on ``1 + workers`` processes."""
     from joblib import Parallel, delayed
 
     crops = data.larger(split)

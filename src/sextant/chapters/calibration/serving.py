@@ -1,4 +1,4 @@
-"""Trained camera networks for other programs: as tensors in and out, and as answers to single photos."""
+"""Trained camera networks for other programs: as a function of tensors, and as a predictor for photo files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,7 +42,7 @@ def exportable(content: Content, checkpoint: Path, *, trust: bool) -> Exportable
     spec = content[KEY]["spec"]
     if spec.get("canvas"):
         raise UserError(
-            "this network sees photos on a square canvas, by sums over what each photo covers: it cannot be exported",
+            "this network takes photos on a square canvas and filters each within its borders: it cannot be exported",
             "Use it from Python: sextant.PhotoCalibrator.load(<run>).",
         )
     network = CameraHead(trained_camera_network(content, checkpoint, trust=trust))

@@ -25,7 +25,7 @@ from sextant.models import CalibrationNet, CalibrationOutput
 from sextant.training.schedules import OptimizerFactory, Schedule, log_training_loss, optimizers
 from sextant.training.steps import StepLosses
 
-#: what is validated beside bearings
+#: quantities validated in addition to bearings
 QUANTITIES = ("tilt_deg", "roll_deg", "vfov_deg", "k1_hat", "k1")
 #: weight of the heads' own loss beside that of the camera fitted to the field
 START_WEIGHT = 0.5
@@ -37,7 +37,7 @@ class CalibrationResult:
 
     Attributes:
         truth: the true cameras.
-        aspect: of each image.
+        aspect: width over height of each image.
         panoramas: which panorama each image was cut from; crops of the same panorama are not independent.
         predictions: by condition key.
     """
@@ -61,7 +61,7 @@ class Calibration(CameraNetwork, pl.LightningModule):
         schedule: factor on the learning rate as a function of the share of epochs done.
         clip: largest gradient norm, applied separately to the network and to the heads of expected errors.
         log_every: steps between two logged training losses.
-        field_weight: of the loss of a perspective field, if the network has one.
+        field_weight: weight of the perspective field's loss, if the network predicts one.
     """
 
     monitor, monitor_mode = "val/bearing_deg", "min"
@@ -101,11 +101,11 @@ class Calibration(CameraNetwork, pl.LightningModule):
         # negative log-likelihood of a Laplace distribution, smallest if the scale is the mean absolute error
         expected = batch.weight * (output.log_scale + error * torch.exp(-output.log_scale)).mean()
         log_training_loss(self, self.step_losses.add(self.global_step, loss))
-        total: Tensor = loss + expected  # the heads of ``expected`` get detached features, so the sum couples nothing
+        total: Tensor = loss + expected  # the heads of ``expected`` get detached features, so the two do not interact
         return total
 
     def _loss(self, output: CalibrationOutput, fitted: CameraParameters | None, batch: CropBatch) -> Float[Tensor, "b"]:
-        """The loss of the camera; of one that is fitted to a field also those of the field and of the first answer."""
+        """The loss of the camera; for one fitted to a field, also those of the field and of the heads' own camera."""
         truth, aspect = self.encoded(batch.cameras, batch.aspect), batch.aspect
         shape = torch.ones_like(aspect) if self.spec.canvas else aspect
         said: Tensor = self.loss(self.space.from_unit(output.unit), truth, shape)
@@ -145,7 +145,7 @@ class Calibration(CameraNetwork, pl.LightningModule):
         self._validation.append((*errors, error / scale, bearing, beside, looks, batch.panoramas))
 
     def on_validation_epoch_end(self) -> None:
-        """Log median errors beside those of a constant camera; keep the scores and the looks for the intervals."""
+        """Log median errors beside those of a constant camera; keep scores and appearance for intervals and doubts."""
         columns = (torch.cat(column).cpu() for column in zip(*self._validation, strict=True))
         errors, of_constant, scores, bearing, beside, looks, panoramas = columns
         self._validation = []

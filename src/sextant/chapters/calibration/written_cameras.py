@@ -1,4 +1,4 @@
-"""What is written of calibrated photos: straightened photos, tables, pictures, a COLMAP database."""
+"""Output files of calibrated photos: undistorted photos, tables, pictures, a COLMAP database."""
 
 import io
 import json
@@ -140,7 +140,7 @@ def _save(image: Image.Image, path: Path, kind: str) -> None:
 
 @dataclass(frozen=True)
 class WrittenCameras:
-    """What was found and written.
+    """Results of calibrated photos and the files written.
 
     Attributes:
         rows: plain values of each photo, including those that failed.
@@ -164,7 +164,7 @@ def write_cameras(
     gravity_prior: GravityPrior = None,
     colmap: bool = False,
 ) -> WrittenCameras:
-    """Calibrate photos and write all results to a folder; a photo that fails is among the rows, and the rest go on.
+    """Calibrate photos and write all results to a folder; a photo that fails gets a row with its error.
 
     Args:
         calibrator: calibrates the photos.

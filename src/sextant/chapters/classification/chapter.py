@@ -114,7 +114,7 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
                 f"{len(trained.classes)}"
             )
         if found.classes != trained.classes:
-            self.reporter.say(f"the classes of dataset={source.name} have other names than those of training")
+            self.reporter.say(f"the classes of dataset={source.name} have names other than those in training")
 
     def record(self, module: "Classification", data: "ImageData", config: ClassificationConfig) -> TestRecord:
         """Predictions by condition, figures of the test, cost of the network, and the test protocol."""
@@ -157,7 +157,7 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
             raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
 
     def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
-        """Images to logits."""
+        """Maps images to logits."""
         from sextant.chapters.classification.serving import exportable
 
         return exportable(content, checkpoint, trust=trust)

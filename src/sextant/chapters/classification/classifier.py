@@ -1,4 +1,4 @@
-"""A trained classifier: images in, probabilities of classes out."""
+"""A trained classifier: maps images to class probabilities."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -52,8 +52,8 @@ class ImageClassifier:
     """Classifies images with the network of a classification run, or a published push-pull network.
 
     >>> classifier = ImageClassifier.load("outputs/runs/classification/1a2b3c4d-s0")  # doctest: +SKIP
-    >>> seen = classifier.classify("photo.jpg")  # doctest: +SKIP
-    >>> print(seen.label, seen.probability)  # doctest: +SKIP
+    >>> found = classifier.classify("photo.jpg")  # doctest: +SKIP
+    >>> print(found.label, found.probability)  # doctest: +SKIP
 
     Args:
         network: maps images in [0, 1], ``(b, c, h, w)``, to logits ``(b, k)``.
@@ -121,7 +121,7 @@ class ImageClassifier:
             images: files of any kind and size, which are turned upright, scaled to cover the network's images and
                 cropped at the centre; or arrays of bytes of the size of the network's images.
             errors: ``raise`` tries all images, then raises if some failed; ``return`` puts a
-                :class:`~sextant.applications.FailedPhoto` in the place of each that did.
+                :class:`~sextant.applications.FailedPhoto` in place of each failure.
 
         Raises:
             FailedPhotosError: files cannot be read, or arrays have another shape; it names all of them.
@@ -154,7 +154,7 @@ class ImageClassifier:
         if bool(found.isnan().any()):
             raise UserError(
                 f"the model in {self.name} returns NaN",
-                "Its weights are damaged, or its training diverged. Take another checkpoint.",
+                "Its weights are damaged, or its training diverged. Use another checkpoint.",
             )
         return found
 

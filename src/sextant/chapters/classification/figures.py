@@ -91,7 +91,7 @@ def corruption_difference(
     title: str = "",
     interval: str = "95 % over seeds",
 ) -> Figure:
-    """One bar per corruption: to the left, in blue, where the treatment errs less; in orange where it errs more.
+    """One bar per corruption: to the left, in blue, where the treatment has fewer errors; in orange where more.
 
     If there are intervals, bars whose interval contains zero are pale; the others count as certain. A diamond marks the
     noise floor. The legend counts wins and losses.
@@ -212,7 +212,7 @@ def corruption_heatmap(
     label: str = "severity, error (%)",
     mean: bool = True,
 ) -> Figure:
-    """One row per corruption, one column per severity, and the mean over several severities beside; cells in per cent.
+    """One row per corruption, one column per severity and one for their mean; cells in per cent.
 
     Args:
         errors: shares of wrong predictions by corruption, mildest severity first; rows may differ in length.
@@ -296,7 +296,7 @@ def corruption_radar(
 
     Example:
         >>> axes = corruption_radar({"LeNet": {"fog": 0.2, "snow": 0.3, "frost": 0.4}}).axes[0]
-        >>> axes.lines[0].get_ydata()  # closed: the first comes again
+        >>> axes.lines[0].get_ydata()  # closed: the first value is repeated
         array([20., 30., 40., 20.])
     """
     found = list(next(iter(errors.values()), {}))

@@ -32,11 +32,11 @@ Answering = Callable[[UInt8[Tensor, "b c h w"]], Float[Tensor, "b k"]]
 def predict_classes(
     trained: Trained, opened: Callable[[], tuple[str, Answering]], paths: Sequence[Path], output: Path, given: str
 ) -> list[dict[str, Any]]:
-    """Classify images, write the results into ``output`` and show them; unreadable images are named.
+    """Classify images, write the results to ``output`` and show them; unreadable images are listed.
 
     Args:
         trained: the model.
-        opened: builds the model: the name of the number that it gives for each class, and what computes that number.
+        opened: builds the model: the name of its number per class, and the function that computes it.
         paths: paths of the images.
         output: folder for the results.
         given: what the user gave as ``input``.
@@ -104,7 +104,7 @@ def _answered(
     if bool(found.isnan().any()):
         raise UserError(
             f"the model in {model} returns NaN",
-            "Its weights are damaged, or its training diverged. Take another checkpoint.",
+            "Its weights are damaged, or its training diverged. Use another checkpoint.",
         )
     return [(row, image, values) for (row, image), values in zip(images, found.tolist(), strict=True)]
 

@@ -17,7 +17,7 @@ class ClassificationResult:
         labels: true classes, in the order of the split.
         indices: positions in the split.
         predictions: predicted classes by condition key.
-        confidences: what the network believed, by condition key.
+        confidences: the network's confidence in its predictions, by condition key.
     """
 
     labels: Int64[ndarray, "n"]

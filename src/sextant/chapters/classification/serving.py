@@ -1,4 +1,4 @@
-"""Trained classifiers for other programs: as tensors in and out, and as answers to single photos."""
+"""Trained classifiers for other programs: as a network on tensors, and as predictions for single photos."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +10,7 @@ from sextant.runs.checkpoint import KEY
 
 
 def exportable(content: Content, checkpoint: Path, *, trust: bool) -> Exportable:
-    """Images to logits."""
+    """Maps images to logits."""
     from sextant.kit.trained import trained_network
 
     spec = content[KEY]["spec"]

@@ -1,4 +1,4 @@
-"""Image classification, tested under corruptions unseen in training (chapter 7)."""
+"""Image classification, tested under corruptions not trained on (chapter 7)."""
 
 from typing import Any
 
@@ -116,7 +116,7 @@ class Classification(pl.LightningModule):
         return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:
-        """Whether the run learnt at all, judged on the validation split by the rule in ``evaluation.protocols``."""
+        """Whether the run learnt at all, on the validation split and by the rule in ``evaluation.protocols``."""
         return classification_converged(validation["val/accuracy"], len(self.spec.classes))
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -51,7 +51,7 @@ class CosfireChapter(Chapter[CosfireConfig]):
         super().check_parts(config)
 
     def identity(self, config: CosfireConfig) -> dict[str, Any]:
-        """The base identity, with those of the descriptor and of the run whose features are used."""
+        """The base identity, with those of the descriptor and of the run that provides the features."""
         found, outputs = super().identity(config), Path(config.paths.outputs)
         if config.descriptor is not None:
             found["descriptor"] = descriptor_identity(found["descriptor"], outputs)
@@ -97,7 +97,7 @@ class CosfireChapter(Chapter[CosfireConfig]):
             "features": learnt if features["run"] is None else f"run {features['run']}",
             "bank": part_name(config.plain["bank"]),
             "strategy": part_name(config.plain["strategy"]),
-            "filters": f"{task.filters_per_class} a class",
+            "filters": f"{task.filters_per_class} per class",
             "methods": ", ".join(task.methods),
             "test": conditions_name(config.plain["corruption"]),
         }
@@ -110,8 +110,8 @@ class CosfireChapter(Chapter[CosfireConfig]):
         classes = len(source.spec().classes)
         if task.novel_classes and not 2 <= task.novel_classes <= classes - 2:
             raise UserError(
-                f"task.novel_classes={task.novel_classes}: dataset={source.name} has {classes} classes, of which the "
-                "network and the test need two each at least",
+                f"task.novel_classes={task.novel_classes}: dataset={source.name} has {classes} classes, and the "
+                "network and the test each need at least two",
                 f"Choose 0, or a number from 2 to {classes - 2}.",
             )
         return ExampleData(
@@ -239,7 +239,7 @@ class CosfireChapter(Chapter[CosfireConfig]):
         return recognised(arrays, reads)
 
     def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
-        """Images to the feature map that the filters look at."""
+        """Maps images to the feature map that the filters use."""
         from sextant.chapters.cosfire.serving import exportable
 
         return exportable(content, checkpoint, trust=trust)

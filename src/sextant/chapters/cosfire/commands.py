@@ -27,7 +27,7 @@ class Detection(Handler):
             raise UserError(f"{own[0]}= belongs to task=cosfire", self.usage)
         if given.get("task", "cosfire") != "cosfire":
             raise UserError(
-                f"task={given['task']}: only task=cosfire predicts without a run; any other task is that of run=",
+                f"task={given['task']}: only task=cosfire predicts without a run; otherwise run= determines the task",
                 f"{Handler.usage}\n{self.usage}",
             )
         return "task" in given

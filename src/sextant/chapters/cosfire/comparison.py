@@ -17,7 +17,7 @@ class Comparison:
         scalings: scalings of the features of an SVM, chosen likewise.
         choose_among: number of examples to which SVMs are fitted while values of C are compared.
         network_answers: whether the network was trained for the classes that are tested.
-        logarithms: whether SVMs see logarithms of the filters' maxima.
+        logarithms: whether SVMs use logarithms of the filters' maxima.
         tiles: per side of the image, for the method ``tiled_svm``.
         fine_tuning: fine-tuning of a copy of the filters, for the methods ``cosfire_tuned`` and ``layer_tuned``; with 0
             epochs these are left out.

@@ -21,7 +21,7 @@ from sextant.errors import ArgumentError, UserError
 from sextant.layers.cosfire import Cosfire, Move, keypoints
 from sextant.runs.outputs_folder import default_outputs
 
-#: least score, for hand-made filters and for features of a network, whose cosines are seldom small
+#: default threshold of the score, for hand-made filters and for features of a network, whose cosines are seldom small
 THRESHOLD, NETWORK_THRESHOLD = 0.7, 0.8
 
 
@@ -193,8 +193,8 @@ class ExampleDetector:
         own = float(response[top : row + reach + 1, left : column + reach + 1].max())
         if not own > 0:
             raise UserError(
-                f"the filter does not answer to its own prototype at x {at[0]:.0f}, y {at[1]:.0f}",
-                "Choose a point that is not so near the border of the prototype.",
+                f"the filter does not respond to its own prototype at x {at[0]:.0f}, y {at[1]:.0f}",
+                "Choose a point further from the border of the prototype.",
             )
         # a bank that cannot steer may have found nothing in some moved examples; which ones is then unknown
         known = forms == len(moves) > 1

@@ -211,7 +211,7 @@ class CosfireEstimator(nn.Module):
         self._layers()["cosfire_tuned"].keep_layer(found)
         self._layers()["layer_tuned"].keep_layer(alone)
 
-    # -- what methods see ----------------------------------------------------------------------------------------------
+    # -- the features of methods ---------------------------------------------------------------------------------------
 
     def seen(self, images: UInt8[Tensor, "n c h w"]) -> UInt8[Tensor, "n k h w"]:
         """Images as input to the filters: in grey (luma) if the filters operate on images themselves."""

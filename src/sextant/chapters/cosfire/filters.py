@@ -80,5 +80,5 @@ def tolerant(
         )
     except ValueError as error:
         raise ArgumentError(str(error), "For example rotations=8, scales=(0.7, 1, 1.4)") from None
-    filters.t3 = 0.0  # relative to an image's strongest response, i.e. to what else it shows; threshold= replaces it
+    filters.t3 = 0.0  # relative to the image's strongest response and so to its other content; threshold= replaces it
     return filters

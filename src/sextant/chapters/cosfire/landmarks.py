@@ -1,4 +1,4 @@
-"""Hand-picked landmarks as an image descriptor: how strongly and where each is seen in the image."""
+"""Hand-picked landmarks as an image descriptor: how strongly, and where, each is detected in the image."""
 
 import math
 from collections.abc import Sequence
@@ -135,8 +135,8 @@ class Landmarks:
         )
         if features is None and self.reach * height < LEAST_REACH:
             raise ArgumentError(
-                f"reach={self.reach:g}: of images of {height} rows that is {self.reach * height:.1f} pixels, and a "
-                f"filter needs {LEAST_REACH}",
+                f"reach={self.reach:g} of {height} rows is {self.reach * height:.1f} pixels, and a "
+                f"filter needs at least {LEAST_REACH}",
                 f"reach={math.ceil(100 * LEAST_REACH / height) / 100:g}, or larger images", of=self,
             )  # fmt: skip
         detector = ExampleDetector(features, longest=max(height, width), reach=max(LEAST_REACH, self.reach * height))

@@ -1,4 +1,4 @@
-"""Methods to classify an image, all from the same examples: by filters, and those they are compared with."""
+"""Methods of classifying an image from the same examples: by filters, and those they are compared with."""
 
 from typing import Literal
 
@@ -16,15 +16,15 @@ Method = Literal[RecognitionMethod, "cosfire_tuned", "layer_tuned"]
 METHODS: dict[Method, str] = {
     "cosfire_svm": "maxima of COSFIRE filters, linear SVM",
     "tiled_svm": "maxima of COSFIRE filters in each tile of the image, linear SVM",
-    "strongest_filter": "class of the filter that answers most, against its own prototype",
+    "strongest_filter": "class of the filter whose response is largest relative to that to its own prototype",
     "full_svm": "whole feature map, linear SVM (the paper's baseline)",
     "pooled_svm": "feature map averaged over places, linear SVM",
     "nearest": "nearest example (of 10,000 at most) by the cosine of whole feature maps",
-    "nearest_short": "the same by as many principal components of the maps as place descriptors have numbers",
+    "nearest_short": "the same with principal components of the maps, as many as place descriptors have dimensions",
     "network": "the network itself",
     "descriptor": "nearest example (of 10,000 at most) by the cosine of place descriptors",
-    "cosfire_tuned": "log-maxima of COSFIRE filters, linear layer, both trained on from the SVM",
-    "layer_tuned": "the same, the layer alone trained on: the control",
+    "cosfire_tuned": "log-maxima of COSFIRE filters, linear layer; both fine-tuned, starting from the SVM",
+    "layer_tuned": "the same with only the layer fine-tuned: the control",
 }
 #: what a method uses of an image
 Representation = Literal["maxima", "tiled", "tuned", "full", "pooled", "logits", "descriptor"]

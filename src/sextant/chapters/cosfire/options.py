@@ -57,12 +57,12 @@ class DetectionOptions(Options):
         """
         if "preset" in given and "run" in given:
             raise UserError(
-                "preset= and run= do not go together: the filter looks through a preset's filters or through a network",
+                "preset= and run= exclude each other: the filter uses either a preset's bank or a network",
                 "Leave one of them out.",
             )
         if "layer" in given and "run" not in given:
             raise UserError(
-                "layer= is of a network: run= is missing", "run=<run of classification or place_recognition>"
+                "layer= needs the network of run=, which is missing", "run=<run of classification or place_recognition>"
             )
         return super().of(given, usage)
 
@@ -94,7 +94,7 @@ def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
     prototype = Path(given["prototype"]).expanduser()
     if not prototype.is_file():
         what = f"{prototype} is a folder, not one image" if prototype.is_dir() else absent(prototype)
-        raise UserError(f"prototype={what}", "Give one image that shows what is looked for.")
+        raise UserError(f"prototype={what}", "Give one image that shows what to look for.")
     size = _upright_size(prototype)
     if options.point is not None and size is not None:
         check_point(options.point, size)

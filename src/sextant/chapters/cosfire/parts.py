@@ -38,7 +38,7 @@ def check_parts(config: CosfireConfig, task: CosfireTask) -> None:
     if config.features is not None and config.features.frozen:
         if config.features.run is not None:
             raise UserError(
-                "features.frozen=true: the network of features.run stays as it is anyway", "Leave out features.frozen."
+                "features.frozen=true: the network of features.run is always frozen", "Leave out features.frozen."
             )
         if config.backbone is None:
             raise UserError(
@@ -49,19 +49,19 @@ def check_parts(config: CosfireConfig, task: CosfireTask) -> None:
         _check_scenes(config, task, trains=config.backbone is not None and not trained_before)
     if isinstance(config.bank, (VectorBank, FeatureBank)) and config.backbone is None and not trained_before:
         raise UserError(
-            "no backbone and no features.run: bank looks at the feature map of a network",
+            "no backbone and no features.run: the bank needs the feature map of a network",
             "Choose a backbone, features=run:<id>, or bank=gabor.",
         )
     if not answering_with_parts(config, task):
         raise UserError(
-            f"task.methods=[{', '.join(task.methods)}]: this run has none of what these need: a network (of its own "
-            "and of the classes that are tested for method network), or a descriptor",
+            f"task.methods=[{', '.join(task.methods)}]: this run lacks what these need: a network (for method "
+            "network its own, trained on the tested classes), or a descriptor",
             "Add cosfire_svm or strongest_filter.",
         )
 
 
 def _check_descriptor(config: CosfireConfig) -> None:
-    """Raise a ``UserError`` for a descriptor that learns from a map, or that is a backbone which is trained here."""
+    """Raise a ``UserError`` for a descriptor that is fitted to a map, or that is the backbone trained by this run."""
     of = config.descriptor
     if isinstance(of, WhitenedPCADescriptor) or (isinstance(of, NetworkDescriptor) and of.dimensions is not None):
         fix = (
@@ -69,16 +69,16 @@ def _check_descriptor(config: CosfireConfig) -> None:
             if isinstance(of, NetworkDescriptor)
             else "descriptor=hog, or descriptor=run:<id>"
         )
-        raise UserError(f"descriptor.dimensions={of.dimensions} are learnt from a map, and task=cosfire has none", fix)
+        raise UserError(f"descriptor.dimensions={of.dimensions} are fitted to a map, and task=cosfire has none", fix)
     if isinstance(of, NetworkDescriptor) and (config.features is None or not config.features.frozen):
         raise UserError(
-            "descriptor=network is the backbone as it is, not as it is trained here",
-            "features.frozen=true with a backbone that brings weights; or descriptor=run:<id>",
+            "descriptor=network uses the backbone without training, but this run trains it",
+            "features.frozen=true with a pretrained backbone; or descriptor=run:<id>",
         )
 
 
 def answering_with_parts(config: CosfireConfig, task: CosfireTask) -> list[str]:
-    """The methods that answer, except those for which this run lacks a network or a descriptor."""
+    """The methods of the task, except those for which this run lacks a network or a descriptor."""
     trained_before = _trained_before(config)
     featureless = config.backbone is None and not trained_before
     lacking = {
@@ -91,7 +91,7 @@ def answering_with_parts(config: CosfireConfig, task: CosfireTask) -> list[str]:
 
 
 def _trained_before(config: CosfireConfig) -> bool:
-    """Whether the filters use a network that is not trained here: of another run, or the backbone as it is."""
+    """Whether the filters use a network not trained by this run: another run's, or the frozen backbone."""
     return config.features is not None and (config.features.run is not None or bool(config.features.frozen))
 
 
@@ -99,30 +99,30 @@ def _check_scenes(config: CosfireConfig, task: CosfireTask, *, trains: bool) -> 
     """Raise a ``UserError`` if an option is incompatible with places as classes."""
     if trains:
         raise UserError(
-            "task.scenes: places have too few images each to train a network on",
+            "task.scenes: places have too few images each to train a network",
             "Name one: features=run:<id>; or backbone=efficientnet_lite0 features.frozen=true; or bank=gabor "
             "strategy=circles '~backbone'.",
         )
     for name, values, example in (("prices", task.prices, "[1.0]"), ("scalings", task.scalings, "[all]")):
         if len(values) > 1:
             raise UserError(
-                f"task.{name}={values}: scenes leave no image to choose one by", f"For example task.{name}={example}"
+                f"task.{name}={values}: scenes leave no images for choosing one", f"For example task.{name}={example}"
             )
     if isinstance(config.corruption, StoredSuite):
         raise UserError(
-            "corruption: files of corrupted images have classes, and scenes are places",
+            "corruption: stored corrupted images are labelled with classes, not with places",
             "corruption=cifar10_c, corruption=imagenet_c, or corruption=none",
         )
     if task.test_every > 1:
         raise UserError(
-            f"task.test_every={task.test_every}: of scenes it would test some conditions alone",
+            f"task.test_every={task.test_every}: with scenes this would leave out some conditions",
             "Set task.test_every=1; fewer scenes: task.scenes.spacing.",
         )
     for name, chosen in (("images", task.images), ("examples", task.examples), ("novel_classes", task.novel_classes)):
         if chosen:
             raise UserError(
-                f"task.{name}={chosen}: scenes have the images that task.scenes.references and neighbours name, and "
-                "are all told by these alone",
+                f"task.{name}={chosen}: the images of scenes are set by task.scenes.references "
+                "and task.scenes.neighbours alone",
                 "Leave it out; fewer scenes: task.scenes.spacing.",
             )
 
@@ -141,7 +141,7 @@ def make_filters(config: CosfireConfig, features: "FeatureMap | None") -> "Cosfi
     if config.plain["bank"]["_target_"] in kinds:
         if features is None:
             raise UserError(
-                f"bank={part_name(config.plain['bank'])} looks at a feature map, and there is no network",
+                f"bank={part_name(config.plain['bank'])} needs a feature map, and there is no network",
                 "Choose a backbone, or bank=gabor.",
             )
         arguments = {"features": features, "size": features.channels}
@@ -180,8 +180,8 @@ def features_of_run(
         )
     if kept["task"] == "classification" and novel:
         raise UserError(
-            f"task.novel_classes={novel}: the network of features.run={run} was trained on classes of its own, and "
-            "none is known to be new to it",
+            f"task.novel_classes={novel}: the network of features.run={run} was trained on its own classes, so "
+            "none is certain to be new to it",
             "Train the network here (a backbone in place of features=run), or task.novel_classes=0.",
         )
     own = trained_config(kept["config"], kept["task"], trust=True)  # parts from outside Sextant were refused before
@@ -226,5 +226,5 @@ def describing(config: CosfireConfig) -> Callable[[Any], Any] | None:
 
     found = describer(config)
     if isinstance(found, DescriptorFiles):
-        raise UserError("descriptor=files knows drives, not images of scenes", "Choose descriptor=run:<id>.")
+        raise UserError("descriptor=files holds descriptors of drives, not of scenes", "Choose descriptor=run:<id>.")
     return found.describe

@@ -82,7 +82,7 @@ OTHER_SIZE = 1.25
 
 
 def predict_detections(inputs: DetectionInputs, network: TrainedFeatures | None = None) -> list[dict[str, Any]]:
-    """Configure a filter, detect, write the results into ``output`` and show them; unreadable images are named.
+    """Configure a filter, detect, write the results to ``output`` and show them; unreadable images are listed.
 
     Args:
         inputs: example, images and options.
@@ -155,16 +155,16 @@ def _remarks(
     shrunk: Sequence[float],
     inputs: DetectionInputs,
 ) -> list[str]:
-    remarks = ["a score of 1 is what the filter answers to its own prototype"]
+    remarks = ["a score of 1 is the filter's response to its own prototype"]
     if "run" not in facts:
         remarks[0] += "; it falls with contrast"  # kernel responses are proportional to contrast, cosines are not
     if small := sum(row.get("remark") == SMALLER for row in rows):
-        remarks.append(f"{small:,} images are smaller than the filter, and nothing was found in them")
+        remarks.append(f"{small:,} images are smaller than the filter, so nothing can be detected in them")
     other = sum(max(scale / prototype.scale, prototype.scale / scale) > OTHER_SIZE for scale in shrunk)
     if other:
         remarks.append(
             f"{other:,} images were shrunk to longest={inputs.options.longest} by another factor than the prototype, "
-            "so that things in them are of other sizes: give longest= the largest side, or scales="
+            "which changes the sizes of objects: set longest= to the largest side, or scales="
         )
     return remarks
 

@@ -1,4 +1,4 @@
-"""Trained filters for other programs: the feature map they look at, and answers to single photos."""
+"""Trained filters for other programs: the feature map they use, and predictions for single photos."""
 
 from pathlib import Path
 
@@ -20,13 +20,13 @@ def exportable(content: Content, checkpoint: Path, *, trust: bool) -> Exportable
     estimator = model_from_checkpoint(own_config(content[KEY], trust=trust), content, checkpoint).estimator
     if estimator.features is None:
         raise UserError(
-            f"the filters of {checkpoint} look at images and not at a network",
-            "Filters are saved as they are (docs/cosfire.md); only networks are exported.",
+            f"the filters of {checkpoint} operate on images, not on a network",
+            "Only networks are exported; filters are saved in their own format (docs/cosfire.md).",
         )
     shape = f"(b, {estimator.features.channels}, {', '.join(map(str, estimator.features.size))})"
     meanings = {
         "images": image_meaning(spec, spec["channels"]),
-        "features": f"{shape}: the feature map that the filters look at, after rectification",
+        "features": f"{shape}: the feature map that the filters use, after rectification",
     }
     return Exportable(Named(nn.Sequential(estimator.features, nn.ReLU())), {"images": example_images(spec)}, meanings)
 

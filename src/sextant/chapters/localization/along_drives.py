@@ -1,8 +1,8 @@
-r"""How much an image counts along a drive, where the errors of consecutive images are correlated.
+r"""The weight of an image along a drive, where the errors of consecutive images are correlated.
 
 A tempering fitted to single images (:mod:`sextant.localization.calibration`) calibrates the posterior of one image. A
-filter multiplies the likelihoods of many images as if their errors were independent. But what a map does not know about
-a place is wrong in all images taken there, and the belief grows too narrow. With ``likelihood.tempering=along_drives``
+filter multiplies the likelihoods of many images as if their errors were independent. But the errors of a map at a place
+are common to all images taken there, so that the belief becomes too narrow. With ``likelihood.tempering=along_drives``
 only a share :math:`\rho` of that tempering is used. It is chosen by the score of the filter along the validation
 drives, the mean over all steps of
 
@@ -41,7 +41,7 @@ from sextant.reporter import Advance
 RUNS, STEPS = 4, 100
 #: number of consecutive shares without improvement that ends the search, and the smallest share
 PATIENCE, LEAST = 2, 2.0**-10
-#: number of consecutive frames of a drive whose scores count as one
+#: number of consecutive frames of a drive whose scores are averaged into one
 STRETCH = 20
 #: the smallest standard deviations of a reported pose: of its position in spacings of the map, of its heading in rad
 FLOOR, FLOOR_HEADING = 0.05, math.radians(0.5)
@@ -53,7 +53,7 @@ def best_share(scores: Callable[[float], Float64[ndarray, " b"]]) -> float:
     r"""The largest share of the tempering, out of 1, 1/2, 1/4 and so on, within a standard error of the best.
 
     Args:
-        scores: gives the scores of stretches of drives at a share, lower is better; with fewer than two the share is 1.
+        scores: returns scores of stretches of drives at a share, lower is better; with fewer than two the share is 1.
 
     >>> best_share(lambda share: np.array([0.1, -0.1, 0.0]) + abs(share - 0.2))
     0.25
@@ -111,7 +111,7 @@ def outcomes_along(
     runs: int = RUNS,
     progress: Advance | None = None,
 ) -> Iterator[Outcome]:
-    """Run the filter along the validation drives, a few runs of each, with the most particles and without faults."""
+    """Run the filter along the validation drives, a few runs of each, with the most particles and no faults."""
     usual = replace(
         settings,
         particle_counts=(max(settings.particle_counts),),
@@ -137,7 +137,7 @@ def nll_along(
         settings: settings of the filter.
         make_observers: as for :func:`~sextant.chapters.localization.testing.run_trials`.
         kernel: the learnt kernel.
-        progress: called with the number of drives done and of all.
+        progress: called with the number of drives done and the total.
     """
     where = for_validation(drives).map
     spacing = 2 * half_spacing(torch.from_numpy(where.poses))
@@ -154,30 +154,30 @@ def nll_along(
 
 
 LEVEL = 0.95
-#: number of runs along each validation drive: few would not show a filter that is only rarely sure of something wrong
+#: number of runs along each validation drive: too few would miss a filter that is rarely but confidently wrong
 REGION_RUNS = 8
-#: number of steps below which nothing is learnt, and the largest scale
+#: number of steps below which no scale is fitted, and the largest scale
 FEWEST, WIDEST = 50, 10.0
 
 
 def region_scale(nees: Float64[ndarray, " k"], dof: int) -> float:
     r"""The factor of standard deviations, in [1, 10].
 
-    A belief is too narrow: what a map does not know about a place is wrong in all images taken there, and the errors of
-    a descriptor are not Gaussian. Neither shows in single images. So a filter is run along the validation drives, and
-    the reported standard deviations are multiplied by
+    Beliefs are too narrow: the errors of a map at a place are common to all images taken there, and descriptor errors
+    are not Gaussian. Neither effect appears in single images, so a filter is run along the validation drives, and the
+    reported standard deviations are multiplied by
 
     .. math:: s = \max\!\big(1, \sqrt{q_{95}(\mathrm{NEES}) \,/\, \chi^2_{d,\,95}}\big) ,
 
     with the 95th percentile of the NEES (:mod:`sextant.evaluation.pose_posterior`) of all n steps from
-    convergence on, the one of rank ⌈0.95 (n + 1)⌉. The 95 % regions then contain the truth in 95 % of these steps. This
-    is conformal prediction with the NEES as its score (Vovk, Gammerman & Shafer, "Algorithmic Learning in a Random
+    convergence on, the value of rank ⌈0.95 (n + 1)⌉. The 95 % regions then contain the truth in 95 % of these steps.
+    This is conformal prediction with the NEES as its score (Vovk, Gammerman & Shafer, "Algorithmic Learning in a Random
     World", 2005). Steps of a drive are not exchangeable, so its guarantee does not hold, and coverage has to be
-    measured on other drives. The filter's estimates, and when it is lost, do not change, and regions are never made
-    narrower.
+    measured on other drives. Estimates and the decision whether the filter is lost do not change, and regions are never
+    narrowed.
 
     Args:
-        nees: NEES of the steps from convergence on; inf where the filter was sure of something wrong.
+        nees: NEES of the steps from convergence on; inf where all particles agreed on a wrong value.
         dof: number of coordinates in the NEES.
 
     >>> honest = np.random.default_rng(0).chisquare(3, 10_000)
@@ -198,7 +198,7 @@ def scale_along(
     kernel: PoseKernel,
     progress: Advance | None = None,
 ) -> float:
-    """The :func:`region_scale` of the validation drives; arguments as for ``along_drives``."""
+    """The :func:`region_scale` of the validation drives; arguments as for :func:`nll_along`."""
     where = for_validation(drives)
     outcomes = outcomes_along(drives, settings, make_observers, kernel, REGION_RUNS, progress)
     found = [judge(outcome, where).nees for outcome in outcomes]

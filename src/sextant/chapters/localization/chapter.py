@@ -48,13 +48,13 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
     evaluation_example = ("fault=dropped_frames",)  # of any drive, also a short one
     fits_elsewhere = True
     monitor = ("val/place_nll", "min")
-    alone = "learns a few hyper-parameters of a Gaussian process, which one process does"
-    on_cpu = "learns a few hyper-parameters and weighs a few thousand particles, which one core does in milliseconds"
+    alone = "learns a few hyper-parameters of a Gaussian process, which needs only one process"
+    on_cpu = "learns a few hyper-parameters and weights a few thousand particles, which takes one core milliseconds"
     sweep_example = ("recovery", ("none", "bayes_restart"))
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
 
     def prediction_example(self, config: LocalizationConfig) -> tuple[str, ...]:
-        """Photos of a way, localized in the map of images that the run keeps, if it keeps one."""
+        """Photos along a route, localized in the map of images that the run saved, if it saved one."""
         return ("input=<folder of photos>", "odometry=<table>") if _keeps_map(config) else ()
 
     def check_parts(self, config: LocalizationConfig) -> None:
@@ -73,7 +73,7 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         if _is_laser(config):
             for key in ("support", "regions"):  # these apply only to maps of images
                 found["filter"].pop(key, None)
-            if found["likelihood"]["tempering"] == ALONG_DRIVES:  # for scans, tempering is fitted to single ones
+            if found["likelihood"]["tempering"] == ALONG_DRIVES:  # with a laser, tempering is fitted to single scans
                 found["likelihood"]["tempering"] = "fitted"
         return found | {"descriptor": descriptor_identity(found["descriptor"], outputs)}
 
@@ -91,8 +91,8 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
                 "Leave filter.support out, or filter.support=map",
             )
         if is_corrupted(config) and (_is_laser(config) or "folder" in config.plain["descriptor"]):
-            blind = "observation: a laser" if _is_laser(config) else "descriptor=files: what was worked out elsewhere"
-            raise UserError(f"corruption changes images. {blind} sees none", "corruption=none")
+            blind = "a laser observation" if _is_laser(config) else "descriptor=files"
+            raise UserError(f"corruption changes images, but {blind} uses none", "corruption=none")
         task = config.task
         outputs = Path(config.paths.outputs)
         descriptor_identity(config.plain["descriptor"], outputs)  # reports a missing run at once
@@ -123,7 +123,7 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         particles = config.task.particle_counts or [config.filter.particles]
         told["filter"] = f"{', '.join(map(str, particles))} particles, start={config.filter.start}"
         if config.filter.best is not None:
-            told["filter"] = f"none: poses between the {config.filter.best} most alike images"
+            told["filter"] = f"none: poses averaged over the {config.filter.best} most similar images"
         told["test"] = conditions_name(config.plain["corruption"])
         told["faults"] = ", ".join(config.plain["faults"]["faults"]) if faults is None else part_name(faults)
         return told
@@ -213,7 +213,7 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         unit = source.read().unit
         if unit != spec["unit"]:
             raise UserError(
-                f"dataset={source.name} tells positions in {unit}, the kernel was trained on {spec['unit']}",
+                f"dataset={source.name} has positions in {unit}, but the kernel was trained on {spec['unit']}",
                 "Train on this dataset.",
             )
 
@@ -297,13 +297,13 @@ def _about_regions(module: Any, config: LocalizationConfig) -> list[str]:
     scale = float(module.region_scale)
     if scale == 1.0:
         return [
-            "filter.regions=along_drives: regions are as wide as the filter believes; the validation drives asked for "
-            "no more, too few of their steps could be judged, or the run is from before there was this key"
+            "filter.regions=along_drives: regions are not widened: the validation drives required no widening or had "
+            "too few usable steps, or the run is older than this key"
         ]
     if scale == WIDEST:
         return [
-            f"filter.regions=along_drives: regions are {WIDEST:g} times as wide as the filter believes, the most they "
-            "are widened: along the validation drives it was often sure of something wrong"
+            f"filter.regions=along_drives: regions are widened by the largest factor, {WIDEST:g}: along the validation "
+            "drives the filter was often confidently wrong"
         ]
     return []
 

@@ -42,8 +42,8 @@ class Localization(Handler):
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
         """Refuse a checkpoint without its map."""
         raise UserError(
-            f"run={trained.reference}: this checkpoint of localization lies outside of its run's folder, which has the "
-            "map",
+            f"run={trained.reference}: this localization checkpoint lies outside its run's folder, which contains "
+            "the map",
             "Name the run's folder, or a folder that Localizer.save wrote.",
         )
 

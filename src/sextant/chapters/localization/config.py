@@ -54,7 +54,7 @@ class NoFault(Fault):
 
 
 class Kidnap(Fault):
-    """The kidnapped robot: it is carried elsewhere."""
+    """A kidnapped robot, carried elsewhere."""
 
     target: Literal["sextant.chapters.localization.data.faults.Kidnap"] = Field(alias="_target_")
     frame: Frame = Field(examples=[0.5])
@@ -138,9 +138,7 @@ class FaultSuite(Node):
     faults: Annotated[dict[str, Choice[Fault]], Field(min_length=1)]
 
 
-#: x and y
-
-# -- descriptor --------------------------------------------------------------------------------------------------------
+# -- observation -------------------------------------------------------------------------------------------------------
 
 
 class Observation(Part):
@@ -172,7 +170,7 @@ class CachedLocalGP(Observation):
 
 
 class KernelMixture(Observation):
-    """Cached local Gaussian processes with several length scales of the heading, any of which may be right."""
+    """A mixture of cached local Gaussian processes with several length scales of the heading."""
 
     target: Literal["sextant.localization.observation.KernelMixture"] = Field(alias="_target_")
     neighbours: Count = Field(examples=[16])
@@ -217,7 +215,7 @@ class RandomFeatures(Observation):
 
 
 class KernelSum(Observation):
-    """The kernel sum of a rival method."""
+    """The kernel sum of a competing method."""
 
     target: Literal["sextant.localization.observation.KernelSum"] = Field(alias="_target_")
     neighbours: Count = Field(examples=[3])
@@ -327,7 +325,7 @@ class IdentityMotion(Motion):
 
 
 class Recovery(Part):
-    """The recovery of a filter that is lost."""
+    """Recovery of a lost filter."""
 
 
 class NoRecovery(Recovery):

@@ -20,7 +20,7 @@ def find_map(reference: Path | str, outputs: Path) -> Path | None:
         outputs: folder of runs.
 
     Raises:
-        UserError: the run kept no map.
+        UserError: the run saved no map.
     """
     path = Path(reference).expanduser()
     for folder in (path, path / MAP):
@@ -40,7 +40,7 @@ def find_map(reference: Path | str, outputs: Path) -> Path | None:
     if folder.is_dir():
         return folder
     raise UserError(
-        f"run={reference}: the run kept no map in {folder}",
+        f"run={reference}: the run saved no map in {folder}",
         f"{command('evaluate', f'run={reference}', 'task.save_map=true')} writes one; then run=<the folder of that "
-        "test>. A laser's run has no map of images.",
+        "test>. Runs with a laser have no map of images.",
     )

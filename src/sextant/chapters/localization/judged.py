@@ -30,10 +30,10 @@ class Judged:
         position, heading_deg: errors of each run, step by step; nan beyond a run's end.
         inside: whether both are within the protocol's limits.
         converged: the step at which each run converged, or ``NEVER``.
-        frames: number of consecutive frames that a run must be within the limits.
+        frames: number of consecutive frames for which a run must be within the limits.
         summary: convergence from the start.
         recovery: convergence from the kidnap on, if runs were kidnapped.
-        nees: NEES of the steps from convergence on; inf where the particles agree on something wrong.
+        nees: NEES of the steps from convergence on; inf where all particles agree on a wrong value.
     """
 
     outcome: Outcome

@@ -56,7 +56,7 @@ class LaserLocalization(pl.LightningModule):
         self.register_buffer("fitted", torch.tensor([1.0 if tempering is None else tempering], dtype=torch.float64))
 
     def training_step(self, rows: Tensor, batch_idx: int) -> None:
-        """There is nothing to optimise."""
+        """There is nothing to optimize."""
         self.optimizers().step()  # type: ignore[union-attr]
 
     def on_train_epoch_end(self) -> None:
@@ -71,7 +71,7 @@ class LaserLocalization(pl.LightningModule):
         self.fitted.copy_(self.fitted.new_tensor([tempered(Likelihood(), scores, positives).tempering]))
 
     def place_posterior(self, data: LocalizationDataModule) -> PlacePosterior:
-        """How likely the posterior over the map's poses is to be right on the validation drives."""
+        """Evaluate the posterior over the map's poses on the validation drives."""
         scores, poses, references = self._scores(data)
         return posterior(scores, same_place(poses, references, protocol_of(data.drives)), self.fitted.item())
 
@@ -90,8 +90,8 @@ class LaserLocalization(pl.LightningModule):
         scanner = data.drives.scanner
         if scanner is None:
             raise UserError(
-                f"observation: dataset={data.source.name} has no laser scans, which a laser needs",
-                "dataset=office_walk or cold, or a model of images: observation=cached_local",
+                f"observation: dataset={data.source.name} has no laser scans, which a laser model needs",
+                "Choose dataset=office_walk or cold, or an image model: observation=cached_local",
             )
         grid = occupancy_from_scans(scanner, drive.poses, np.asarray(_scans(drive), np.float64), self.resolution_m)
         return self.scan_model(grid, scanner, tempering)
@@ -108,7 +108,7 @@ class LaserLocalization(pl.LightningModule):
         return asdict(sensor_cost(observer, drives.test[0], protocol_of(drives)))
 
     def validation_step(self, batch: Tensor, batch_idx: int) -> None:
-        """Log how likely the posterior over the map's poses is to be right, and the tempering."""
+        """Log the NLL of the true places under the posterior over the map's poses, and the tempering."""
         found = self.place_posterior(self._data)
         values = {"place_nll": found.nll, "place_nll_uniform": found.chance, "tempering": self.fitted.item()}
         self.log_dict({f"val/{name}": value for name, value in values.items()})
@@ -117,7 +117,7 @@ class LaserLocalization(pl.LightningModule):
         """Do nothing: drives are localized, with progress, when the test is recorded."""
 
     def configure_optimizers(self) -> Any:
-        """An optimiser of nothing."""
+        """An optimizer without parameters."""
         return nothing_to_optimize()
 
     def converged(self, validation: dict[str, float]) -> bool:

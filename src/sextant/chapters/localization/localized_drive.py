@@ -22,7 +22,7 @@ from sextant.reporter import SILENT, Progress
 
 #: animation of the particles, if there is to be one
 ReplayKind = Literal["mp4", "gif", "none"]
-#: an odometry scale that deviates from 1 by more than this factor is remarked on
+#: an odometry scale that deviates from 1 by more than this factor is reported
 MISTAKEN = 1.1
 
 
@@ -60,8 +60,7 @@ def localize_drive(
         localizer: localizer in the map; its current belief is the start.
         drive: the drive with its odometry and times; remarks are added to it.
         frames: its images, of the size of the map's.
-        output: an existing folder, for ``poses.csv``, ``trajectory.tum``, ``trajectory.png`` and whatever else is
-            asked for.
+        output: an existing folder, for ``poses.csv``, ``trajectory.tum``, ``trajectory.png`` and optional files.
         replay: write an animation of the particles.
         smooth: write ``smoothed.tum`` too; the localizer's ``lag`` must be the length of the drive.
         progress: shows the progress of the work.
@@ -111,21 +110,21 @@ def _doubts(localizer: Localizer, rows: list[Row]) -> Iterator[str]:
     """Remarks where images contradict odometry or the map."""
     if abs(math.log(scale := localizer.odometry_scale)) > math.log(MISTAKEN):
         told = "short" if scale > 1 else "long"
-        yield f"odometry tells of too {told} a way: in the end it was taken {scale:.2f} times"
+        yield f"the distances of odometry are too {told}: in the end they were multiplied by {scale:.2f}"
     if disbelieved := sum(row.told.disbelieved for row in rows):
         yield (
-            f"at {disbelieved:,} images odometry said that the camera stood while its images said that it moved: "
-            "there it was not believed"
+            f"at {disbelieved:,} images odometry reported a standstill while the images showed motion: there the "
+            "motion was treated as unknown"
         )
     if elsewhere := sum(row.told.recognised < recognition.LEAST for row in rows):
         yield (
-            f"{elsewhere:,} of {len(rows):,} images look less like the map than its own places look like each other: "
-            "they are probably of another place, or it has changed too much"
+            f"{elsewhere:,} of {len(rows):,} images resemble the map less than its own places resemble each other: "
+            "they probably show another place, or it has changed too much"
         )
     if unforeseen := sum(row.told.foreseen < LEAST for row in rows):
         yield (
-            f"at {unforeseen:,} images the last ones had looked hardly more like where the robot was thought to be "
-            "than like any other place: either the map does not show them, or odometry is wrong"
+            f"at {unforeseen:,} images the recent ones hardly resembled the estimated place more than any other place: "
+            "either the map does not cover them, or odometry is wrong"
         )
 
 

@@ -63,13 +63,13 @@ from sextant.localization.smoothing import smoothed
 from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
 
-#: how independent one image's evidence is assumed to be at most, where no traverse can tell
+#: tempering of one image's evidence where there is no traverse to fit it to
 TEMPERING = 0.125
-#: a kernel fitted to one traverse treats as noise what tells its places apart in another, and smooths over it; so its
-#: lengths are multiplied by the first number, and its noise is at most the second as a share of the signal's variance
-#: (which walks call for it: docs/localization_change.md)
+#: a kernel fitted to one traverse smooths over details that distinguish its places in another, as if they were noise;
+#: so its lengths are multiplied by the first number, and its noise is at most the second as a share of the signal's
+#: variance (walks that need this: results/localization_change.md)
 SHARPER, LEFT_NOISE = 0.5, 1e-3
-#: an image less new than this repeats the previous one: it is no evidence
+#: an image less new than this repeats the previous one and is not used
 SAME = 0.25
 #: the kernel is fitted to at most this many images of a map, evenly spaced
 FITTED_TO = 600
@@ -94,22 +94,22 @@ class LocalizedPose:
 
     Attributes:
         pose: x, y in the unit of the map and heading in rad, of the heaviest mode.
-        covariance: covariance of 99 % of the belief about the pose, including other places that may be right.
+        covariance: covariance of 99 % of the belief about the pose, including other probable places.
         mass: share of the weight in the heaviest mode.
         modes: number of modes.
         lost: the heaviest mode holds less than half of the weight, or recent images were not foreseen, or, without
             odometry, not recognised.
-        off_map: probability of being where the map shows nothing; 0 for a filter without
+        off_map: probability of being outside the mapped area; 0 for a filter without
             :class:`~sextant.localization.map_support.MapSupport`.
         degenerate: no particle explained the image, which was dropped.
-        foreseen: mean share of the map that recent images, some twenty, resembled less than the place where the robot
-            was believed to be before each of them. 1/2 is chance, less than 0.65 is lost; nan before the fifth image.
-            See :mod:`~sextant.localization.innovation_test`.
-        recognised: mean share, over recent images, of the map's own images that would look less like the map if it did
-            not show their place. 1/2 is chance, less than 0.4 is lost; nan where the motion is known. See
+        foreseen: mean share, over about twenty recent images, of the map that each resembled less than the place
+            predicted before it. 1/2 is chance, less than 0.65 is lost; nan before the fifth image. See
+            :mod:`~sextant.localization.innovation_test`.
+        recognised: mean share, over recent images, of the map's own images that resemble its other places less than
+            the recent image resembles the map. 1/2 is chance, less than 0.4 is lost; nan where the motion is known. See
             :mod:`~sextant.localization.recognition`.
-        disbelieved: the motion was treated as unknown, since odometry reports that the robot stands still while its
-            images show that it moves. See :mod:`~sextant.localization.odometry_check`.
+        disbelieved: the motion was treated as unknown, because odometry reported a standstill while the images showed
+            motion. See :mod:`~sextant.localization.odometry_check`.
     """
 
     pose: Float64[ndarray, "3"]
@@ -201,7 +201,7 @@ class Localizer:
     # -- live use ------------------------------------------------------------------------------------------------------
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget where the robot is; the next step is the first. The same seed gives the same results again.
+        """Discard the belief and all that was learned; the next step is the first. The seed determines the results.
 
         Raises:
             UserError: the seed is not a whole number of at least 0.
@@ -212,7 +212,7 @@ class Localizer:
         self._state: FilterState | None = None
         self._past: list[tuple[Belief, Tensor, MotionModel, InnovationTest, float]] = []
         self._change = AppearanceChange.none(self.model.map.dimension)
-        self._counted, self._way = torch.empty(0), math.inf  # the last image that counted, and the way since
+        self._counted, self._way = torch.empty(0), math.inf  # the last image that counted, and the distance since
         self._scale = None if self.odds is None else EvidenceScale(self.odds)
         self._foresight = InnovationTest()
         # counts one image of no evidence, so that the first alone does not decide
@@ -235,14 +235,14 @@ class Localizer:
 
         Args:
             motion: dx, dy in the unit of the map and dtheta in rad since the previous step, in the robot's frame then.
-                None if unknown: particles then continue at the pace of the drive if the localizer adapts, or spread
-                as the motion model says. Ignored in the first step.
-            image: a file, bytes or a picture, stretched to the size of the map's images; None if nothing is seen.
-            descriptor: descriptor of the image, in place of the image: as the map's were, before whitening.
+                None if unknown: particles then continue at the pace of the drive if the localizer adapts, otherwise
+                spread according to the motion model. Ignored in the first step.
+            image: a file, bytes or a picture, stretched to the size of the map's images; None if there is none.
+            descriptor: descriptor to use instead of an image, computed like those of the map, before whitening.
 
         Raises:
             UserError: the motion is not three finite numbers, the image or descriptor is not like the map's, or the map
-                has no descriptor with which to describe images.
+                has no descriptor for images.
         """
         seen = self._seen(image, descriptor)
         moved, disbelieved = self._believed(self._odometry.applied(_motion(motion)), seen)
@@ -292,7 +292,7 @@ class Localizer:
         return torch.full_like(moved, torch.nan), True
 
     def _pace_with(self, found: LocalizedPose) -> ConstantVelocity:
-        """The pace, updated with the way since the last image: between images a belief moves as it is expected to."""
+        """The pace, updated with the motion since the last image; in between, the belief follows the motion model."""
         if self._sighted is None:
             return self._pace
         before, after = torch.from_numpy(self._sighted.pose), torch.from_numpy(found.pose)
@@ -305,16 +305,16 @@ class Localizer:
         return self._odometry.factor
 
     def _paced(self) -> MotionModel:
-        """The filter's motion model; where nothing measures the motion, most particles keep the pace of the drive."""
+        """The filter's motion model; without odometry most particles keep the pace of the drive."""
         if not self.adapts:
             return self.filter.motion
         strayed = self._before is not None and self._before.off_map > 0.5  # it would only go further away
         return PacedMotion(self.filter.motion, None if strayed else self._pace.along(self._spacing))
 
     def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
-        """The poses of the last ``lag`` steps and of now, given everything seen since; the oldest first.
+        """Smoothed poses of the last ``lag`` steps and the current one, given all images so far; the oldest first.
 
-        It compares all particles of each step with all of the next, so call it only when it is needed.
+        Its cost is quadratic in the number of particles, so call it only when it is needed.
 
         Args:
             progress: called with the number of steps smoothed and the total.
@@ -332,7 +332,7 @@ class Localizer:
         return recognition.MapRecognition.of(self.model.map)
 
     def _recognise(self, seen: Tensor | None, new: float) -> float:
-        """How well recent images were recognised, with this one, where no motion says what should be seen."""
+        """How well recent images, including this one, were recognised; for steps without odometry."""
         if seen is not None and new > 0 and self._known_map is not None:
             self._drive = self._drive.updated(seen, new)
             centred = self._drive.centred(seen, self.model.map.mean)
@@ -340,7 +340,7 @@ class Localizer:
         return self._recognised.mean if self._drive.images else math.nan
 
     def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> InnovationTest:
-        """The foresight, updated with how well the belief before an image had foreseen it."""
+        """The innovation test, updated with how well the belief before an image predicted it."""
         rows = drawn_evenly(belief.weights[0])
         poses, support = se2_compose(belief.poses[:, rows], moved[None, None]), self.filter.support
         on_map = 1.0 if support is None else float(support.share(poses).mean())
@@ -380,7 +380,7 @@ class Localizer:
             UserError: no step was made since the last reset.
         """
         if self._state is None:
-            raise UserError("nothing is believed before the first step", "Call step(motion, image) first.")
+            raise UserError("there is no belief before the first step", "Call step(motion, image) first.")
         return self._state.belief
 
     def picture_near(self, pose: Float64[ndarray, "3"]) -> UInt8[ndarray, "h w c"] | None:
@@ -392,7 +392,7 @@ class Localizer:
         if self.pictures is None:
             return None
         if (at := _numbers(pose)).shape != (3,) or not np.isfinite(at).all():
-            raise UserError(f"pose={pose} must be three finite numbers: x, y, heading", "For example a told pose.")
+            raise UserError(f"pose={pose} must be three finite numbers: x, y, heading", "For example step(...).pose.")
         return np.asarray(self.pictures[int(self._near.nearest(torch.from_numpy(at)[None])[0])])
 
     @cached_property
@@ -407,8 +407,8 @@ class Localizer:
         """
         if self.descriptor.describer is None:
             raise UserError(
-                "the map was described by vectors from elsewhere, so images cannot be described",
-                "Give its vector: step(motion, descriptor=vector); or what describes it: load(folder, descriptor=...)",
+                "the map was built from descriptors computed elsewhere, so images cannot be described",
+                "Give vectors: step(motion, descriptor=vector); or a descriptor: load(folder, descriptor=...)",
             )
         pixels = as_pixels(image, self.image_size)
         return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
@@ -416,8 +416,8 @@ class Localizer:
     def _evidence(self, seen: Tensor, new: float, *, follows: bool) -> Evidence | None:
         """The evidence of an image, weighted by how new it is; None if it repeats the previous one.
 
-        ``follows``: particles follow odometry, so that errors of consecutive images add up. Where motion is unknown
-        they spread far between images, and weaker evidence would not bring them together again.
+        ``follows``: particles follow odometry, so that errors of consecutive images add up. Where motion is unknown,
+        particles spread far between images, and weaker evidence would not concentrate them again.
         """
         if new >= SAME:
             self._counted, self._way = seen, 0.0
@@ -440,10 +440,10 @@ class Localizer:
         return ScaledEvidence(evidence, over_map, scale * new)
 
     def _newness(self, seen: Tensor) -> float:
-        """How new an image is relative to the last that counted, in [0, 1], by the way since or the change it shows.
+        """How new an image is relative to the last that counted, in [0, 1], by the distance since or the change in it.
 
-        Both are in steps from one image of the map to the next. A robot that stands still sees the same error again and
-        again, and must not become sure of it; a kidnapped robot sees another place.
+        Both are in units of the step between neighbouring map images. At a standstill every image repeats the same
+        error, which must not accumulate; after a kidnapping only the image changes.
         """
         if not math.isfinite(self._way):
             return 1.0
@@ -468,7 +468,7 @@ class Localizer:
         return float(apart.double().square().sum(1).median())
 
     def _steps_of_map(self, moved: Tensor) -> float:
-        """The motion as a fraction of the way from one image of the map to the next; infinite if it is unknown."""
+        """The motion in steps between neighbouring map images; infinite if it is unknown."""
         support = self.filter.support
         return math.inf if support is None else float(way_moved(moved, self._spacing, 2 * support.heading_reach))
 
@@ -573,9 +573,9 @@ class Localizer:
                 whitened principal components of 32x48 pixels.
             kernel: by default fitted, by the joint likelihood of at most 600 of the images, and sharpened.
             observation: observation model to fit; by default the cached local Gaussian process.
-            likelihood: by default the change of appearance and the weight of an image are learned while driving.
+            likelihood: by default, the change of appearance and the weight of images are learned while driving.
             motion, recovery: parts of the filter; by default odometry with an error of three tenths of the map's
-                spacing over a way of that length, and restarts.
+                spacing over that distance, and restarts.
             radius: radius of the mode that is reported, in metres; by default 2.5 times the spacing of the map.
             steps: gradient steps of the fit of the kernel.
             merge_duplicates: merge images at one pose into one.
@@ -626,11 +626,11 @@ def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
             "Give None where odometry is missing.",
         )
     if bool((moved.abs() > FURTHEST).any()):
-        raise UserError(f"motion={motion} is further than {FURTHEST:g}", "Give None where odometry cannot be trusted.")
+        raise UserError(f"motion={motion} is further than {FURTHEST:g}", "Give None where odometry is unreliable.")
     if abs(float(moved[2])) > 2 * math.pi:
         raise UserError(
-            f"motion={motion} turns by {float(moved[2]):g} rad, more than once round, in one step",
-            "dtheta is in rad: numpy.radians of degrees. Give None where odometry cannot be trusted.",
+            f"motion={motion} turns by {float(moved[2]):g} rad, more than a full turn, in one step",
+            "dtheta is in rad: numpy.radians of degrees. Give None where odometry is unreliable.",
         )
     return moved
 
@@ -659,7 +659,7 @@ def _check_settings(radius: float, particles: int, start: Start, lag: int, regio
 def _check_parts(**given: Any) -> None:
     for name, part in given.items():
         kind, fix = PARTS[name]
-        check_kind(name, part, kind, f"For example {fix}; None takes the usual one.")
+        check_kind(name, part, kind, f"For example {fix}; None uses the default.")
 
 
 def fitted_kernel(found: DescriptorMap, steps: int = 60) -> PoseKernel:

@@ -40,7 +40,7 @@ from sextant.runs.resolve import resolve_run
 DESCRIPTOR, PICTURES = "descriptor", "pictures"
 #: images described at a time, by a baseline and by a network
 BATCH, NETWORK_BATCH = 512, 64
-#: the default descriptor, and the shorter side in pixels from which it sees enough
+#: the default descriptor, and the smallest shorter side of its images in pixels
 USUAL, ENOUGH = "zoo:places", 48
 
 
@@ -104,19 +104,19 @@ def open_localizer(
     if settings is None:
         return _without_settings(saved, folder, run, descriptor, motion, recovery)
     if not isinstance(settings, dict):
-        raise UserError(f"the map in {folder} is damaged: the settings of its filter are none", "Save it anew.")
+        raise UserError(f"the map in {folder} is damaged: it has no valid filter settings", "Save it again.")
     kept = load_descriptor(folder / DESCRIPTOR, trust=trust)
     if kept.identity != settings.get("descriptor"):
         raise UserError(
             f"{folder / DESCRIPTOR} is not the descriptor that the map was made with",
-            "Copy the whole folder of the map, or save it anew.",
+            "Copy the whole folder of the map, or save it again.",
         )
     if run is not None:
         _require_run(kept, run, folder)
     if descriptor is not None:
         if kept.describer is not None:
             raise UserError(
-                f"the map in {folder} has a descriptor of its own ({kept.facts['kind']}), and another one is given",
+                f"the map in {folder} has its own descriptor ({kept.facts['kind']}), but another one is given",
                 "Leave out descriptor=, or make a map with it: Localizer.from_images",
             )
         kept = replace(kept, describer=descriptor)
@@ -139,7 +139,7 @@ def open_localizer(
         }
     except (KeyError, TypeError, ValueError) as error:
         raise UserError(
-            f"the map in {folder} is damaged: the settings of its filter cannot be used: {error!r}", "Save it anew."
+            f"the map in {folder} is damaged: its filter settings cannot be used: {error!r}", "Save it again."
         ) from error
 
 
@@ -151,9 +151,9 @@ def _without_settings(
     motion: MotionModel | None,
     recovery: Recovery | None,
 ) -> dict[str, Any]:
-    """The arguments of a localizer in a map that was not saved by one."""
+    """The arguments of a localizer for a map that no localizer saved."""
     if run is not None:
-        raise UserError(f"run={run}: the map in {folder} does not tell what it was described with", "Leave out run=.")
+        raise UserError(f"run={run}: the map in {folder} does not record its descriptor", "Leave out run=.")
     filter = usual_filter(saved.model.map.poses, saved.model.kernel, motion=motion, recovery=recovery)
     return {
         "model": saved.model,
@@ -181,10 +181,10 @@ def checked_poses(poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]], imag
     if where.shape != (images, 3):
         raise UserError(f"poses have shape {where.shape} for {images} images", "Give x, y and heading of each image.")
     if images < 2:
-        raise UserError("the map has one image, and places are told apart by at least two", "Add images.")
+        raise UserError("the map has only one image, but at least two are needed", "Add images.")
     if (turned := np.abs(where[:, 2])).max() > 4 * np.pi:
         raise UserError(
-            f"the heading {where[turned.argmax(), 2]:g} of image {turned.argmax()} is more than twice round",
+            f"the heading {where[turned.argmax(), 2]:g} of image {turned.argmax()} exceeds two full turns",
             "Poses are x, y and the heading in rad: numpy.radians of degrees.",
         )
     if (furthest := np.abs(where[:, :2]).max()) > FURTHEST:
@@ -208,7 +208,7 @@ def check_descriptor(descriptor: Describes | str | Path | None) -> None:
         checkpoint = resolve_run(str(descriptor), default_outputs()).checkpoint
     except UserError as error:
         raise ArgumentError(
-            f"descriptor={descriptor} is none of {baseline_names()}, nor a run: {error.problem}", "descriptor=Hog"
+            f"descriptor={descriptor} is neither one of {baseline_names()} nor a run: {error.problem}", "descriptor=Hog"
         ) from None
     kept_network(checkpoint)
 
@@ -233,7 +233,7 @@ def described_map(
         )
     if len(images) > 1 and all(np.array_equal(images[0], image) for image in images[1:]):
         raise UserError(
-            f"the map's {len(images)} images are all the same picture, so its places cannot be told apart",
+            f"the map's {len(images)} images are all the same picture, so its places cannot be distinguished",
             "Check the images of the map.",
         )
     if isinstance(descriptor, str) and (kind := find_baseline(descriptor)) is not None:
@@ -246,7 +246,7 @@ def described_map(
         chosen = WhitenedPCA(32, 48, min(128, len(images) // 2)) if descriptor is None else descriptor
         if not hasattr(chosen, "describe"):
             raise ArgumentError(
-                f"descriptor={type(chosen).__name__} describes no images",
+                f"descriptor={type(chosen).__name__} cannot describe images",
                 f"A run, one of {baseline_names()}, or an object with describe(images).",
             )
         try:
@@ -263,8 +263,8 @@ def described_map(
 def _require_run(kept: SavedDescriptor, run: Path | str, folder: Path) -> None:
     found = resolve_run(str(run), default_outputs())
     if kept.facts.get("checkpoint_sha256") != found.identity:
-        of = "of another run" if kept.facts["kind"] == "network" else f"no network's ({kept.facts['kind']})"
+        of = "from another run" if kept.facts["kind"] == "network" else f"not from a network ({kept.facts['kind']})"
         raise UserError(
-            f"run={run}: the descriptors of the map in {folder} are {of}, so its images cannot be compared with them",
-            f"Leave out run= to use the map's own descriptor, or build the map anew with descriptor=run:{run}",
+            f"run={run}: the descriptors of the map in {folder} are {of}, so this run cannot describe images for it",
+            f"Leave out run= to use the map's own descriptor, or rebuild the map with descriptor=run:{run}",
         )

@@ -1,4 +1,4 @@
-"""Small pictures of a map's images, saved beside it to show where a localizer believes the robot to be."""
+"""Small pictures of a map's images, saved beside it to show the place that a localizer estimates."""
 
 from functools import partial
 from pathlib import Path

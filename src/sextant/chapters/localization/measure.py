@@ -15,7 +15,7 @@ SUCCESS = Measure(
     "higher",
     "its posterior over the map's images is no likelier to be right on the validation drives than a uniform one",
     trained_by=(),
-    remedy="Most often the descriptor cannot tell the places apart, or map and drives are not of the same places.",
+    remedy="Most often the descriptor cannot distinguish the places, or map and drives show different places.",
     digits=1,
     items="runs along drives",
     metrics=(

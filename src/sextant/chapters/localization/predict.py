@@ -35,7 +35,7 @@ def predict_poses(
         given: photos, a video, a ROS bag or a camera.
         output: folder for the results.
         options: options chosen by the user.
-        trust: allow parts from outside Sextant that the map names.
+        trust: allow user-defined parts that the map names.
         watched: shows each step during the drive.
 
     Raises:
@@ -52,11 +52,11 @@ def predict_poses(
     localizer = Localizer.load(folder, **chosen, lag=len(drive) if options.smooth else 0, trust=trust)
     if localizer.descriptor.describer is None:
         raise UserError(
-            f"the map in {folder} was described by vectors from elsewhere, so photos cannot be described",
+            f"the map in {folder} was built from descriptors computed elsewhere, so photos cannot be described",
             "Use sextant.Localizer with step(motion, descriptor=vector).",
         )
     if localizer.image_size is None:
-        raise UserError(f"the map in {folder} does not tell the size of its images", "Save it anew.")
+        raise UserError(f"the map in {folder} does not record the size of its images", "Save it again.")
     with watched(localizer) as watch:
         found = localize_drive(
             localizer, drive, drive.frames.read(localizer.image_size), output,
@@ -76,11 +76,11 @@ def tell_poses(rows: list[Row], remarks: list[str], written: list[Path], *, inte
     degenerate = sum(row.told.degenerate for row in rows)
     console.print(
         f"{len(rows):,} images, {len(rows) - lost:,} localized, {lost:,} lost"
-        + (f", [red]{len(unseen):,} could not be used[/]: nothing was seen there" if unseen else "")
+        + (f", [red]{len(unseen):,} could not be used[/] and count as missing" if unseen else "")
     )
     tell_skipped(unseen)
     if degenerate:
-        console.print(f"{degenerate:,} images could not have been taken anywhere near a particle and were dropped")
+        console.print(f"{degenerate:,} images were not explained by any particle and were dropped")
     for remark in remarks:
         console.print(f"note: {remark}", markup=False)
     console.print("\n".join(map(str, written)), markup=False, soft_wrap=True)

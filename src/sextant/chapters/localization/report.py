@@ -1,4 +1,4 @@
-"""The report of a localization test: arrays by run, metrics, a table, figures, and files to look at."""
+"""The report of a localization test: arrays by run, metrics, a table, figures, trajectories and animations."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 #: number of runs drawn for each trial
 DRAWN = 4
-#: side of the cells of which walls are drawn
+#: cell size of the grid from which walls are drawn
 DRAWN_WALLS_M = 0.1
 
 
@@ -49,7 +49,7 @@ def name_of(trial: Trial, trials: Sequence[Trial]) -> str:
 
 
 def arrays(found: Mapping[str, Judged]) -> dict[str, ndarray]:
-    """Results by run of every trial; of corrupted images the success alone, as ``corrupted/<trial>/<corruption>``."""
+    """Results by run of every trial; for corrupted images only success, as ``corrupted/<trial>/<corruption>``."""
     result: dict[str, ndarray] = {}
     for name, judged in found.items():
         if corruption := judged.outcome.trial.corruption:
@@ -127,7 +127,7 @@ def _trajectory_figures(judged: Judged, *, headed: bool) -> dict[str, float]:
 
 
 def table(found: Mapping[str, Judged], data: LocalizationData) -> list[dict[str, str]]:
-    """A row for each trial; *in region* is how often 95 % regions contain the true pose."""
+    """A row for each trial; *in region* is the share of 95 % regions that contain the true pose."""
     rows, dof = [], len(axes_of(data))
     for name, judged in found.items():
         share, later = judged.summary.share, judged.after
@@ -233,7 +233,7 @@ def write_replays(found: Mapping[str, Judged], data: LocalizationData, folder: P
 
 
 def _moments(name: str, judged: Judged, data: LocalizationData) -> "Iterator[ParticleFrame]":
-    """The first run of a trial, step by step, with what the camera sees if there is one."""
+    """The first run of a trial, step by step, with the images of the camera if there are any."""
     from sextant.chapters.localization.figures.particles import ParticleFrame
 
     outcome, map_images = judged.outcome, data.map.images
@@ -257,7 +257,7 @@ def _moments(name: str, judged: Judged, data: LocalizationData) -> "Iterator[Par
 
 
 def _walls(data: LocalizationData) -> Float64[ndarray, "w 2"] | None:
-    """Points on the walls that a laser saw from the map's poses; None without a laser."""
+    """Points on walls, from the laser scans of the map; None without a laser."""
     if data.scanner is None or data.map.laser is None:
         return None
     grid = occupancy_from_scans(data.scanner, data.map.poses, np.asarray(data.map.laser, np.float64), DRAWN_WALLS_M)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sextant.chapters.localization.task import Localization
     from sextant.chapters.localization.testing import TestSettings
 
-#: number of map images described again to verify that the descriptor is that of the map
+#: number of map images described again to verify that the descriptor matches the map
 COMPARED = 4
 #: largest difference of their descriptors, relative to the largest value
 SAME = 1e-2
@@ -82,8 +82,8 @@ def _kept(data: "LocalizationDataModule", config: LocalizationConfig) -> SavedDe
     found = describer.describe(images[:COMPARED])
     if np.abs(found - known).max() > SAME * np.abs(known).max():
         raise UserError(
-            f"the descriptors of the map in {data.cache} are not those that the descriptor gives now",
-            f"They are of another version: delete {data.cache}/descriptors-*.npy and run again.",
+            f"the descriptors of the map in {data.cache} differ from those that the descriptor computes now",
+            f"They are from another version: delete {data.cache}/descriptors-*.npy and run again.",
         )
     return kept if kept.facts["kind"] != "none" else SavedDescriptor()  # the user's own descriptors are not stored
 

@@ -1,4 +1,4 @@
-"""The settings of a filter as plain values, and back; only classes of Sextant are built from what a file names."""
+"""Conversion of a filter's settings to plain values and back; files can name only classes of Sextant."""
 
 import math
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, Recovery
 from sextant.localization.resampling import SystematicResampling
 
-#: past images that a restart is also weighed by (what it is worth: docs/localization_change.md)
+#: number of past images that also weight a restart (its benefit: results/localization_change.md)
 WINDOW = 10
 PACKAGES: dict[str, ModuleType] = {"motion": motion, "recovery": recovery, "resampling": resampling}
 
@@ -74,7 +74,7 @@ def usual_filter(
     motion: MotionModel | None = None,
     recovery: Recovery | None = None,
 ) -> ParticleFilter:
-    """The filter for a map and its kernel where nothing else is known; its scales follow from the map's spacing."""
+    """The default filter for a map and its kernel; its scales follow from the map's spacing."""
     spacing, support = map_spacing(poses), MapSupport.of(poses, kernel)
     return ParticleFilter(
         motion or motion_of_spacing(spacing),
@@ -86,7 +86,7 @@ def usual_filter(
 
 
 def usual_radius(poses: Float64[Tensor, "n 3"]) -> float:
-    """The usual radius of a mode, in the unit of positions: 2.5 times the spacing of the map."""
+    """The default radius of a mode, in the unit of positions: 2.5 times the spacing of the map."""
     return 2.5 * map_spacing(poses)
 
 
@@ -101,10 +101,10 @@ def _made(values: Mapping[str, Any], name: str) -> Any:
     node, package = values[name], PACKAGES[name]
     if node is None:
         raise UserError(
-            f"the map was saved with a {name} model of the user's own, which no file can bring back",
+            f"the map was saved with a user-defined {name} model, which cannot be restored from its files",
             f"Give one: Localizer.load(folder, {name}=...)",
         )
     if node["class"] not in package.__all__:
-        raise ValueError(f"it names the {name} {node['class']!r}, which is none")
+        raise ValueError(f"unknown {name} class {node['class']!r}")
     arguments = {key: tuple(value) if isinstance(value, list) else value for key, value in node["arguments"].items()}
     return getattr(package, node["class"])(**arguments)

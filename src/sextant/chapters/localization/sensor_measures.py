@@ -19,7 +19,7 @@ from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Observer
 
-#: number of poses that are weighed at a time
+#: number of poses that are weighted at a time
 PARTICLES = 1000
 #: number of timed repetitions, unless they take longer than ``PATIENCE_S`` together
 REPEATS, PATIENCE_S = 7, 10.0
@@ -33,8 +33,8 @@ class SensorCost:
     """The cost of a sensor, as medians on this machine with as many threads as torch uses.
 
     Attributes:
-        us_per_particle: microseconds per pose, for weighing a thousand poses around the true one.
-        ms_per_image: milliseconds that an image or a scan costs once, whatever the number of poses.
+        us_per_particle: microseconds per pose, for weighting a thousand poses around the true one.
+        ms_per_image: fixed cost of an image or scan in milliseconds, independent of the number of poses.
     """
 
     us_per_particle: float
@@ -42,17 +42,17 @@ class SensorCost:
 
 
 def sensor_cost(observer: Observer, drive: Drive, protocol: LocalizationProtocol) -> SensorCost:
-    """Time what a sensor does in a step of a filter: process an image, and weigh poses by it.
+    """Time the work of a sensor in a step of a filter: process an image, and weight poses by it.
 
-    Poses are drawn around the true one of the first frame that is seen, with the limits of the protocol as standard
-    deviations. The first repetition is not counted, as it includes compilation and caching.
+    Poses are drawn around the true one of the first frame with an observation, with the limits of the protocol as
+    standard deviations. The first repetition is not counted, as it includes compilation and caching.
 
     Raises:
-        ValueError: nothing is seen along the drive.
+        ValueError: the drive has no observation.
     """
     seen = np.flatnonzero(drive.seen)
     if not len(seen):
-        raise ValueError(f"nothing is seen along {drive.name}")
+        raise ValueError(f"the drive {drive.name} has no observation")
     poses = _about(torch.from_numpy(drive.poses[seen[0]]), protocol)
     observing, weighing = list[float](), list[float]()
     while len(weighing) <= REPEATS and (len(weighing) < 2 or sum(observing + weighing) < PATIENCE_S):
@@ -86,7 +86,7 @@ def descriptor_nll(
 
 
 def looked_at(drive: Drive) -> np.ndarray:
-    """At most about ``IMAGES`` evenly spaced frames of a drive in which something is seen."""
+    """At most about ``IMAGES`` evenly spaced frames of a drive that have an observation."""
     seen = np.flatnonzero(drive.seen)
     return seen[:: max(1, -(-len(seen) // IMAGES))]
 

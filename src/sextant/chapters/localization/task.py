@@ -58,7 +58,7 @@ class Calibration:
         settings: settings of the filter that runs along them for :mod:`sextant.chapters.localization.along_drives`, for
             which the tempering is fitted; None keeps the tempering of single images.
         regions: settings of the filter whose confidence regions :mod:`sextant.chapters.localization.along_drives`
-            widens; the scale is fitted for this filter. None leaves the regions as the filter believes.
+            widens; the scale is fitted for this filter. None leaves the filter's regions unchanged.
         show: shows the filter's progress along the validation drives.
     """
 
@@ -78,11 +78,11 @@ class Localization(pl.LightningModule):
     Args:
         dimension: dimension of the descriptors.
         spatial: form of the kernel in position.
-        ard: whether x and y have a length each.
+        ard: whether x and y have separate length scales.
         sharper: arguments of :meth:`PoseKernel.sharpened` for the trained kernel; None uses it as it is.
         observation: makes the observation model, which is then fitted.
         calibration: what is fitted after training.
-        objective: the objective that training maximises.
+        objective: the objective that training maximizes.
         neighbours: number of neighbours of each image, for ``vecchia``.
         optimizer, schedule, log_every: as for every task.
     """
@@ -181,9 +181,9 @@ class Localization(pl.LightningModule):
     # -- calibration ---------------------------------------------------------------------------------------------------
 
     def calibrate(self, data: LocalizationDataModule) -> None:
-        """Fit appearance noise, then tempering, to the images of the validation drives, and then to the drives."""
+        """Fit appearance noise and tempering to validation images, then tempering and regions along those drives."""
         wanted = self.calibration
-        self.region_scale.fill_(1.0)  # discards the scale of a run that this one resumes
+        self.region_scale.fill_(1.0)  # discards the scale of a resumed run
         model, queries = self._validation(data)
         likelihood = replace(wanted.likelihood, tempering=1.0)
         if wanted.fit_noise:
@@ -202,12 +202,12 @@ class Localization(pl.LightningModule):
 
             def scores(share: float) -> Float64[ndarray, " b"]:
                 self.fitted[0] = share * of_one
-                with wanted.show(f"trying {share:g} of one image's tempering,", "validation drives") as advance:
+                with wanted.show(f"trying {share:g} times single-image tempering,", "validation drives") as advance:
                     return nll_along(data.drives, settings, make, self.kernel.frozen(), advance)
 
             self.fitted[0] = best_share(scores) * of_one
         if wanted.regions is not None:
-            with wanted.show("learning how wide regions must be,", "validation drives") as advance:
+            with wanted.show("fitting the width of regions,", "validation drives") as advance:
                 scale = scale_along(data.drives, wanted.regions(data), make, self.kernel.frozen(), advance)
             self.region_scale.fill_(scale)
 
@@ -218,7 +218,7 @@ class Localization(pl.LightningModule):
         return replace(self.calibration.likelihood, tempering=tempering, appearance_variance=noise)
 
     def place_posterior(self, data: LocalizationDataModule) -> PlacePosterior:
-        """How likely the calibrated posterior over map images is to be right on the validation drives."""
+        """Evaluate the calibrated posterior over map images on the validation drives."""
         model, queries = self._validation(data)
         likelihood = replace(self.likelihood, tempering=1.0)
         positives = same_place(queries.poses, model.map.poses, protocol_of(data.drives))
@@ -279,9 +279,9 @@ class Localization(pl.LightningModule):
 
         Returns:
             ``descriptor_nll``: nats per value of the test drives' descriptors, over all and by drive. With whitening,
-            the density is that of the descriptors before whitening, so that both can be compared.
+            the density is that of the descriptors before whitening, so that values are comparable.
             ``us_per_particle``, ``ms_per_image``: :class:`~sextant.chapters.localization.sensor_measures.SensorCost`.
-            ``fit_map_s``: seconds to fit the model to the map; ``model_mb``: what it keeps besides the descriptors.
+            ``fit_map_s``: seconds to fit the model to the map; ``model_mb``: its size without the descriptors.
         """
         drives, protocol = data.drives, protocol_of(data.drives)
         model = self.fit_map(data, drives.map)
@@ -322,7 +322,7 @@ class Localization(pl.LightningModule):
     # -- the life cycle ------------------------------------------------------------------------------------------------
 
     def validation_step(self, batch: Tensor, batch_idx: int) -> None:
-        """Log how likely the posterior over map images is to be right, and the fitted values."""
+        """Log the NLL of the true places under the posterior over map images, and the fitted values."""
         found = self.place_posterior(self._data)
         values = {"place_nll": found.nll, "place_nll_uniform": found.chance, "tempering": self.likelihood.tempering}
         values |= {"appearance_variance": self.likelihood.appearance_variance, "region_scale": float(self.region_scale)}
@@ -332,13 +332,13 @@ class Localization(pl.LightningModule):
         """Do nothing: drives are localized, with progress, when the test is recorded."""
 
     def configure_optimizers(self) -> Any:
-        """The optimiser, with the schedule stepped once an epoch."""
+        """The optimizer, with the schedule stepped once an epoch."""
         return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:
-        """Whether the calibrated posterior knows more about the validation drives than that they are in the map.
+        """Whether the calibrated posterior has a lower NLL on the validation drives than a uniform one over the map.
 
-        A given tempering is left to the user to judge: a likelihood that is too sharp may still localize.
+        A given tempering is not judged: a likelihood that is too sharp may still localize.
         """
         if not self.calibration.fit_tempering:
             return True

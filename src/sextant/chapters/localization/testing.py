@@ -34,7 +34,7 @@ from sextant.reporter import Advance
 
 @dataclass(frozen=True, eq=False)
 class TestRuns:
-    """Runs side by side, step by step. A run that ends before the last step stays at its end, unseen.
+    """Runs side by side, step by step. Runs that end early are padded with their last frame, which is not ``seen``.
 
     Attributes:
         frames: frames of the drive, which index descriptors and scans.
@@ -65,7 +65,7 @@ def lay_out_runs(drive: Drive, fault: Fault, starts: int, horizon: int, every: i
 
     Args:
         drive: the drive to localize.
-        fault: put into each run, with random numbers of its own.
+        fault: applied to each run, with its own random numbers.
         starts: number of runs.
         horizon: steps of each run, or fewer if the drive ends. The last run starts early enough for ``horizon`` steps
             if the drive has that many.
@@ -157,18 +157,17 @@ class TestSettings:
         motion, recovery, resampling: parts of the filter.
         ess_threshold: threshold of the filter.
         kld: adapts the filter's number of particles.
-        start: where particles begin.
+        start: initial distribution of the particles.
         particle_counts: numbers of particles, tested one after the other.
         starts, horizon, every: arguments of :func:`~sextant.chapters.localization.testing.lay_out_runs`.
         spread: standard deviations of poses around an image of the map: along, across, and in rad.
         seed: seed of all random numbers.
         replay: keep the particles of the first run of each trial.
-        support: ask the observation model on the map only (:class:`~sextant.localization.map_support.MapSupport`), and
-            how far from its images that is; ``map``: as far as the map and its kernel tell; None: everywhere.
-        outliers: share of images that say nothing about where they were taken; None: a hundredth with ``support``, none
-            without.
-        apart: number of spacings of the map after which an image counts again; None: every image counts.
-        best: number of most alike images whose poses are averaged in place of filtering; None: the filter localizes.
+        support: distance from the map's images within which the observation model is evaluated; ``map``: from the map
+            and its kernel; None: everywhere. See :class:`~sextant.localization.map_support.MapSupport`.
+        outliers: share of images that carry no information about their pose; None: 1 % with ``support``, 0 without.
+        apart: motion, in spacings of the map, after which the next image is used; None: every image is used.
+        best: number of most similar images whose poses are averaged instead of filtering; None: filtering.
     """
 
     __test__ = False
@@ -211,7 +210,7 @@ class TestSettings:
         )
 
 
-#: fits a map and returns what makes the sensor of a drive in it; called with the original map, and as a fault left it
+#: fits a map and returns a function that makes the sensor of a drive; called with the map before and after a fault
 MakeObservers = Callable[[Drive, Drive], Callable[[Drive], Observer]]
 
 
@@ -230,7 +229,7 @@ def run_trials(
         faults: faults by name.
         settings: settings of the filter and of the runs.
         make_observers: see :data:`MakeObservers`.
-        progress: called with the number of trials done and of all.
+        progress: called with the number of trials done and the total.
         kernel: the learnt kernel, for a camera.
     """
     total = len(faults) * len((*drives.test, *drives.corrupted)) * len(settings.particle_counts)
@@ -272,8 +271,8 @@ def short_drives(drives: Sequence[Drive], settings: TestSettings) -> list[str]:
             steps = min(settings.horizon, -(-len(drive) // settings.every))
             notes.append(
                 f"task.horizon={settings.horizon} task.every={settings.every}: {drive.name} has {len(drive)} frames, "
-                f"and its {settings.starts} runs of {steps} steps start at {begins} of them; those that start at the "
-                "same one differ in their random numbers alone"
+                f"so its {settings.starts} runs of {steps} steps start at only {begins} of them; runs from the "
+                "same frame differ only in their random numbers"
             )
     return notes
 
@@ -355,7 +354,7 @@ def _displaced(
 
 
 def _volume(protocol: LocalizationProtocol, prior: MapPrior) -> float:
-    """The volume of the poses about a map: its length along a railway, else its area times a whole turn."""
+    """The volume of the poses about a map: its length along a railway, otherwise its area times 2π."""
     low, high = prior.poses[:, :2].amin(0), prior.poses[:, :2].amax(0)
     sides = (high - low + 2 * protocol.position).tolist()
     return float(sides[0] if protocol.unit == "frames" else sides[0] * sides[1] * 2 * math.pi)

@@ -86,7 +86,7 @@ class TrajectoryComparison:
         """
         if alignment not in self.absolute_m:
             raise ArgumentError(
-                f"alignment={alignment}: the positions lie on a line or in a point, which leaves a rotation open",
+                f"alignment={alignment}: the positions lie on a line or coincide, so a rotation is undetermined",
                 "alignment=none",
             )
         if alignment == "none":
@@ -145,15 +145,15 @@ def compare_trajectories(
         timed = next((each for path, form in formats.items() if form == "table" and "TUM" in formats.values()
                       and (each := Path(path).with_name("trajectory.tum")).is_file()), None)  # fmt: skip
         fix = f"Give {timed}, which has times." if timed else "Convert one of them to the format of the other."
-        raise UserError(f"these poses cannot be joined: {said}", fix)
+        raise UserError(f"these poses cannot be matched: {said}", fix)
     if named := [_named(Path(path), form) for path, form in formats.items() if form in BY_NAME]:
         return _compare_named(named[0], named[-1])
     if "KITTI" in formats.values():
         truth, guess = read_kitti(reference), read_kitti(estimate)
         if len(truth) != len(guess):
             raise UserError(
-                f"{reference} has {len(truth):,} poses and {estimate} {len(guess):,}; without times the i-th belongs "
-                "to the i-th",
+                f"{reference} has {len(truth):,} poses and {estimate} {len(guess):,}; without times they are "
+                "matched line by line",
                 "Give TUM's format, which has times, or complete the shorter file.",
             )
         return _compare(truth, guess, len(truth), len(guess))
@@ -163,7 +163,7 @@ def compare_trajectories(
         raise ArgumentError(
             f"max_gap_s={max_gap_s:g}: no two poses are that close in time; {reference} covers {times[0]:.3f} to "
             f"{times[-1]:.3f} s, {estimate} {own_times[0]:.3f} to {own_times[-1]:.3f} s",
-            "Give both the same clock, or a wider gap: max_gap_s=0.05",
+            "Use the same clock for both, or a wider gap: max_gap_s=0.05",
         )
     return _compare(truth[rows], guess[own_rows], len(truth), len(guess))
 
@@ -176,14 +176,14 @@ def pose_format(path: Path | str) -> Format:
     """
     if (named := named_format(Path(path))) is not None:
         return named
-    lines = read_lines(path, "A file of poses, a line each.")
+    lines = read_lines(path, "A file of poses, one per line.")
     if {"file", "x", "y"} <= set(table_header(Path(path))):
         return "table"
     first = lines[0][1] if lines else []
     if len(first) not in COLUMNS:
         raise UserError(
-            f"{path}: {len(first)} numbers in its first line are no pose",
-            "8 a line: timestamp tx ty tz qx qy qz qw (TUM), or 12: the rows of a 3x4 matrix (KITTI); or a table "
+            f"{path}: the {len(first)} numbers in its first line are not a pose",
+            "8 per line: timestamp tx ty tz qx qy qz qw (TUM), or 12: the rows of a 3x4 matrix (KITTI); or a table "
             "file,x,y,heading; or a file of COLMAP, OpenSfM or nerfstudio.",
         )
     return COLUMNS[len(first)]

@@ -1,8 +1,8 @@
-"""Localization by image corruption: success, tracking, errors, and whether the filter is right to call itself lost.
+"""Localization by image corruption: success, tracking, errors, and how reliably the filter reports that it is lost.
 
 The figures of a corruption are pooled over its severities, the drives, faults and numbers of particles. The filter
-calls itself *lost* where its heaviest mode holds less than ``MODE_MASS`` of the weight; it is *astray* where its
-estimate is not within the limits of the protocol.
+reports *lost* where its heaviest mode holds less than ``MODE_MASS`` of the weight; it is *astray* where its estimate
+is outside the limits of the protocol.
 """
 
 import math
@@ -48,13 +48,13 @@ def success_by_condition(found: Mapping[str, Judged]) -> dict[str, float]:
 
 
 def pooled(trials: Sequence[Judged]) -> dict[str, float]:
-    """Figures of some trials together; nan where there is nothing to tell, such as the error of runs never converged.
+    """Figures pooled over trials; nan where they are undefined, such as the error of runs that never converged.
 
     Returns:
         ``success``, ``tracking`` and ``frames_to_converge_median`` over all runs; ``position_error_median``,
         ``heading_error_deg_median`` and ``pose_nll`` over all frames from convergence on; and over all frames the
-        share called ``lost``, the share of these that is astray (``lost_astray``), and the share of the frames astray
-        that is called lost (``astray_lost``).
+        share reported as ``lost``, the share of these that are astray (``lost_astray``), and the share of astray frames
+        that are reported as lost (``astray_lost``).
     """
     converged = np.concatenate([judged.converged for judged in trials])
     at = converged[converged != NEVER]
@@ -78,7 +78,7 @@ def pooled(trials: Sequence[Judged]) -> dict[str, float]:
 
 
 def metrics(found: Mapping[str, Judged]) -> dict[str, float]:
-    """``test/under/<corruption>/<figure>`` of :func:`pooled`, with ``clean`` beside; without those that are nan."""
+    """``test/under/<corruption>/<figure>`` of :func:`pooled`, ``clean`` included; nan values are left out."""
     return {
         f"test/under/{name}/{figure}": value
         for name, trials in by_corruption(found).items()
@@ -101,6 +101,6 @@ def table(found: Mapping[str, Judged]) -> list[dict[str, str]]:
 
 
 def _frames(judged: Judged) -> tuple[Bool[ndarray, "k"], Bool[ndarray, "k"]]:
-    """Whether the frames of all runs are called lost, and whether they are astray."""
+    """Whether the frames of all runs are reported as lost, and whether they are astray."""
     there = judged.outcome.runs.inside.T
     return (judged.outcome.track.mass.T < MODE_MASS)[there], ~judged.inside[there]

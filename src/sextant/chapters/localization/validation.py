@@ -82,15 +82,15 @@ def same_place(
     if not any(len(rows) for rows in lists):
         raise UserError(
             f"no image of the validation drives is within {protocol.position:g} {protocol.unit} and "
-            f"{protocol.heading_deg} degrees of one of the map, so nothing can be fitted",
-            "Are map and drives given in the same frame? Or give numbers: likelihood.tempering=0.25 "
+            f"{protocol.heading_deg} degrees of a map image, so no likelihood can be fitted",
+            "Check that map and drives are in the same frame, or give numbers: likelihood.tempering=0.25 "
             "likelihood.appearance_noise=0.0",
         )
     return Positives.from_lists(lists, len(references))
 
 
 def check_validation(data: LocalizationData) -> None:
-    """Check that there is something to fit the likelihood to.
+    """Check that there are validation images to fit the likelihood to.
 
     Raises:
         UserError: as for :func:`same_place`.

@@ -124,8 +124,8 @@ def refuse_to_replace_poses(output: Path) -> None:
         return
     if not head.startswith(",".join(COLUMNS[:5])):
         raise ArgumentError(
-            f"output={output}: {table} holds other poses than those of a localizer, and would be replaced",
-            f"A folder of its own: output={output / 'localized'}",
+            f"output={output}: {table} was not written by a localizer, and would be replaced",
+            f"Choose a separate folder: output={output / 'localized'}",
         )
 
 

@@ -1,4 +1,4 @@
-"""A descriptor from the groups ``backbone``, ``inhibition`` and ``pooling``: a network as it is, not trained here."""
+"""A descriptor from the groups ``backbone``, ``inhibition`` and ``pooling``: a network that is not trained here."""
 
 import hashlib
 import json
@@ -21,7 +21,7 @@ from sextant.models import FeatureMap
 from sextant.models.standardize import Standardize
 from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD, TrunkInput
 
-#: groups that make the descriptor, with the kinds of their parts; only the first two are needed
+#: groups that define the descriptor, with the kinds of their parts; only the first two are needed
 GROUPS: dict[str, type[Any]] = {
     "descriptor": Descriptor,
     "backbone": Backbone,
@@ -56,16 +56,16 @@ def untrained_map(
     *,
     trained: bool | None = None,
 ) -> FeatureMap:
-    """The map of the groups ``backbone`` and ``inhibition``, with the weights that the backbone brings, or new ones.
+    """The map of the groups ``backbone`` and ``inhibition``, with pretrained weights or new ones.
 
-    A network of torchvision or timm that brings weights sees images standardised as ImageNet's; others standardise
-    theirs, or take them in [0, 1].
+    Images of a pretrained network of torchvision or timm are standardised by ImageNet's statistics; other networks
+    standardise images themselves, or take them in [0, 1].
 
     Args:
         plain: these groups as plain values.
         channels, size: of the images.
-        layer: whose map; None for the usual ones.
-        trained: whether the weights are those of ImageNet or a file; None: as the backbone says.
+        layer: whose map is taken; None for the default.
+        trained: whether the weights are those of ImageNet or a file; None: as in the config of the backbone.
 
     Raises:
         UserError: a part cannot be built, the layer does not exist, or the inhibition does not fit the backbone.
@@ -88,7 +88,7 @@ def untrained_map(
 def backbone_layer(plain: Mapping[str, Any], *, trained: bool | None = None) -> NetworkLayer:
     """Build the descriptor: the map of the backbone with its inhibition, averaged over cells or pooled, then whitened.
 
-    Weights that the backbone does not bring are drawn by ``descriptor.seed``.
+    Weights that are not pretrained are drawn with ``descriptor.seed``.
 
     Args:
         plain: the groups of :data:`GROUPS` as plain values, or a whole config.
@@ -111,7 +111,7 @@ def backbone_layer(plain: Mapping[str, Any], *, trained: bool | None = None) -> 
 
 
 def layer_nodes(plain: Mapping[str, Any]) -> dict[str, Any]:
-    """The groups of a config that make the descriptor, as plain values that JSON can hold."""
+    """The groups of a config that define the descriptor, as plain values that JSON can hold."""
     found: dict[str, Any] = json.loads(json.dumps({group: plain.get(group) for group in GROUPS}))
     return found
 
@@ -125,11 +125,11 @@ def layer_identity(layer: NetworkLayer, nodes: Mapping[str, Any]) -> str:
 
 
 def layer_of_file(nodes: Mapping[str, Any], weights: Mapping[str, Tensor], *, trust: bool) -> NetworkLayer:
-    """The descriptor of a file: its parts checked as those of a config, its weights those of the file.
+    """The descriptor stored in a file; its parts are validated like those of a config.
 
     Raises:
         UserError: the file names parts from outside Sextant and ``trust`` is false.
-        ValueError: a part is none of its group, or the weights do not fit or are not finite.
+        ValueError: a part does not belong to its group, or the weights do not fit or are not finite.
     """
     checked = {}
     for group, kind in GROUPS.items():
@@ -138,7 +138,7 @@ def layer_of_file(nodes: Mapping[str, Any], weights: Mapping[str, Tensor], *, tr
         try:
             part = TypeAdapter(Choice[kind]).validate_python(nodes[group])  # type: ignore[misc,valid-type]
         except ValidationError as error:
-            raise ValueError(f"{group} is none: {error.errors()[0]['msg']}") from None
+            raise ValueError(f"{group} is invalid: {error.errors()[0]['msg']}") from None
         if isinstance(part, CustomPart) and not trust:
             raise UserError(
                 f"the descriptor wants to build {part.target}, which Sextant does not know",

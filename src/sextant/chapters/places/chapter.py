@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 #: the dataset that is only for tests
 FACTORS = "town_factors"
-#: of the images of dataset=place_folders, unless it is given another
+#: default size of the images of dataset=place_folders
 SIZE = {"height": 64, "width": 96, "channels": 3}
 #: height and width of images for training-free and linear descriptors
 BASELINE_SIZE = (32, 64)
@@ -40,7 +40,7 @@ BASELINE_SIZE = (32, 64)
 class PlacesChapter(Chapter[PlacesConfig]):
     """See :class:`~sextant.chapters.places.task.PlaceRecognition`."""
 
-    about = "Descriptors that survive weather and season (chapter 3)."
+    about = "Descriptors that are invariant to weather and season (chapter 3)."
     evaluation_example = ("dataset=place_folders", "dataset.folder=<folder of reference/ and query/>")
     monitor = ("val/recall_at_1", "max")
     sweep_example = ("loss", ("info_nce", "triplet_ratio"))
@@ -57,7 +57,7 @@ class PlacesChapter(Chapter[PlacesConfig]):
         return ("map=<folder>", "queries=<folder>")
 
     def identity(self, config: PlacesConfig) -> dict[str, Any]:
-        """The base identity, with that of the off-the-shelf weights to which the network is compared."""
+        """The base identity, with that of the off-the-shelf weights with which the network is compared."""
         found, shelf = super().identity(config), config.task.off_the_shelf
         if shelf is not None:
             found["task"]["off_the_shelf"]["weights"] = weights_identity(shelf, Path(config.paths.outputs))
@@ -84,7 +84,10 @@ class PlacesChapter(Chapter[PlacesConfig]):
         corrupts = is_corrupted(config)
         if source.name == FACTORS:  # all its conditions belong to the test
             if corrupts:
-                raise UserError("corruption: dataset=town_factors changes one factor at a time", "corruption=none")
+                raise UserError(
+                    "corruption: dataset=town_factors varies one factor at a time and cannot be corrupted",
+                    "corruption=none",
+                )
             return source
         if task.train_conditions is not None or task.test_conditions is not None:
             train, test = (None if c is None else tuple(c) for c in (task.train_conditions, task.test_conditions))
@@ -92,7 +95,7 @@ class PlacesChapter(Chapter[PlacesConfig]):
         return CorruptedQueries(source, build_suite(config)) if corrupts else source
 
     def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files of a split are missing; a world that is not yet rendered has none."""
+        """Raise a ``UserError`` if files of a split are missing; a world that is yet to be rendered needs none."""
         _can_train_on(source)
         for split in ("train", "val", "test"):
             source.files(split)
@@ -102,7 +105,7 @@ class PlacesChapter(Chapter[PlacesConfig]):
         return {name: part_name(config.plain[name]) for name in ("backbone", "pooling", "inhibition", "loss", "mining")}
 
     def batches(self, config: PlacesConfig) -> str:
-        """Batches are of places."""
+        """The size of a batch, in places and conditions."""
         return f" of batches of {config.task.batch_places} places under {config.task.batch_conditions} conditions"
 
     def data(self, config: PlacesConfig, source: "PlaceSource") -> "PlaceData":
@@ -145,8 +148,8 @@ class PlacesChapter(Chapter[PlacesConfig]):
         network = place_network(config.plain, spec, partial(build, config.plain))
         if training and task["whitening"] is not None and network.pooling.features < task["dimension"]:
             raise UserError(
-                f"task.whitening: the pooling gives {network.pooling.features} numbers, and task.dimension="
-                f"{task['dimension']} are asked for",
+                f"task.whitening: the pooling gives {network.pooling.features} numbers, fewer than task.dimension="
+                f"{task['dimension']}",
                 f"task.whitening=null, or task.dimension={network.pooling.features} or less",
             )
         return PlaceRecognition(
@@ -161,10 +164,10 @@ class PlacesChapter(Chapter[PlacesConfig]):
         )
 
     def require_fit(self, config: PlacesConfig, spec: Mapping[str, Any], source: "PlaceSource") -> None:
-        """Raise a ``UserError`` unless the images have the shape of training; a test needs no other split.
+        """Raise a ``UserError`` unless the test images have the shape of training; other splits are optional.
 
         Without a validation split there is no posterior, as its temperature is fitted there. Without a training split,
-        baselines learn from the map's images; see :meth:`record`.
+        baselines are fitted to the map's images; see :meth:`record`.
         """
         from sextant.chapters.places.invariance import has_factors
 
@@ -280,14 +283,14 @@ def _split_beside(data: "PlaceData", split: "Split") -> "PlaceImages | None":
 
 
 def _seen_by_baselines(train: "PlaceImages | None", places: "PlaceImages") -> "PlaceImages":
-    """The images that baselines learn from: the training images or, without any, those of the map, never queries."""
+    """The images that baselines are fitted to: the training images or, without any, those of the map, never queries."""
     return places.only_conditions(places.conditions[:1]) if train is None else train
 
 
 def _can_train_on(source: Source) -> None:
     if source.name == FACTORS:
         raise UserError(
-            "dataset=town_factors is for tests: there is but one condition to train on, and no validation split",
+            "dataset=town_factors is for tests only: it has a single training condition and no validation split",
             "sextant evaluate run=<run> dataset=town_factors",
         )
 
@@ -295,7 +298,7 @@ def _can_train_on(source: Source) -> None:
 def _factors_record(
     config: PlacesConfig, module: "PlaceRecognition", data: "PlaceData", reporter: Reporter
 ) -> TestRecord:
-    """Recall of the network, and of descriptors that learn from no pairs, against one appearance factor at a time."""
+    """Recall of the network, and of descriptors that need no pairs, against one appearance factor at a time."""
     from sextant.chapters.places import invariance as curves
     from sextant.chapters.places import report
     from sextant.chapters.places.methods import describe_all, fitted, training_free

@@ -10,7 +10,7 @@ from sextant.kit.handler import Handler, Trained, open_run
 
 
 class PlaceMatching(Handler):
-    """Finds photos of a map that show the same places as others."""
+    """Finds the photos of a map that show the same places as the queries."""
 
     task = "place_recognition"
     topic = "places"
@@ -41,7 +41,7 @@ class PlaceMatching(Handler):
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
         """Refuse photos without a map."""
         raise UserError(
-            f"run={trained.reference}: input= does not take models of place_recognition, which look photos up in a map",
+            f"run={trained.reference}: input= does not take models of place_recognition, which need a map",
             self.usage,
         )
 

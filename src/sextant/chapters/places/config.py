@@ -226,7 +226,7 @@ class ToleranceByUnit(Node):
 
 
 class Whitening(Node):
-    """Whitening: how the last layer is solved for after training."""
+    """Whitening: the last layer, computed in closed form after training."""
 
     components: Count = Field(examples=[256])
     shrinkage: Positive = Field(examples=[1.0])
@@ -245,7 +245,7 @@ class PlaceAugmentation(Node):
 
 
 class OffTheShelf(Node):
-    """A layer of a network that was trained for something else."""
+    """A layer of a network trained for another task."""
 
     weights: str = Field(min_length=1, examples=["alexnet.pth"])
     network: str | None = Field(default=None, examples=["alexnet"])
@@ -319,7 +319,7 @@ class LandmarksDescriptor(Descriptor):
 
 
 class NetworkDescriptor(Descriptor):
-    """The network of the groups backbone and inhibition, as it is."""
+    """The network of the groups backbone and inhibition, without further training."""
 
     target: Literal["sextant.baselines.network_layer.NetworkLayer"] = Field(alias="_target_")
     layer: str | None = Field(examples=["layer3"])
@@ -344,7 +344,7 @@ class DescriptorFiles(Descriptor):
     folder: str = Field(examples=["descriptors"])
 
 
-# -- observation -------------------------------------------------------------------------------------------------------
+# -- task --------------------------------------------------------------------------------------------------------------
 
 
 class PlaceRecognitionTask(TaskNode):
@@ -373,7 +373,7 @@ class PlaceRecognitionTask(TaskNode):
     def _whitened_last(self) -> Self:
         if self.whitening is not None and self.test_checkpoint == "best":
             raise ValueError(
-                "whitening is solved for after the last epoch: test_checkpoint=best needs task.whitening=null"
+                "whitening is computed after the last epoch: test_checkpoint=best needs task.whitening=null"
             )
         if self.whitening is not None and self.whitening.components < self.dimension:
             raise ValueError(

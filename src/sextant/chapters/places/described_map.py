@@ -29,7 +29,7 @@ from sextant.retrieval import FlatIndex
 from sextant.retrieval.without_mean import Centring, centred
 
 DESCRIPTOR = "descriptor"
-NO_RUN = "the descriptor is no run's, whose test fits the temperature"
+NO_RUN = "the descriptor is not that of a run, whose test would fit a temperature"
 
 
 def silent(done: int, total: int) -> None:
@@ -37,7 +37,7 @@ def silent(done: int, total: int) -> None:
 
 
 class DescribedMap:
-    """Photos that are added, described and saved; the part of :class:`~sextant.PlaceMap` that reads no queries.
+    """Photos that are added, described and saved; the part of :class:`~sextant.PlaceMap` that decodes no queries.
 
     Args:
         descriptor, size, temperature, tolerances: as for :class:`~sextant.PlaceMap`.
@@ -55,11 +55,11 @@ class DescribedMap:
             descriptor = named_baseline(descriptor)
         if isinstance(descriptor, WhitenedPCA) and not hasattr(descriptor, "pca_"):
             raise ArgumentError(
-                "descriptor: WhitenedPCA learns from images, and has seen none", "Fit it: WhitenedPCA().fit(images)"
+                "descriptor: WhitenedPCA has not been fitted to images", "Fit it: WhitenedPCA().fit(images)"
             )
         self.descriptor = descriptor if isinstance(descriptor, SavedDescriptor) else kept_baseline(descriptor)
         if self.descriptor.describer is None:
-            raise ArgumentError("descriptor: it describes no images", "Give one of sextant.baselines, or a network.")
+            raise ArgumentError("descriptor: it cannot describe images", "Give one of sextant.baselines, or a network.")
         self._describer = self.descriptor.describer
         check_kind("size", size, ImageSize, "For example size=ImageSize(64, 96)")
         self.size = size or _size_of(self._describer)
@@ -77,18 +77,18 @@ class DescribedMap:
         self._same: tuple[DescribedPhotos, float, Positives] | None = None
 
     def __len__(self) -> int:
-        """The number of photos that can be found."""
+        """The number of photos with a descriptor."""
         return sum(len(part.index) for part in self._parts)
 
     @property
     def tolerance(self) -> float | None:
-        """Largest distance within one place, whose photos share their confidence.
+        """Largest distance within one place, over whose photos the confidence is summed.
 
         In metres where photos were added with positions, otherwise in photos along a ride. None, the default, stands
-        for the run's tolerance in metres, and for 0 photos.
+        for the run's tolerance in metres, or for 0 photos.
 
         Raises:
-            ArgumentError: it is set to something other than a number of at least 0.
+            ArgumentError: it is set to anything but a number of at least 0.
         """
         return self._tolerance
 
@@ -135,9 +135,9 @@ class DescribedMap:
             The photos that could not be described, of which the map keeps only the names.
 
         Raises:
-            FailedPhotosError: photos could not be described; it names all of them, and the others are in the map.
+            FailedPhotosError: photos could not be described; the message names them, and the others are in the map.
             ArgumentError: there are no photos, they are not files, some are in the map already, or positions are not x
-                and y of each.
+                and y of each photo.
         """
         check_errors(errors)
         given = photo_folder(photos)
@@ -173,7 +173,7 @@ class DescribedMap:
         save_map(described, facts, folder)
 
     def take(self, folder: Path) -> Self:
-        """Load the photos of a saved map into this one, replacing those that it has.
+        """Load the photos of a saved map into this one, replacing its own.
 
         Raises:
             UserError: there is no map, it is damaged, or its photos were described by another network.
@@ -182,14 +182,14 @@ class DescribedMap:
         if facts.model != self.model:
             raise UserError(
                 f"the map in {folder} is of another network ({facts.model[:12]}) than the one given "
-                f"({self.model[:12]}), and descriptors of two networks cannot be compared",
-                "Name the run that the map was made with, or add its photos anew.",
+                f"({self.model[:12]}); descriptors of different networks cannot be compared",
+                "Name the run that the map was made with, or add its photos again.",
             )
         self.hold(described)
         return self
 
     def hold(self, described: DescribedPhotos) -> None:
-        """Take photos that this map's descriptor has described, replacing those that it has."""
+        """Hold photos that this map's descriptor has described, replacing its own."""
         self._parts, self._files = [described], {path.absolute() for path in described.paths}
 
     def match(
@@ -202,13 +202,13 @@ class DescribedMap:
         same: Positives | None = None,
         progress: Advance = silent,
     ) -> Matches:
-        """Look descriptors up, as arrays.
+        """Look up descriptors given as arrays.
 
         Args:
-            queries: descriptors of the queries, in the order of their ride if sequences are asked for.
-            k: number of matches, at least 1; a smaller map gives all its photos.
+            queries: descriptors of the queries, in the order of their ride if they are matched by sequences.
+            k: number of matches, at least 1; a smaller map returns all its photos.
             centring: which mean descriptor is subtracted; see :mod:`~sextant.retrieval.without_mean`. Matches then have
-                no confidence, since its temperature is for descriptors as they are.
+                no confidence, since the temperature was fitted without centring.
             sequence: number of photos in a sequence; None for single photos only.
             same: for each photo of the map, the photos of its place; by :attr:`tolerance` unless given.
             progress: called with the number of queries done and the total.
@@ -253,15 +253,15 @@ class DescribedMap:
 
 
 def _positions(positions: Any, photos: int) -> Float64[ndarray, "n 2"]:
-    fix = "Give x and y in metres of each photo, nan where one is not known."
+    fix = "Give x and y in metres for each photo, nan where unknown."
     try:
         where = np.array(positions, np.float64)
     except (TypeError, ValueError):
-        raise ArgumentError(f"positions={positions!r:.60} must be numbers, x and y of each photo", fix) from None
+        raise ArgumentError(f"positions={positions!r:.60} must be numbers, x and y for each photo", fix) from None
     if where.shape != (photos, 2):
         raise ArgumentError(f"positions has shape {where.shape} for {photos:,} photos", fix)
     if np.isinf(where).any():
-        raise ArgumentError(f"positions: that of photo {np.isinf(where).any(1).argmax()} is infinite", fix)
+        raise ArgumentError(f"positions: the position of photo {np.isinf(where).any(1).argmax()} is infinite", fix)
     return where
 
 
@@ -288,5 +288,5 @@ def _size_of(describer: Any) -> ImageSize:
         return ImageSize(int(describer.height), int(describer.width))
     except AttributeError:
         raise ArgumentError(
-            "size=None: this descriptor does not tell the size of its images", "For example size=ImageSize(64, 96)"
+            "size=None: this descriptor does not state the size of its images", "For example size=ImageSize(64, 96)"
         ) from None

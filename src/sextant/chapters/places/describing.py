@@ -23,7 +23,7 @@ from sextant.reporter import Advance
 from sextant.retrieval.flat_index import FlatIndex
 
 BATCH = 64
-#: ratio of a photo's aspect to that of the network's images, or its inverse, above which it is named as stretched
+#: ratio of a photo's aspect to that of the network's images, or its inverse, above which it is reported as stretched
 LARGEST_STRETCH = 1.4
 
 
@@ -86,7 +86,7 @@ class DescribedPhotos:
 
 
 def joined(parts: Sequence[DescribedPhotos]) -> DescribedPhotos:
-    """Join the photos of several folders, with names relative to the folder around them all."""
+    """Join the photos of several folders, with names relative to their common folder."""
     if len(parts) == 1:
         return parts[0]
     folders = [os.path.abspath(part.photos.folder) for part in parts]
@@ -145,7 +145,7 @@ def describe(
             found = describer.describe(images)
             good = np.isfinite(found).all(axis=1)
             failed |= {
-                number: "the network gives no finite descriptor"
+                number: "the network's descriptor is not finite"
                 for number, ok in zip(numbers, good, strict=True)
                 if not ok
             }
@@ -166,7 +166,7 @@ def _decoded(
         if isinstance(photo, ndarray):
             return photo, False
         if not photo.is_file():
-            return ("is a folder; an image is a file" if photo.is_dir() else "there is no such file"), False
+            return ("is a folder, not a file" if photo.is_dir() else "there is no such file"), False
         try:
             image = decode_image(photo, size.height, size.width, size.channels, levels)
         except UnreadableImageError as error:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class Describer(Protocol):
-    """Gives images their descriptors.
+    """Computes the descriptors of images.
 
     Attributes:
         identity: changes whenever the descriptors would.
@@ -81,7 +81,7 @@ class TrainedDescriptor:
         content = read_trained(found.checkpoint)
         if (trained := content[KEY])["task"] != "place_recognition":
             raise UserError(
-                f"descriptor.run={self.run} is a run of task={trained['task']}, which gives no place descriptor",
+                f"descriptor.run={self.run} is a run of task={trained['task']}, which has no place descriptor",
                 "Name a run of task=place_recognition.",
             )
         network = trained_place_network(content, found.checkpoint, found.identity, trust=found.is_own(outputs))
@@ -109,15 +109,15 @@ class DescriptorFiles:
         if not paths:
             raise UserError(
                 f"descriptor.folder={self.folder}: there is no such folder, or no .npy file in it",
-                "One file a drive: <drive>.npy, an array (images, dimensions) of 32-bit floats.",
+                "One file per drive: <drive>.npy, an array (images, dimensions) of 32-bit floats.",
             )
         widths = {path.relative_to(root).as_posix(): _rows(path).shape[-1] for path in paths}
         first = next(iter(widths))
         if other := [name for name, width in widths.items() if width != widths[first]]:
             raise UserError(
-                f"descriptor.folder={self.folder}: {first} has {widths[first]} numbers an image, {other[0]} has "
+                f"descriptor.folder={self.folder}: {first} has {widths[first]} numbers per image, {other[0]} has "
                 f"{widths[other[0]]}; map and drives must be described by the same descriptor",
-                f"Describe the images of {first.removesuffix('.npy')} or {other[0].removesuffix('.npy')} anew.",
+                f"Describe the images of {first.removesuffix('.npy')} or {other[0].removesuffix('.npy')} again.",
             )
         hashed = hashlib.sha256()
         for name, path in zip(widths, paths, strict=True):
@@ -135,14 +135,14 @@ class DescriptorFiles:
         rows = _rows(path)
         if rows.ndim != 2 or len(rows) != count or rows.dtype.kind != "f":
             raise UserError(
-                f"{path} has shape {rows.shape} of {rows.dtype}; {count} rows of floats are needed, one an image",
-                "Describe the images of this drive anew, in their order.",
+                f"{path} has shape {rows.shape} of {rows.dtype}; {count} rows of floats are needed, one per image",
+                "Describe the images of this drive again, in their order.",
             )
         told = np.asarray(rows, np.float32)
         if len(bad := np.flatnonzero(~np.isfinite(told).all(axis=1))):
             raise UserError(
                 f"{path}: {len(bad):,} of {count:,} rows are not finite, the first is row {bad[0]}, counted from 0",
-                "Describe these images anew, or leave them out of the drive.",
+                "Describe these images again, or leave them out of the drive.",
             )
         return told
 
@@ -154,7 +154,7 @@ def _rows(path: Path) -> ndarray:
     except (OSError, ValueError, EOFError) as error:
         raise UserError(f"descriptor.folder: {path} cannot be read: {error}", "Write it with numpy.save.") from None
     if not rows.ndim:
-        raise UserError(f"descriptor.folder: {path} holds a single number", "One row an image, by numpy.save.")
+        raise UserError(f"descriptor.folder: {path} holds a single number", "Write one row per image with numpy.save.")
     return rows
 
 
@@ -178,7 +178,7 @@ class BaselineDescriber:
 
 
 class LayerDescriber(BaselineDescriber):
-    """The network of the groups ``backbone``, ``inhibition`` and ``pooling``, as it is.
+    """The network of the groups ``backbone``, ``inhibition`` and ``pooling``, without further training.
 
     Args:
         nodes: these groups and the descriptor's own, as plain values.
@@ -207,7 +207,7 @@ class NetworkDescriber:
         if images.shape[1:] != (size.height, size.width, size.channels):
             _, height, width, channels = images.shape
             raise UserError(
-                f"the images are of {height}x{width}x{channels}, the descriptor was trained on "
+                f"the images are {height}x{width}x{channels}, but the descriptor was trained on "
                 f"{size.height}x{size.width}x{size.channels}",
                 f"dataset.height={size.height} dataset.width={size.width}",
             )
@@ -218,7 +218,7 @@ class NetworkDescriber:
 
 
 def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any]:
-    """A descriptor's config with hashes of its files in place of their paths. Light.
+    """A descriptor's config with hashes of its files in place of their paths. Imports nothing heavy.
 
     Raises:
         UserError: the run, folder or photo does not exist.
@@ -234,11 +234,11 @@ def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any
 
 
 def check_network_parts(config: DescribingConfig) -> None:
-    """Check that ``backbone``, ``inhibition`` and ``pooling`` belong to a descriptor of such a network. Light.
+    """Check that ``backbone``, ``inhibition`` and ``pooling`` fit the descriptor. Imports nothing heavy.
 
     Raises:
-        UserError: the descriptor has no network, or one of its own; or it is such a network and has no backbone, or a
-            pooling that would have to be trained.
+        UserError: they are given, but the descriptor has no network or one of its own; or it is built from them, and
+            there is no backbone or the pooling would have to be trained.
     """
     groups = {name: getattr(config, name, None) for name in ("backbone", "inhibition", "pooling")}
     if not isinstance(config.descriptor, NetworkDescriptor):
@@ -249,20 +249,20 @@ def check_network_parts(config: DescribingConfig) -> None:
         of = "has a network of its own" if "run" in config.plain["descriptor"] else f"({kind}) has no network"
         raise UserError(
             f"{given}={part_name(config.plain[given])}: the descriptor {of}",
-            f"descriptor=network for one of this {given}, or leave out {given}=",
+            f"Use descriptor=network with this {given}, or leave out {given}=",
         )
     if config.backbone is None:
         raise UserError("descriptor=network: no backbone is chosen", "backbone=efficientnet_lite0 backbone.stages=5")
     pooling = groups["pooling"]
     if pooling is not None and not isinstance(pooling, Average | GeM | Flatten | CustomPart):
         raise UserError(
-            f"pooling={part_name(config.plain['pooling'])} has to be trained, and descriptor=network is not",
+            f"pooling={part_name(config.plain['pooling'])} has to be trained, but descriptor=network is not trained",
             "pooling=gem, average or flatten; or descriptor=run:<a run of task=place_recognition with this pooling>",
         )
 
 
 def about_weights(config: DescribingConfig) -> list[str]:
-    """A note for the reader about a network without weights of its own."""
+    """A note for the reader about a network without pretrained weights."""
     brings = any(config.plain["backbone"].get(key) for key in STARTS_FROM) if config.backbone is not None else True
     if brings or not isinstance(config.descriptor, NetworkDescriptor):
         return []
@@ -277,11 +277,11 @@ def _photo_identity(photo: str, points: Sequence[Sequence[float]]) -> str:
             width, height = upright_size(image)
         digest = file_sha256(path)
     except OSError as error:
-        raise UserError(f"descriptor.photo={photo} {why_unreadable(path, error)}", "Give a photo's file.") from None
+        raise UserError(f"descriptor.photo={photo} {why_unreadable(path, error)}", "Give a photo's path.") from None
     for x, y in points:
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
             raise UserError(
-                f"descriptor.points=[[{x:g},{y:g}]] lies outside {path.name} of {width}x{height} pixels",
+                f"descriptor.points=[[{x:g},{y:g}]] lies outside {path.name}, which has {width}x{height} pixels",
                 "Give x and y in pixels of the photo.",
             )
     return digest

@@ -1,4 +1,4 @@
-"""Pictures of place recognition."""
+"""Figures of place recognition."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from sextant.chapters.places.metrics import ConditionRecall, FactorRecall, Preci
 from sextant.evaluation.positives import Positives
 from sextant.figures.style import COLOURS, new_figure, plain, printable
 
-#: Most cells of the picture in each direction; longer traverses are reduced to the largest similarity in each cell.
+#: Largest number of cells per axis; longer traverses are reduced to the largest similarity in each cell.
 MOST_CELLS = 800
 RIGHT, WRONG, TRUTH = COLOURS[2], COLOURS[1], COLOURS[5]  # distinct on grey
 #: The grey scale spans the similarities between these percentiles.
@@ -52,7 +52,7 @@ def similarity_matrix(
     if positives is not None and (len(positives), positives.references) != similarities.shape:
         raise ValueError(f"need positives of {rows} queries among {columns} references")
     if matches is not None and (positives is None or len(matches) != rows):
-        raise ValueError(f"need a match for each of the {rows} queries, and the positives to tell right from wrong")
+        raise ValueError(f"need a match for each of the {rows} queries, and the positives to judge them by")
     figure, (axes,) = new_figure(5.6, 4.9)
     reduced = _largest_in_cells(similarities)
     low, high = np.percentile(reduced[np.isfinite(reduced)], CONTRAST)
@@ -85,7 +85,7 @@ def similarity_matrix(
 
 
 def _outline(axes: Axes, positives: Positives) -> None:
-    """Draw the first and the last positive of every query, and nothing if it has none."""
+    """Draw the first and the last positive of every query that has one."""
     first, last = np.full(len(positives), np.nan), np.full(len(positives), np.nan)
     chosen = positives.matchable
     first[chosen] = positives.indices[positives.starts[:-1][chosen]] - 0.5
@@ -265,7 +265,7 @@ def invariance_curves(
     return figure
 
 
-#: dashes that tell apart methods of the same colour
+#: line styles that distinguish methods of the same colour
 DASHES = ("-", "--", ":")
 
 
@@ -296,7 +296,7 @@ def precision_recall_curves(curves: Mapping[str, PrecisionRecall], title: str = 
         sure = curve.recall_at_precision(1)
         if sure > 0:
             axes.plot(100 * sure, 100, "o", color=colour, markersize=4, clip_on=False, zorder=3)
-    axes.set(xlim=(0, 100), ylim=(0, 102), xlabel="recall (% of the queries that have a match)", ylabel="precision (%)")
+    axes.set(xlim=(0, 100), ylim=(0, 102), xlabel="recall (% of queries with a positive)", ylabel="precision (%)")
     axes.set_title(title, fontsize=9)
     plain(axes)
     axes.legend(title="area under the curve", frameon=False, fontsize=8, title_fontsize=8)

@@ -1,6 +1,6 @@
 """Recall against one factor of appearance at a time, where the conditions of a dataset are named by their factors.
 
-A condition ``fog_per_m=0.02`` is a point on the curve of ``fog_per_m``, whatever rendered or photographed it. If the
+A condition ``fog_per_m=0.02`` is a point on the curve of ``fog_per_m``, whether rendered or photographed. If the
 map has a named condition of :mod:`sextant.worlds.appearance`, its own value of each factor is known, and queries
 ``<map>_again`` under that same condition are a point on every curve.
 """
@@ -59,7 +59,7 @@ def invariance(reports: Sequence[QueryReport]) -> Invariance:
     """The curves from reports on conditions, some of which are named by factors.
 
     Raises:
-        ValueError: no condition is.
+        ValueError: no condition is named by a factor.
     """
     by_factor: dict[str, list[tuple[float, QueryReport]]] = {}
     for report in reports:
@@ -144,7 +144,7 @@ def condition_pairs(
     """Recall@1 between all pairs of conditions of the described images, without copies of other conditions.
 
     Descriptors are normalised as in :func:`~sextant.chapters.places.report.compare`: if two references are equally near
-    in float32, a different rounding would find the other one, and the same figure would have two values.
+    in float32, different rounding could choose the other one, and the same metric would have two values.
     """
     if places.copies:
         names = places.originals

@@ -34,7 +34,7 @@ class KnownPlaces:
         tolerance: what counts as one place.
         same_place: for each map image, the map images of its place, with or without itself.
         positives: for each query, the map images of its place; None where the ground truth is unknown.
-        remarks: what the user should know about it.
+        remarks: notes for the user.
     """
 
     tolerance: PlaceTolerance
@@ -81,7 +81,7 @@ def known_places(
             poses, otherwise in files.
 
     Raises:
-        UserError: the photos do not have what ``places`` asks for: a table, poses in their names, equal numbers.
+        UserError: the photos lack what ``places`` requires: a table, poses in their names, equal numbers.
     """
     unit: Unit = "m" if places in ("csv", "utm", "gps") else "frames"
     tolerance = tolerances[unit]
@@ -97,24 +97,24 @@ def known_places(
     images = _placed(reference.photos, queries.photos, places, remarks)
     if images.heading_deg is None and tolerance.heading_deg is not None:
         tolerance = replace(tolerance, heading_deg=None)
-        remarks.append("headings are not known, so none were compared")
+        remarks.append("headings are unknown and were not compared")
     of_map, of_queries = reference.rows, len(reference.photos) + queries.rows
     same = Positives.from_sparse(images.positives(of_map, of_map, tolerance))
     positives = Positives.from_sparse(images.positives(of_queries, of_map, tolerance))
     if images.position_m is not None and not positives.matchable.any():
         nearest = cKDTree(images.position_m[of_map]).query(images.position_m[of_queries])[0].min()
-        remarks.append(f"no query is at the place of a map image: the nearest two are {nearest:,.0f} m apart")
+        remarks.append(f"no query is at the place of a map image: the nearest pair is {nearest:,.0f} m apart")
     return KnownPlaces(tolerance, same, positives, tuple(remarks))
 
 
 def check_truth(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy) -> None:
-    """Raise a ``UserError`` if the photos lack what ``places`` asks for, before any of them is described."""
+    """Raise a ``UserError`` if the photos lack what ``places`` requires, before any of them is described."""
     if places != "none":
         _placed(reference, queries, places, [])
 
 
 def _placed(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy, remarks: list[str]) -> PlaceImages:
-    """The places of all photos, the map's first; without pixels. Doubts about them go into ``remarks``."""
+    """The places of all photos, the map's first; without pixels. Doubtful ones are noted in ``remarks``."""
     both = (reference, queries)
     frames = np.concatenate([np.arange(len(photos)) for photos in both])
     positions, headings = None, None
@@ -125,7 +125,7 @@ def _placed(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy, remar
             raise ArgumentError(
                 f"places=order pairs the i-th photos of both folders, but {reference.folder} has {len(reference):,} "
                 f"and {queries.folder} has {len(queries):,}",
-                "Remove what has no partner, or use equal names (places=name) or poses (places=csv or places=utm).",
+                "Remove unpaired photos, or use equal names (places=name) or poses (places=csv or places=utm).",
             )
     else:
         if places == "gps":
@@ -155,7 +155,7 @@ def _poses(photos: PhotoFolder, places: KnownBy) -> list[Pose]:
         if (folder / TABLE).is_file():
             return table_poses(paths, photos.folder, folder / TABLE, str(photos.folder))
     raise ArgumentError(
-        f"places=csv: neither {photos.folder} nor the folder around it has a table {TABLE}",
+        f"places=csv: neither {photos.folder} nor its parent folder has a table {TABLE}",
         "Write one with the columns file,x,y or file,x,y,heading; or choose places=utm, places=name or places=order.",
     )
 

@@ -1,7 +1,7 @@
 """Describing the photos of a map in parts, each by a separate process on any host, and merging the parts.
 
-A part is a map by itself, of consecutive whole batches. Each photo is therefore described beside the same photos as by
-a single process, so the merged map equals that of a single process to the byte.
+A part is a map by itself, of consecutive whole batches. Each photo is therefore described in the same batch as by a
+single process, and the merged map is byte-identical.
 """
 
 from pathlib import Path

@@ -61,8 +61,8 @@ def fit_match_confidence(sets: Sequence[tuple[Float[ndarray, "m"], Bool[ndarray,
     of_wrong = np.concatenate([margin[~right] for margin, right in sets])
     if _all_below(of_right, of_wrong) or _all_below(of_wrong, of_right):
         raise ValueError(
-            f"a margin parts the {len(of_right)} right matches from the {len(of_wrong)} wrong ones; a confidence can "
-            "only be fitted where some wrong match has a greater margin than some right one: add sets of images"
+            f"some margin separates the {len(of_right)} right matches from the {len(of_wrong)} wrong ones; a "
+            "confidence can only be fitted if these overlap: add sets of images"
         )
 
     def loss(parameters: ndarray) -> float:
@@ -77,6 +77,6 @@ def _all_below(low: ndarray, high: ndarray) -> bool:
     return not len(low) or not len(high) or bool(low.max() < high.min())
 
 
-#: for networks trained here on other scenes: ``python -m benchmarks.unseen_places run=<run>``, fitted to all of its
-#: sets
+#: default of networks trained here, fitted to all sets of ``python -m benchmarks.unseen_places run=<run>``, whose
+#: scenes were not used in training
 UNSEEN = MatchConfidence(24.0, -2.28)

@@ -1,4 +1,4 @@
-r"""The best matches of every query, how probable they are, and how clearly they stand out.
+r"""The best matches of every query, their probabilities, and the margin of the best one.
 
 With the similarities :math:`s_{ij}` of query i and map image j and the temperature T, the probability of the place of
 map image j is
@@ -17,7 +17,7 @@ from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from numpy import ndarray
 from scipy.special import logsumexp
 
@@ -28,16 +28,20 @@ from sextant.retrieval import FlatIndex, Neighbours, SequenceMatches, match_sequ
 
 #: similarities that are held in memory at a time: 16 MiB
 BLOCK = 2**22
-#: most similarities of all pairs for which sequences are matched; about 4 GiB with what is computed from them
+#: most similarities of all pairs for which sequences are matched; about 4 GiB with intermediate results
 LARGEST_RIDES = 2**28
+#: in place of the inliers of a match that was not re-ranked
+NOT_COUNTED = -1
 
 
 class Match(NamedTuple):
-    """A map image that a query was matched with: its number, its similarity, and the probability of its place."""
+    """A map image that a query was matched with: its number, its similarity, the probability of its place, and the
+    inliers between the two where the match was re-ranked."""
 
     image: int
     similarity: float
     confidence: float | None
+    inliers: int | None = None
 
 
 @dataclass(frozen=True)
@@ -47,30 +51,37 @@ class Matches:
     Attributes:
         neighbours: the most similar map images.
         confidence: probability of the place of each neighbour; None without a temperature.
-        margin: margin of the best match over the next place; nan where the map has no other place.
-        sequences: best map images by sequences of queries; None if not asked for.
+        margin: margin of the best match over the next place; nan where the map has no other place, or re-ranking
+            replaced the best match.
+        sequences: best map images by sequences of queries; None if not requested.
+        inliers: of each neighbour, ``NOT_COUNTED`` beyond those that were re-ranked; None without re-ranking.
     """
 
     neighbours: Neighbours
     confidence: Float64[ndarray, "m k"] | None
     margin: Float64[ndarray, "m"]
     sequences: SequenceMatches | None
+    inliers: Int64[ndarray, "m k"] | None = None
 
     def single(self, query: int) -> list[Match]:
-        """The matches of a query by itself, the best first."""
+        """The matches of a single query, the best first."""
         sure: Iterable[float | None] = repeat(None) if self.confidence is None else self.confidence[query].tolist()
-        found = zip(self.neighbours.indices[query].tolist(), self.neighbours.values[query].tolist(), sure, strict=False)
+        counted: Iterable[int | None] = repeat(None)
+        if self.inliers is not None:
+            counted = (None if each == NOT_COUNTED else each for each in self.inliers[query].tolist())
+        near = self.neighbours.indices[query].tolist(), self.neighbours.values[query].tolist()
+        found = zip(*near, sure, counted, strict=False)
         return [Match(*each) for each in found]
 
     def by_sequence(self, query: int) -> list[Match] | None:
-        """The query's matches together with the queries before it, the best first; None if not asked for."""
+        """The matches of the sequence that ends at a query, the best first; None if not requested."""
         if self.sequences is None:
             return None
         found = zip(self.sequences.indices[query].tolist(), self.sequences.scores[query].tolist(), strict=True)
         return [Match(image, score, None) for image, score in found]
 
     def margin_of(self, query: int) -> float | None:
-        """The margin of the query's best match; None where the map has no other place."""
+        """The margin of the query's best match; None where the map has no other place, or the match was replaced."""
         margin = float(self.margin[query])
         return None if math.isnan(margin) else margin
 
@@ -89,7 +100,7 @@ def match(
 
     Args:
         reference: the map.
-        queries: descriptors of the queries, in the order of their ride if sequences are asked for.
+        queries: descriptors of the queries, in the order of their ride if they are matched by sequences.
         same_place: for each map image, the map images of its place, with or without itself.
         k: number of matches, in [1, n].
         temperature: temperature of the posterior over the map; None for no confidence.
@@ -144,5 +155,5 @@ def check_rides(reference: int, queries: int, length: int | None) -> None:
         raise UserError(
             f"sequences of {length} need the similarities of all pairs, and {queries:,} queries x {reference:,} map "
             f"images are more than {LARGEST_RIDES:,}",
-            "Give a part of the queries at a time, or look up single photos.",
+            "Look up fewer queries at a time, or single photos.",
         )

@@ -31,7 +31,7 @@ class Described:
 
 
 def training_free(height: int, width: int) -> dict[str, PlaceDescriptor]:
-    """Descriptors that learn from no image pairs; whitened PCA learns from images of the map's condition."""
+    """Descriptors that need no image pairs; only whitened PCA is fitted, to images of the map's condition."""
     size = (height, width)
     return {
         "pixels": Pixels(*size),
@@ -59,7 +59,7 @@ def baselines(
         size: height and width at which images are described.
 
     Returns:
-        Descriptors by method; and the reason for each method that could not learn from these images.
+        Descriptors by method; and the reason for each method that could not be fitted to these images.
     """
     reference = images.conditions[0]
     maps, queries = (images.images[images.rows_of(name)] for name in (reference, query))
@@ -85,7 +85,7 @@ def baselines(
 def fitted(
     methods: Mapping[str, PlaceDescriptor], train: PlaceImages, reference: str
 ) -> tuple[dict[str, PlaceDescriptor], dict[str, str]]:
-    """Fit methods to the training images of the map's condition, or of the first condition without those.
+    """Fit methods to the training images of the map's condition, or, without any, of the first condition.
 
     Returns:
         The methods that could be fitted, and the reasons for the others.

@@ -1,5 +1,5 @@
-"""What counts in place recognition: recall@1 by conditions and by one appearance factor, precision against recall, and
-the recall that no descriptor of single images exceeds."""
+"""Metrics of place recognition: recall@1 by condition and by appearance factor, precision-recall curves, and the
+expected recall of a descriptor that confuses only identical images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class PrecisionRecall:
 
     - Recall is over the queries that have a positive, so that a method that finds few never reaches 1. A
       general-purpose curve over the best matches divides by the number of right ones instead and always ends at 1,
-      which flatters.
+      which is optimistic.
     - Every distinct similarity is a threshold, and equal ones are accepted together; a fixed grid of 100 thresholds
       misses those at which precision is still 1.
     - The curve starts at recall 0 with precision 1, where nothing is accepted.
@@ -127,7 +127,7 @@ def best_match_curve(
 def precision_recall(
     similarities: Float[ndarray, "s"], right: Bool[ndarray, "s"], positives: int, unmatchable: int = 0
 ) -> PrecisionRecall:
-    """The curve of candidates from their similarities; ``positives`` of them could be right.
+    """The curve of candidates from their similarities; ``positives`` is M, the denominator of recall.
 
     Raises:
         ValueError: a similarity is nan, or more candidates are right than there are positives.
@@ -158,7 +158,7 @@ def precision_recall(
 
 
 def picture_runs(like_before: Bool[ndarray, "n"]) -> Int64[ndarray, "n"]:
-    r"""Run number of each frame, from 0, where ``like_before`` marks frames that show the previous picture again.
+    r"""Run number of each frame, from 0, where ``like_before`` marks frames with the same image as the previous one.
 
     Consecutive frames with the same picture form a *run*. A descriptor is a function of the picture: all queries of a
     run get the same answer, and the references of a run are returned with equal probability or not at all. The best
@@ -181,7 +181,7 @@ def picture_runs(like_before: Bool[ndarray, "n"]) -> Int64[ndarray, "n"]:
 
 
 def standstill(like_before: Bool[ndarray, "n"]) -> Bool[ndarray, "n"]:
-    """Frames whose picture is also that of the previous or next frame: all members of runs of two or more.
+    """Frames with the same image as the previous or next frame: all members of runs of two or more.
 
     >>> standstill(np.array([False, False, True, True, False]))
     array([False,  True,  True,  True, False])
@@ -193,7 +193,7 @@ def standstill(like_before: Bool[ndarray, "n"]) -> Bool[ndarray, "n"]:
 def single_image_ceiling(
     positives: Positives, query_run: Int64[ndarray, "m"], reference_run: Int64[ndarray, "n"]
 ) -> float:
-    """Expected recall@1 over all queries of a descriptor perfect except for equal pictures; nan without queries.
+    """Expected recall@1, over all queries, of a descriptor that confuses only identical images; nan without queries.
 
     Args:
         positives: of m queries among n references.
@@ -338,7 +338,7 @@ def factor_recall(hit: Bool[ndarray, "m"], factor: Float[ndarray, "m"], level: f
     (array([ 5., 30.]), array([0.5, 1. ]))
     """
     if len(hit) != len(factor) or not len(hit) or not np.isfinite(factor).all() or not 0 < level < 1:
-        raise ValueError(f"need hits and finite factors of some queries, 0 < level < 1; got {len(hit)}, {len(factor)}")
+        raise ValueError(f"need as many hits as finite factors, and 0 < level < 1; got {len(hit)}, {len(factor)}")
     values, group, queries = np.unique(factor, return_inverse=True, return_counts=True)
     share = np.bincount(group, weights=hit) / queries
     z = float(norm.ppf((1 + level) / 2))

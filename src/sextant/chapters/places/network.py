@@ -83,7 +83,7 @@ def trained_place_network(
     trained = content[KEY]
     if trained["task"] != "place_recognition":
         raise UserError(
-            f"a network of task={trained['task']} gives no place descriptor", "Name a run of task=place_recognition."
+            f"a network of task={trained['task']} has no place descriptor", "Name a run of task=place_recognition."
         )
     config, spec = own_config(trained, trust=trust), trained["spec"]
     size = ImageSize(spec["height"], spec["width"], spec["channels"])

@@ -1,4 +1,4 @@
-"""A layer of an off-the-shelf network as a baseline place descriptor, built as a config says.
+"""A layer of an off-the-shelf network as a baseline place descriptor, built from a config.
 
 Checks made before training import nothing heavy.
 """
@@ -24,7 +24,7 @@ KEY = "task.off_the_shelf"
 
 @dataclass(frozen=True)
 class _Trained:
-    """A trained network as it is: its name, input channels, and the mean and deviation that standardise its images."""
+    """A trained network, with its name, input channels, and the mean and deviation that standardise its images."""
 
     name: str
     network: "nn.Module"
@@ -34,7 +34,7 @@ class _Trained:
 
 
 def weights_identity(shelf: OffTheShelf, outputs: Path) -> str:
-    """The hash of the weights file, whatever its path. Light, so that mistakes are reported at once.
+    """The hash of the weights file, whatever its path. Imports nothing heavy, so that mistakes are reported at once.
 
     Raises:
         UserError: the file or run does not exist.
@@ -49,7 +49,7 @@ def weights_identity(shelf: OffTheShelf, outputs: Path) -> str:
     if not path.is_file():
         raise UserError(
             f"{KEY}.weights={absent(path)}",
-            f"Give the state dict of a {shelf.network}, or weights: imagenet, which are fetched. "
+            f"Give the state dict of a {shelf.network}, or weights: imagenet, to download them. "
             "For a run of Sextant, or a published .pth.tar, leave out network.",
         )
     return file_sha256(path)

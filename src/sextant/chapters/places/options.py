@@ -20,12 +20,14 @@ INPUTS = {
 
 
 class PlaceOptions(Options):
-    """What the user chose."""
+    """Options chosen by the user."""
 
     matches: int = Field(5, ge=1, examples=[10])
     """number of matches to show for each query (default: 5)"""
     sequence: int | None = Field(None, ge=2, examples=[10])
     """match by sequences of so many photos too; the queries are one traverse in the order of their names"""
+    rerank: int | None = Field(None, ge=1, examples=[15])
+    """re-rank so many best matches by the local features that they share with the query (default: none)"""
     places: KnownBy = Field("none", examples=["csv"])
     """how the ground truth is known, as in dataset=place_folders: none (default), csv, utm, gps, name or order"""
     tolerance: float | None = Field(None, ge=0, examples=[5])
@@ -75,15 +77,15 @@ def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
 
 
 def refuse_overlap(photos: PhotoFolder, queries: PhotoFolder) -> None:
-    """Raise a ``UserError`` if a query is a file of the map, as finding itself would say nothing."""
+    """Raise a ``UserError`` if a query is also a file of the map, since it would be its own match."""
     own = {os.path.realpath(path) for path in photos.paths}  # unlike Path.resolve, accepts a link to itself
     shared = [path for path in queries.paths if os.path.realpath(path) in own]
     if not shared:
         return
     first, second = photos.folder.resolve(), queries.folder.resolve()
-    where = "are the same folder" if first == second else "share files, for one lies in the other"
+    where = "are the same folder" if first == second else "share files, because one lies in the other"
     raise UserError(
         f"map={photos.folder} and queries={queries.folder} {where}: {len(shared):,} of {len(queries):,} queries are "
-        f"files of the map, such as {shared[0].name}, and would find themselves",
-        "Keep the two in folders side by side.",
+        f"files of the map, such as {shared[0].name}, and would match themselves",
+        "Put map and queries into separate folders.",
     )

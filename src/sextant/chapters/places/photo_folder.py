@@ -40,7 +40,7 @@ class PhotoFolder:
 
 
 def photo_folder(photos: PhotoFolder | Path | str | Iterable[Path | str]) -> PhotoFolder:
-    """The photos as those of one folder: the photo or folder that a path names, or files in the given order.
+    """Photos with names relative to one folder: of the photo or folder at a path, or of files in the given order.
 
     Raises:
         ArgumentError: there are none, or they are not files.
@@ -52,7 +52,7 @@ def photo_folder(photos: PhotoFolder | Path | str | Iterable[Path | str]) -> Pho
     photos = list(photos) if isinstance(photos, Iterable) else [photos]
     if wrong := [type(photo).__name__ for photo in photos if not isinstance(photo, Path | str)]:
         raise ArgumentError(
-            f"photos: a map keeps the names of files, and a value of type {wrong[0]} is no file",
+            f"photos: a map keeps the names of files, and a value of type {wrong[0]} is not a file",
             "Give files, or a folder of photos; write pictures and arrays to files first.",
         )
     paths = [Path(os.path.abspath(Path(path).expanduser())) for path in photos]
@@ -70,7 +70,7 @@ def photos_below(
     Args:
         given: folder or photo.
         key: name of the argument, for error messages.
-        output: folder whose predictions are not photos.
+        output: folder of results, whose images are not counted as photos.
         one: allow a single photo.
 
     Raises:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
@@ -12,10 +13,11 @@ from sextant.applications.arguments import check_whole
 from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
 from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.chapters.places.data.tolerance import PlaceTolerance
-from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, failed_photo
+from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, failed_photo, silent
 from sextant.chapters.places.describing import DescribedPhotos, describe
 from sextant.chapters.places.match_confidence import MatchConfidence
 from sextant.chapters.places.matching import Matches
+from sextant.chapters.places.reranked_matches import PhotoFeatures, rerank
 from sextant.chapters.places.saved_descriptor import Describes, kept_network, load_descriptor
 from sextant.chapters.places.saved_map import (
     FITTED,
@@ -27,6 +29,7 @@ from sextant.chapters.places.saved_map import (
 )
 from sextant.errors import UserError
 from sextant.kit.trained import own_config, read_trained
+from sextant.reporter import Advance
 from sextant.retrieval import FlatIndex
 from sextant.retrieval.without_mean import Centring
 from sextant.runs.checkpoint import KEY
@@ -44,12 +47,14 @@ class PlaceMatch:
         confidence: probability in [0, 1] that it shows the same place, assuming that the place is in the map; None
             without a temperature, and by sequences.
         position: x and y in metres; None if unknown.
+        inliers: local features shared with the photo that agree with one epipolar geometry; None if not re-ranked.
     """
 
     photo: Path
     similarity: float
     confidence: float | None = None
     position: tuple[float, float] | None = None
+    inliers: int | None = None
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,7 @@ class LookedUp:
         name: its file, or the position of its array among those given.
         matches: the best-matching photos of the map, the best first.
         margin: similarity of the best match minus that of the best photo of another place, at least 0; None if the map
-            has no other place, and by sequences.
+            has no other place, if re-ranking replaced the best match, and by sequences.
         found: probability in [0, 1] that the best match shows the photo's place, which need not be in the map; for
             networks, from the margin (:mod:`~sextant.chapters.places.match_confidence`). None without a margin.
         stretched: the photo's aspect differs from that of the network's images by a factor above 1.4, so it was
@@ -86,13 +91,19 @@ def looked_up(
     found: Matches,
     confidence: MatchConfidence | None = None,
 ) -> list[LookedUp]:
-    """What was found for each photo: by sequences if they were matched that way, otherwise by itself."""
+    """What was found for each photo: by sequences if they were matched that way, otherwise individually."""
     folder, files = reference.photos.folder, reference.index.names or ()
     results = []
     for i, name in enumerate(names):
         sequenced = found.by_sequence(i)
         matches = tuple(
-            PlaceMatch(folder / files[each.image], each.similarity, each.confidence, _position(reference, each.image))
+            PlaceMatch(
+                folder / files[each.image],
+                each.similarity,
+                each.confidence,
+                _position(reference, each.image),
+                each.inliers,
+            )
             for each in (found.single(i) if sequenced is None else sequenced)
         )
         margin = found.margin_of(i) if sequenced is None else None
@@ -124,7 +135,7 @@ class PlaceMap(DescribedMap):
     >>> print(best.photo, best.similarity, best.confidence)  # doctest: +SKIP
 
     Args:
-        descriptor: what describes images: a descriptor of :mod:`sextant.baselines` that is fitted or needs no fitting,
+        descriptor: describes the images: a descriptor of :mod:`sextant.baselines` that is fitted or needs no fitting,
             the name of one (``"Hog"``), or any object with ``describe``.
         size: size of the images that it takes; by default its own ``size``, or ``height`` and ``width``.
         temperature: temperature of the posterior over the map, above 0; without it matches have no confidence.
@@ -200,53 +211,73 @@ class PlaceMap(DescribedMap):
             places = cls(kept, facts.size, temperature=facts.temperature, tolerances=facts.tolerances)
         else:
             raise UserError(
-                f"the map in {folder} was saved without what describes photos",
+                f"the map in {folder} was saved without its descriptor",
                 "Name the run of its network: PlaceMap.open(folder, run=...)",
             )
         places.tolerance = facts.tolerance
         return places.take(folder)
 
-    def look_up(self, photo: AnyImage, k: int = 5) -> LookedUp:
+    def look_up(self, photo: AnyImage, k: int = 5, rerank: int | None = None) -> LookedUp:
         """Find the photos of the map that show the place of a photo.
 
         Args:
             photo: a file, bytes or a Pillow image.
-            k: number of matches, at least 1; a smaller map gives all its photos.
+            k: number of matches, at least 1; a smaller map returns all its photos.
+            rerank: number of best matches that are re-ranked by local features, which are read from the map's files
+                (:mod:`sextant.correspondence.reranking`); None: not re-ranked.
 
         Raises:
-            UserError: the photo cannot be read, or the map is empty.
+            UserError: the photo cannot be read, the map is empty, or files to re-rank are missing.
         """
-        (found,) = self.look_up_many([photo], k, errors="return")
+        (found,) = self.look_up_many([photo], k, rerank, errors="return")
         if isinstance(found, FailedPhoto):
             raise found.error
         return found
 
     @overload
     def look_up_many(
-        self, photos: Iterable[AnyImage], k: int = 5, *, centring: Centring = "none", errors: Literal["raise"] = "raise"
+        self,
+        photos: Iterable[AnyImage],
+        k: int = 5,
+        rerank: int | None = None,
+        *,
+        centring: Centring = "none",
+        errors: Literal["raise"] = "raise",
     ) -> list[LookedUp]: ...
     @overload
     def look_up_many(
-        self, photos: Iterable[AnyImage], k: int = 5, *, centring: Centring = "none", errors: Literal["return"]
+        self,
+        photos: Iterable[AnyImage],
+        k: int = 5,
+        rerank: int | None = None,
+        *,
+        centring: Centring = "none",
+        errors: Literal["return"],
     ) -> list[LookedUp | FailedPhoto]: ...
     def look_up_many(
-        self, photos: Iterable[AnyImage], k: int = 5, *, centring: Centring = "none", errors: Errors = "raise"
+        self,
+        photos: Iterable[AnyImage],
+        k: int = 5,
+        rerank: int | None = None,
+        *,
+        centring: Centring = "none",
+        errors: Errors = "raise",
     ) -> list[LookedUp] | list[LookedUp | FailedPhoto]:
-        """Look up several photos, each by itself; the results are in the same order.
+        """Look up several photos individually; the results are in the same order.
 
         Args:
             photos: files, bytes or Pillow images.
-            k: as for :meth:`look_up`.
+            k, rerank: as for :meth:`look_up`.
             centring: for photos of one ride: which mean descriptor is subtracted, as for :meth:`match`.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` puts a :class:`FailedPhoto` in
                 the place of each that did.
 
         Raises:
-            FailedPhotosError: photos failed; it names all of them.
-            ArgumentError: k is not a whole number of at least 1, or ``photos`` is not a collection of photos.
-            UserError: the map is empty.
+            FailedPhotosError: photos failed; the message names all of them.
+            ArgumentError: k or rerank is not a whole number of at least 1, or ``photos`` is not a collection of photos.
+            UserError: the map is empty, or files to re-rank are missing.
         """
-        return self._look_up(photos, k, None, errors, centring)
+        return self._look_up(photos, k, None, errors, centring, rerank)
 
     @overload
     def look_up_sequence(
@@ -271,23 +302,55 @@ class PlaceMap(DescribedMap):
             errors: as for :meth:`look_up_many`.
 
         Raises:
-            FailedPhotosError: photos failed; it names all of them.
+            FailedPhotosError: photos failed; the message names all of them.
             UserError: the map is empty, or the two rides are too long to be compared.
         """
         check_whole("length", length, 2, "For example length=10")
         return self._look_up(photos, k, length, errors)
 
+    def reranked(
+        self, found: Matches, k: int, candidates: int, queries: Sequence[AnyImage], progress: Advance = silent
+    ) -> Matches:
+        """Re-rank matches by local features, which stay in memory for the map's photos.
+
+        Args:
+            found: matches in this map.
+            k: number of matches to keep.
+            candidates: number of best matches that are re-ranked.
+            queries: photos of the queries.
+            progress: called with the number of queries done and the total.
+
+        Raises:
+            UserError: files of the map are missing, or the features need a package that is not installed.
+        """
+        return rerank(found, k, candidates, queries, self.described.paths, self._features, progress)
+
+    @cached_property
+    def _features(self) -> PhotoFeatures:
+        return PhotoFeatures()
+
     def _look_up(
-        self, photos: Iterable[AnyImage], k: int, sequence: int | None, errors: Errors, centring: Centring = "none"
+        self,
+        photos: Iterable[AnyImage],
+        k: int,
+        sequence: int | None,
+        errors: Errors,
+        centring: Centring = "none",
+        rerank: int | None = None,
     ) -> list[LookedUp | FailedPhoto]:
         check_whole("k", k, 1, "For example k=5")
+        if rerank is not None:
+            check_whole("rerank", rerank, 1, "For example rerank=15")
         photos, described = several(photos, errors), self.described
         size = (self.size.height, self.size.width, self.size.channels)
         names: list[str] = []
+        originals: dict[int, AnyImage] = {}
         given: dict[int, Path | ndarray] = {}
         results: dict[int, LookedUp | FailedPhoto] = {}
         for i, photo in enumerate(photos):
             names.append(str(Path(photo).expanduser()) if isinstance(photo, Path | str) else f"photo {i}")
+            if rerank is not None:
+                originals[i] = Path(names[i]) if isinstance(photo, Path | str) else photo
             try:
                 given[i] = Path(names[i]) if isinstance(photo, Path | str) else as_pixels(photo, size)
             except UserError as error:
@@ -299,7 +362,9 @@ class PlaceMap(DescribedMap):
         good = [i for i in numbers if i not in results]
         if good:
             far = {numbers[j] for j in found.stretched}
-            matches = self.match(FlatIndex(found.rows), k, centring=centring, sequence=sequence)
+            matches = self.match(FlatIndex(found.rows), max(k, rerank or 0), centring=centring, sequence=sequence)
+            if rerank is not None:
+                matches = self.reranked(matches, k, rerank, [originals[i] for i in good])
             sure = fitted_confidence(self.descriptor.facts) if centring == "none" else None
             stretched = [i in far for i in good]
             results |= zip(good, looked_up([names[i] for i in good], stretched, described, matches, sure), strict=True)

@@ -37,8 +37,8 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
         run: facts of the run, for ``matches.json``.
 
     Raises:
-        UserError: no photo of the map or no query could be used, photos lack what ``places=`` names, descriptors are of
-            another network, or the disk is full.
+        UserError: no photo of the map or no query could be used, photos lack what ``places=`` requires, descriptors are
+            of another network, or the disk is full.
     """
     output, options = inputs.output, inputs.options
     _fill(places, inputs)
@@ -49,23 +49,34 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     with work_progress("looking up", "queries") as progress:
         found = places.match(
             queries.index,
-            options.matches,
+            max(options.matches, options.rerank or 0),
             centring=options.centring,
             sequence=options.sequence,
             same=known.same_place,
             progress=progress,
         )
+    remarked = []
+    if options.rerank:
+        before = found.neighbours.indices[:, 0]
+        with work_progress("re-ranking", "queries") as progress:
+            found = places.reranked(found, options.matches, options.rerank, queries.paths, progress)
+        replaced = int((before != found.neighbours.indices[:, 0]).sum())
+        remarked.append(
+            f"rerank={options.rerank}: {replaced:,} of {len(before):,} best matches were replaced by one with "
+            "significantly more inliers, and have no margin"
+        )
     rows = query_rows(reference, queries, known, found)
     counted = counts(rows)
     described = {"map": reference, "queries": queries}
-    remarks = _remarks(described, options, known, places.temperature, counted)
+    remarks = [*remarked, *_remarks(described, options, known, places.temperature, counted)]
     if options.places != "none":
-        remarks.append(f"beside training-free descriptors: {_comparison(places, inputs, known, run)}")
+        remarks.append(f"compare with training-free descriptors: {_comparison(places, inputs, known, run)}")
     facts = {
         "run": run,
         "temperature": places.temperature.value,
         "matches": found.neighbours.indices.shape[1],
         "sequence": options.sequence,
+        **({"rerank": options.rerank} if options.rerank else {}),
         "centring": options.centring,
         "places": options.places,
         "tolerance": known.tolerance.name,
@@ -84,14 +95,14 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
 
 
 def _fill(places: PlaceMap, inputs: PlaceInputs) -> None:
-    """Describe the map's photos or load their descriptors; general mistakes are reported before any is described."""
+    """Describe the map's photos or load their descriptors; wrong options are reported before that."""
     if isinstance(inputs.reference, Path):
         try:
             places.take(inputs.reference)
         except UserError as error:
             raise UserError(
                 f"map={inputs.reference}: {error.problem}",
-                "Describe the map's photos anew: map=<folder of photos> descriptors=true",
+                "Describe the map's photos again: map=<folder of photos> descriptors=true",
             ) from None
         refuse_overlap(places.described.photos, inputs.queries)
     reference = places.described.photos if isinstance(inputs.reference, Path) else inputs.reference
@@ -126,27 +137,25 @@ def _remarks(
     """Remarks for the reader of the results."""
     told = []
     if options.centring != "none":
-        told.append(f"no confidence: the temperature is of descriptors as they are, not of centring={options.centring}")
+        told.append(f"no confidence: the temperature was fitted without centring={options.centring}")
     elif temperature.value is None:
         told.append(f"no confidence, similarities only: {temperature.lacking}")
     else:
         told.append(f"{SUPPOSED} (temperature {temperature.value:.4g}, fitted on the run's validation split)")
         if options.sequence:
-            told.append("the temperature is of single photos: matches by sequences have no confidence")
+            told.append("matches by sequences have no confidence: the temperature was fitted to single photos")
     if options.places == "none" and places.tolerance.positive < 1:
         told.append(ALONE)
     for key, photos in described.items():
         if photos.stretched:
             told.append(
-                f"{key}: {len(photos.stretched):,} photos, such as {photos.stretched[0]}, have another shape "
-                f"than the network's images: stretched to it by a factor above {LARGEST_STRETCH}"
+                f"{key}: {len(photos.stretched):,} photos, such as {photos.stretched[0]}, were stretched to "
+                f"the aspect ratio of the network's images, by a factor above {LARGEST_STRETCH}"
             )
     if options.matches > len(described["map"].index):
         told.append(f"matches={options.matches}: the map has only {len(described['map'].index):,} images")
     if counted["same_file"]:
-        told.append(
-            f"{counted['same_file']:,} queries are copies of their best match, which says nothing of the network"
-        )
+        told.append(f"{counted['same_file']:,} queries are copies of their best match and do not test the network")
     return [*told, *places.remarks]
 
 
@@ -169,8 +178,8 @@ def _comparison(places: PlaceMap, inputs: PlaceInputs, known: KnownPlaces, run: 
 
 #: the meaning of a confidence, shown in the terminal and in matches.json
 SUPPOSED = (
-    "confidence is the probability that the place of a match is the query's, supposing that its place is in the map: a "
-    "query of another place has some too"
+    "confidence is the probability that a match shows the query's place, assuming that this place is in the map: "
+    "queries of other places get a confidence too"
 )
 ALONE = "each map image counts as a place of its own; if the map is a ride, give tolerance=<files> or places="
 
@@ -182,7 +191,7 @@ def tell(
     remarks: Sequence[str],
     written: Sequence[Path],
 ) -> None:
-    """Print the matches, which photos failed, remarks, and where the files are."""
+    """Print the matches, the photos that failed, remarks, and the paths of the files."""
     good = [row for row in rows if "error" not in row]
     console.print(rows_table("Best matches", [_line(row) for row in good[:NAMED]]))
     if len(good) > NAMED:
@@ -200,6 +209,8 @@ def tell(
 def _line(row: Mapping[str, Any]) -> dict[str, str]:
     best = row["matches"][0]
     line = {"query": row["query"], "match": best["match"], "similarity": f"{best['similarity']:.3f}"}
+    if "inliers" in best:
+        line["inliers"] = str(best["inliers"])
     line["margin"] = "–" if row["margin"] is None else f"{row['margin']:.3f}"
     if "confidence" in best:
         line["confidence"] = f"{best['confidence']:.2f}"

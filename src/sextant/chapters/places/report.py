@@ -1,4 +1,4 @@
-"""The trained descriptor compared with all others on the test split: figures of merit, arrays, table, figures."""
+"""The trained descriptor compared with all others on the test split: metrics, arrays, table, figures."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -63,13 +63,13 @@ class QueryReport:
     """All methods on the queries of one condition.
 
     Attributes:
-        protocol: the protocol of its figures.
+        protocol: the protocol of its metrics.
         positives: of each query in the map.
         flat: queries without content, such as tunnels.
-        stopped: queries whose picture is that of the previous or next frame, as at a stop.
-        ceiling: expected recall@1 of a single-image descriptor that confuses only equal pictures.
+        stopped: queries with the same image as the previous or next frame, as at a stop.
+        ceiling: expected recall@1 of a single-image descriptor that confuses only identical images.
         methods: results by name, the network last.
-        left_out: baselines that could not learn from the images given to them, with the reason.
+        left_out: baselines that could not be fitted, with the reason.
     """
 
     protocol: RetrievalProtocol
@@ -87,7 +87,7 @@ class QueryReport:
 
 
 def protocol_of(tolerance: PlaceTolerance, query: str = "", reference: str = "") -> RetrievalProtocol:
-    """The protocol of figures with a tolerance."""
+    """The protocol of metrics at a tolerance."""
     unit = "f" if tolerance.unit == "frames" else "m"
     return RetrievalProtocol(tolerance.positive, unit, query, reference, heading_deg=tolerance.heading_deg)
 
@@ -107,10 +107,10 @@ def compare(
     Args:
         descriptors: of all images, by method, from networks; ``network`` is the trained one.
         places: the images.
-        train: images that baselines learn from; None leaves them out.
+        train: images that baselines are fitted to; None leaves baselines out.
         tolerance: within which images show the same place.
         sequence_length: images in a sequence.
-        size: height and width at which baselines see the images.
+        size: height and width to which images are scaled for baselines.
         progress: called with the numbers of conditions done and in all.
     """
     reports = []
@@ -144,8 +144,8 @@ def temperature(
         descriptors: of all images of the split.
         places: the images.
         tolerance: within which images show the same place.
-        elsewhere: descriptors of other places, which enlarge the map. In a map of only some dozens of places every
-            query may be right, and the temperature would go to zero.
+        elsewhere: descriptors of other places, which enlarge the map. With a map of only a few dozen places, all
+            best matches may be right, and the temperature would tend to zero.
     """
     reference = places.rows_of(places.conditions[0])
     query = np.concatenate([places.rows_of(name) for name in places.conditions[1:]])
@@ -154,7 +154,7 @@ def temperature(
     if elsewhere is not None:
         similarities = np.hstack([similarities, unit[query] @ unit_norm(elsewhere).T])
         found.resize((len(query), similarities.shape[1]))
-    if np.ptp(similarities) == 0:  # all images have one descriptor: any temperature is as good
+    if np.ptp(similarities) == 0:  # equal similarities: the likelihood does not depend on the temperature
         return 1.0
     return fit_temperature(similarities, Positives.from_sparse(found))
 
@@ -184,7 +184,7 @@ def nearest_with_values(described: Described, k: int) -> Neighbours:
 
 
 def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior] | None) -> dict[str, float]:
-    """Figures of the network under their full names, with ``R_at_1`` since MLflow does not allow @ in names.
+    """Metrics of the network under their full names, with ``R_at_1`` since MLflow does not allow @ in names.
 
     Args:
         reports: one per condition.
@@ -206,12 +206,12 @@ def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior] | None)
 
 
 def logged_name(metric: str) -> str:
-    """The name under which a test figure is logged; MLflow does not allow @, = or +, and few other signs."""
+    """The name under which a test metric is logged; MLflow allows few signs, and none of @, = and +."""
     return "test/" + re.sub(r"[^\w.\- ]", "_", metric.replace("@", "_at_"))
 
 
 def ceilings(reports: list[QueryReport]) -> dict[str, float]:
-    """The ceilings for single images, under the names of the figures that they bound."""
+    """The single-image ceilings, under the names of the metrics that they belong to."""
     return {report.protocol.name("R@1"): report.ceiling for report in reports}
 
 
@@ -238,7 +238,7 @@ def arrays(reports: list[QueryReport]) -> dict[str, ndarray]:
 
 
 def recall_under(reports: list[QueryReport], copies: Sequence[str], under: Sequence[Condition]) -> dict[str, float]:
-    """Recall@1 of the network by condition key, over the queries of all drives that were corrupted, and of these clean.
+    """Recall@1 of the network by condition key, over the queries of all corrupted drives, and over the same, clean.
 
     Args:
         reports: one per condition.

@@ -1,7 +1,7 @@
 """The descriptor of a map, saved beside it, so that images can be described wherever the folder is moved.
 
 ``descriptor.json`` names a class of :mod:`sextant.baselines` with its arguments, or holds the config of a trained
-network; ``descriptor.safetensors`` holds the arrays that it learned. Nothing is pickled, and the header has the hash of
+network; ``descriptor.safetensors`` holds its fitted arrays. Nothing is pickled, and the header has the hash of
 the arrays.
 """
 
@@ -29,7 +29,7 @@ from sextant.errors import ArgumentError, UserError
 HEADER, ARRAYS = "descriptor.json", "descriptor.safetensors"
 FORMAT, VERSION = "sextant.map_descriptor", 1
 BASELINES: dict[str, type[PlaceDescriptor]] = {c.__name__: c for c in (Hog, PatchNormalised, Pixels, WhitenedPCA)}
-WEIGHTS = "network/"  # prefix of the weights of a network as it is
+WEIGHTS = "network/"  # prefix of the weights of a network of kind layer
 WHITENER = "whitener of the map"  # the name of a module cannot contain spaces
 COMPONENTS = ("components_", "mean_", "explained_variance_")
 
@@ -47,9 +47,9 @@ class SavedDescriptor:
 
     Attributes:
         describer: the descriptor; None if vectors come from elsewhere.
-        facts: how it is recreated, as plain values; ``kind`` is baseline, network (of a run), layer (of a network as it
-            is), or none if it cannot be.
-        arrays: what it learned.
+        facts: how it is recreated, as plain values; ``kind`` is baseline, network (of a run), layer (of a network that
+            no run trained), or none if it cannot be.
+        arrays: its fitted arrays.
         whitener: matrix by which vectors are multiplied before they are compared; None for none.
     """
 
@@ -60,12 +60,12 @@ class SavedDescriptor:
 
     @property
     def identity(self) -> str:
-        """A hash that changes when descriptors would."""
+        """A hash that changes whenever the descriptors would change."""
         return _identity(self.facts, self._packed())
 
     @property
     def model(self) -> str:
-        """Identifies those whose vectors can be compared with its own: for a network, its checkpoint's hash."""
+        """Identifies descriptors with comparable vectors; for a network, the hash of its checkpoint."""
         own = self.facts.get("checkpoint_sha256") or getattr(self.describer, "model", None)
         return str(own or (type(self.describer).__qualname__ if self.facts["kind"] == "none" else self.identity))
 
@@ -98,13 +98,13 @@ def kept_baseline(descriptor: Describes) -> SavedDescriptor:
     arrays: dict[str, Tensor] = {}
     if isinstance(descriptor, WhitenedPCA):
         arrays = {key: torch.from_numpy(np.array(getattr(descriptor.pca_, key), order="C")) for key in COMPONENTS}
-        descriptor = copy.copy(descriptor)  # in the same memory layout as when loaded, so that sums round alike
+        descriptor = copy.copy(descriptor)  # in the same memory layout as when loaded, so that sums are rounded alike
         descriptor.pca_ = _pca(arrays)
     return SavedDescriptor(descriptor, {"kind": "baseline", "class": name, "arguments": arguments}, arrays)
 
 
 def kept_layer(layer: NetworkLayer, nodes: Mapping[str, Any]) -> SavedDescriptor:
-    """A network as it is, fitted to the map, with the parts that it was built from."""
+    """A network that no run trained, fitted to the map, with the parts that it was built from."""
     arrays = {f"{WEIGHTS}{name}": value for name, value in layer.features.state_dict().items()}
     if layer.dimensions is not None:
         arrays |= {key: torch.from_numpy(np.array(getattr(layer.pca_, key), order="C")) for key in COMPONENTS}
@@ -114,7 +114,7 @@ def kept_layer(layer: NetworkLayer, nodes: Mapping[str, Any]) -> SavedDescriptor
 
 
 def baseline_names() -> str:
-    """The names that a user can give, in a line."""
+    """The names that a user can give, separated by commas."""
     return ", ".join(sorted(BASELINES))
 
 
@@ -189,7 +189,7 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> SavedDescriptor:
             descriptor.pca_ = _pca(arrays)
         return SavedDescriptor(descriptor, facts, arrays, whitener)
     except (OSError, KeyError, TypeError, ValueError, SafetensorError) as error:
-        raise _damaged(folder, f"{HEADER} and {ARRAYS} do not make a descriptor: {error}") from error
+        raise _damaged(folder, f"{HEADER} and {ARRAYS} do not form a descriptor: {error}") from error
 
 
 def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], file: Path, trust: bool) -> SavedDescriptor:
@@ -228,4 +228,4 @@ def _identity(facts: Mapping[str, Any], packed: bytes) -> str:
 
 
 def _damaged(folder: Path, how: str) -> UserError:
-    return UserError(f"the descriptor in {folder} is damaged: {how}", "Save the map anew, or copy it again.")
+    return UserError(f"the descriptor in {folder} is damaged: {how}", "Save the map again, or copy it again.")

@@ -26,8 +26,8 @@ from sextant.runs.resolve import FoundRun, resolve_run
 
 #: the test fits one temperature and reports it under the protocol of every condition
 TEMPERATURE = "test/place_temperature_"
-#: key of a network's spec: ``temperature``, ``slope`` and ``offset`` of its confidences, where they were fitted to
-#: scenes unseen in training
+#: key of a network's spec: ``temperature``, ``slope`` and ``offset`` of its confidences, if these were fitted to
+#: scenes not used in training
 FITTED = "fitted_unseen"
 
 
@@ -41,21 +41,21 @@ class Temperature(NamedTuple):
 def run_temperature(found: FoundRun) -> Temperature:
     """The temperature that the run's test fitted on its validation split, for the weights in this checkpoint."""
     if found.directory is None:
-        return Temperature(None, "the checkpoint lies outside of its run's folder, which has the temperature")
+        return Temperature(None, "the checkpoint lies outside its run's folder, where the temperature is stored")
     results = found.directory.results()
     if results is None:
-        return Temperature(None, "the run is not finished, and its test fits the temperature")
+        return Temperature(None, "the run is not finished, and the temperature is fitted in its test")
     tested = resolve_run(str(found.directory.path), found.directory.path).checkpoint
     if tested != found.checkpoint:
-        return Temperature(None, f"the run's temperature is of {tested.name}, not of {found.checkpoint.name}")
+        return Temperature(None, f"the run's temperature is that of {tested.name}, not of {found.checkpoint.name}")
     fitted = [value for name, value in results.get("metrics", {}).items() if name.startswith(TEMPERATURE)]
     if not fitted or not isinstance(fitted[0], float) or not fitted[0] > 0:
-        return Temperature(None, "the run's test told none")
+        return Temperature(None, "the run's test fitted no temperature")
     return Temperature(fitted[0])
 
 
 def fitted_confidence(facts: Mapping[str, Any]) -> MatchConfidence | None:
-    """The confidence of matches by their margin: the network's own, or the usual one of networks.
+    """The confidence of matches by their margin: fitted for this network, or the default of networks.
 
     None for descriptors other than networks.
 
@@ -74,9 +74,9 @@ def run_facts(given: str, found: FoundRun, model: str, trained: Mapping[str, Any
     return facts | {key: trained.get(key) for key in ("digest", "seed", "code")} | {"data": trained.get("data")}
 
 
-#: what counts as one place where no run says so
+#: default tolerances, for maps without a run
 TOLERANCES: dict[Unit, PlaceTolerance] = {"m": PlaceTolerance("m", 5, 25), "frames": PlaceTolerance("frames", 0, 1)}
-NO_TEMPERATURE = Temperature(None, "the map was saved without one")
+NO_TEMPERATURE = Temperature(None, "the map was saved without a temperature")
 KIND = FolderFormat("a map of photos", "sextant.place_map", 1, HEADER)
 
 
@@ -138,14 +138,14 @@ def load_map(folder: Path) -> tuple[DescribedPhotos, MapFacts]:
     header = _header(folder)
     if header["decoder"] != DECODER:
         raise UserError(
-            f"the map in {folder} is of a version of Sextant that decodes photos otherwise", "Add its photos anew."
+            f"the map in {folder} is from a version of Sextant that decodes photos differently", "Add its photos again."
         )
     index = FlatIndex.load(folder)
     photos = PhotoFolder(Path(header["folder"]), tuple(header["photos"]))
     try:
         positions = _positions(header.get("positions"), len(index))
     except (ValueError, TypeError):
-        raise KIND.damaged(folder, f"{HEADER} does not have a position of each photo") from None
+        raise KIND.damaged(folder, f"{HEADER} does not give a position for each photo") from None
     found = DescribedPhotos(photos, index, header["failed"], tuple(header["stretched"]), positions)
     if file_sha256(folder / flat_index.HEADER) != header["index_sha256"] or index.names != found.names:
         raise KIND.damaged(folder, f"{flat_index.HEADER} is not the one that {HEADER} was written for")
@@ -173,11 +173,11 @@ def _facts(header: Mapping[str, Any], folder: Path) -> MapFacts:
             ImageSize(**{key: int(side) for key, side in header["size"].items()}),
         )
     except (AttributeError, KeyError, TypeError, ValueError, UserError) as error:
-        raise KIND.damaged(folder, f"{HEADER} does not tell how photos are looked up: {error!r}") from error
+        raise KIND.damaged(folder, f"{HEADER} does not state how photos are looked up: {error!r}") from error
 
 
 def _positions(rows: Any, count: int) -> Float64[ndarray, "n 2"] | None:
-    """Positions by the header; None in headers from before there were any."""
+    """Positions from the header; None in older headers, which have none."""
     if rows is None:
         return None
     positions = np.array(rows, np.float64)  # null is nan

@@ -1,4 +1,4 @@
-"""Trained place descriptors for other programs: as tensors in and out, and as answers to single photos."""
+"""Trained place descriptors for other programs: as an exported network, and as predictions for single photos."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ def exportable(content: Content, checkpoint: Path, *, trust: bool) -> Exportable
     network = trained_network(own_config(content[KEY], trust=trust), content, checkpoint)
     meanings = {
         "images": f"{image_meaning(spec, spec['channels'])}, the whole photo stretched to this size",
-        "descriptor": f"(b, {network.dimension}): photos of one place have descriptors that are close",
+        "descriptor": f"(b, {network.dimension}): photos of one place have similar descriptors",
     }
     return Exportable(Named(network), {"images": example_images(spec)}, meanings)
 

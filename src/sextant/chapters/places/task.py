@@ -61,7 +61,7 @@ class PlaceRecognition(pl.LightningModule):
         optimizer: builds the optimiser from the parameters; None for a model used only for inference.
         schedule: factor on the learning rate as a function of the share of epochs done.
         clip: largest gradient norm.
-        whitening: solves for the last layer after the last epoch; None keeps the trained one.
+        whitening: replaces the last layer after the last epoch by its closed-form solution; None keeps the trained one.
         log_every: steps between two logged training losses.
     """
 
@@ -122,7 +122,7 @@ class PlaceRecognition(pl.LightningModule):
     def _next_triplets(
         self, mining: CachedHardMining, images: int, batch_idx: int, generator: torch.Generator
     ) -> tuple[PlaceBatch, Pairing]:
-        """Images of the next triplets of the training set, a third of the batch size; mined again when due."""
+        """Images of the next ``images // 3`` triplets of the training set; mined again when due."""
         train, tolerance = self._data.split("train"), self._data.tolerance
         if batch_idx % mining.refresh == 0 or len(self._mined) == 0:
             cache = self._describe_training()
@@ -144,11 +144,11 @@ class PlaceRecognition(pl.LightningModule):
         return cache
 
     def on_train_epoch_start(self) -> None:
-        """Mine afresh in every epoch, so that a resumed epoch starts as it would have."""
+        """Mine anew in every epoch, so that a resumed epoch starts like an uninterrupted one."""
         self._mined = self._mined[:0]
 
     def on_train_epoch_end(self) -> None:
-        """Check and log losses since the last logged one, so that no epoch ends unchecked; whiten after the last."""
+        """Check and log the losses of the last steps, so that no epoch ends unchecked; whiten after the last epoch."""
         log_training_loss(self, self.step_losses.flush())
         last = self.trainer.should_stop or self.trainer.current_epoch + 1 == self.trainer.max_epochs
         if self.whitening is not None and last:
@@ -165,7 +165,7 @@ class PlaceRecognition(pl.LightningModule):
         self._seen.append(self(batch.images_in_unit_range()).float().cpu())
 
     def on_validation_epoch_end(self) -> None:
-        """Log ``val/recall_at_1``, the mean over the traverses other than the map, and that of chance."""
+        """Log ``val/recall_at_1``, the mean over the traverses other than the map, and the chance level."""
         recall_at_1, chance = mean_recall(self._take(), self._data.split("val"), self._data.test_tolerance)
         self.log_dict({"val/recall_at_1": recall_at_1, "val/chance": chance})
 
@@ -188,7 +188,7 @@ class PlaceRecognition(pl.LightningModule):
         return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:
-        """Whether the run learnt at all, judged on the validation split by the rule in ``evaluation.protocols``."""
+        """Whether the run converged, by the rule in ``evaluation.protocols`` on the validation split."""
         return places_converged(validation["val/recall_at_1"], validation["val/chance"])
 
     def _take(self) -> Float32[ndarray, "n d"]:
@@ -207,7 +207,7 @@ class PlaceRecognition(pl.LightningModule):
 def mean_recall(
     descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance
 ) -> tuple[float, float]:
-    """Recall@1 averaged over the other traverses, with the first as the map, and the same for a random ranking.
+    """Recall@1 averaged over the other traverses, with the first as the map, and that of a random ranking.
 
     Traverses that are copies of others, such as corrupted ones, are excluded; they are reported under their own names.
     """

@@ -1,4 +1,4 @@
-"""The last layer of a place network, solved for instead of trained; see ``models.learned_whitening``."""
+"""The last layer of a place network, computed in closed form instead of trained; see ``models.learned_whitening``."""
 
 from dataclasses import dataclass
 
@@ -19,13 +19,13 @@ BATCH = 256
 
 @dataclass(frozen=True)
 class Whitening:
-    """Settings of the whitening that gives the last layer.
+    """Settings of the whitening that replaces the last layer.
 
     Attributes:
         components: number of principal components of the pooled features used.
         shrinkage: of the within-place scatter, as a multiple of its mean variance.
-        images: about the largest number of training images used, whose features are held in memory; an image of several
-            places counts as often.
+        images: approximate maximum number of training images used, whose features are held in memory; an image of
+            several places counts once for each.
     """
 
     components: int = 256
@@ -44,7 +44,7 @@ def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTole
         whitening: the settings.
 
     Raises:
-        UserError: too few training places are seen under two conditions, or the pooling has too few outputs.
+        UserError: too few training places have images under two conditions, or the pooling has too few outputs.
     """
     rows, place = _thinned(*images_by_place(train, tolerance), whitening.images)
     device, training = next(network.parameters()).device, network.training
@@ -72,7 +72,7 @@ def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTole
 def images_by_place(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
     """Rows of images, and their places from 0: an image of the first condition with its positives of other conditions.
 
-    Of several positives under one condition the nearest is taken, as in ``training_pairs``; an image may be that of
+    Of several positives under one condition the nearest is taken, as in ``training_pairs``; an image may belong to
     several places. Images of the first condition without positives are left out.
     """
     first, *others = train.conditions
@@ -103,7 +103,7 @@ def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int
     used = len(_thinned(rows, place, most)[0])
     if len(rows) - 1 < dimension:
         raise ArgumentError(
-            f"whitening: {len(rows)} training images show a place that is seen under two conditions; for "
+            f"whitening: {len(rows)} training images show places with images under two conditions; for "
             f"dimension={dimension} more than {dimension} are needed",
             f"whitening=null, or dimension={max(1, len(rows) - 1)} or less",
             of="PlaceRecognition",

@@ -1,4 +1,4 @@
-"""What is written of matches: tables, pictures, and pairs for reconstruction."""
+"""Output of matching: tables, galleries, and pairs of images for reconstruction."""
 
 import os
 import re
@@ -60,8 +60,10 @@ def query_rows(
 def _listed(reference: DescribedPhotos, matches: Sequence[Match], right: Set[int] | None) -> list[dict[str, Any]]:
     names = reference.index.names or ()
     listed = []
-    for rank, (image, similarity, confidence) in enumerate(matches, 1):
+    for rank, (image, similarity, confidence, inliers) in enumerate(matches, 1):
         row = {"rank": rank, "match": names[image], "similarity": round(similarity, DIGITS)}
+        if inliers is not None:
+            row["inliers"] = inliers
         if confidence is not None:
             row["confidence"] = round(confidence, DIGITS)
         if right is not None:
@@ -76,7 +78,7 @@ def _same_file(reference: DescribedPhotos, queries: DescribedPhotos, query: str,
 
 
 def counts(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """How many queries were looked up, failed, are copies of their match and, where that is known, are right."""
+    """Number of queries, of those that failed or are copies of their match and, with ground truth, of right ones."""
     good = [row for row in rows if "error" not in row]
     told: dict[str, Any] = {
         "queries": len(rows),
@@ -97,7 +99,7 @@ QUERIES, ON_A_PAGE = 40, 8
 MATCHES = 5
 LONGEST_SIDE = 200  # pixels
 TITLE = 26  # characters of a name
-#: names of the pages; other files that begin alike are not ours
+#: names of the pages; other files with the same prefix are kept
 PAGE = re.compile(r"matches_page\d+\.png")
 
 
@@ -164,16 +166,16 @@ def _numbers(each: Mapping[str, Any]) -> str:
 
 def _short(name: str) -> str:
     short = name if len(name) <= TITLE else f"…{name[1 - TITLE :]}"
-    return short.replace("$", r"\$")  # Matplotlib takes what stands between two of them for mathematics
+    return short.replace("$", r"\$")  # Matplotlib sets text between two dollar signs as mathematics
 
 
 def picture(path: Path) -> UInt8[ndarray, "h w 3"]:
-    """A small copy of a photo; grey if the file no longer exists, as for a map that is used again."""
+    """A thumbnail of a photo; grey if the file cannot be read, as when it was deleted since it was added."""
     try:
         width, height = upright_size(path)
         scale = LONGEST_SIDE / max(width, height)
         return decode_image(path, max(1, round(scale * height)), max(1, round(scale * width)), 3)
-    except Exception:  # only an illustration: whatever became of the file, the matches stand
+    except Exception:  # only an illustration: the matches are valid without the file
         return np.full((LONGEST_SIDE * 2 // 3, LONGEST_SIDE, 3), 200, np.uint8)
 
 
@@ -208,13 +210,13 @@ def write_pairs(
     Args:
         pairs: pairs of files.
         path: the file to write, ``pairs.txt``.
-        image_path: folder that names are relative to, as in COLMAP's database; the one around all files unless given.
+        image_path: folder that names are relative to, as in COLMAP's database; by default the folder around all files.
 
     Returns:
         The folder that names are relative to.
 
     Raises:
-        ArgumentError: there is no pair, or a name contains a space, which COLMAP takes for the end of the name.
+        ArgumentError: there is no pair, or a name contains a space, which COLMAP treats as the end of the name.
         UserError: the disk is full, or the folder cannot be written to.
 
     Example:
@@ -238,9 +240,9 @@ def write_pairs(
 def _name(file: Path, around: Path) -> str:
     name = Path(os.path.relpath(file, around)).as_posix()
     if name.startswith("../"):
-        raise ArgumentError(f"image_path={around}: {file} does not lie below it", "Give the folder around all images.")
+        raise ArgumentError(f"image_path={around}: {file} does not lie below it", "Give a folder around all images.")
     if any(letter.isspace() for letter in name):
-        raise ArgumentError(f"pairs: {name!r} has a space, where COLMAP takes a name to end", "Rename it.")
+        raise ArgumentError(f"pairs: {name!r} has a space, which COLMAP treats as the end of a name", "Rename it.")
     return name
 
 
@@ -257,7 +259,8 @@ def write_matches(rows: Sequence[Mapping[str, Any]], facts: Mapping[str, Any], o
     with telling_write_errors(output):
         write_json(output / "matches.json", {**facts, "results": list(rows)})
         sequences = any("sequence_matches" in row for row in rows)
-        columns = [*COLUMNS, *(SEQUENCE_COLUMNS if sequences else ()), "error"]
+        counted = any("inliers" in match for row in rows for match in row.get("matches", ()))
+        columns = [*COLUMNS, *(("inliers",) if counted else ()), *(SEQUENCE_COLUMNS if sequences else ()), "error"]
         write_csv(output / "matches.csv", columns, (flat for row in rows for flat in _flat(row)))
 
 

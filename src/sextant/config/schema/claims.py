@@ -24,7 +24,7 @@ class ClaimPart(Node):
 
     Attributes:
         sweep: the sweep that measures them; empty for figures of another command, in ``recorded`` tables only.
-        stored: folder of its stored report, below ``docs``; without one the part is not run yet.
+        stored: folder of its stored report, below ``results``; without one the part has not been run yet.
         table: table of the report, without ``.csv``.
         names: names of contrasts; of arms in ``cells`` and ``cost``; of rows in ``recorded``.
         against: what an arm is compared with: a number in ``cells``, another arm in ``cost``.
@@ -35,8 +35,8 @@ class ClaimPart(Node):
         expects: what the claim states: better, as good (not worse), or the same (within what matters).
         matters: smallest effect that matters, if it differs from the claim's.
         unit: unit of the effect, if it differs from the claim's.
-        beside: whether it is shown but does not count.
-        note: note to be read with it.
+        beside: whether it is shown without counting towards the verdict.
+        note: note shown with it.
     """
 
     sweep: str = ""
@@ -63,7 +63,7 @@ class ClaimPart(Node):
         if self.table in ("cost", "differences") and not self.quantity:
             raise ValueError(f"table={self.table} needs quantity, a column of cost.csv or a metric of differences.csv")
         if self.table != "recorded" and not self.sweep:
-            raise ValueError(f"table={self.table} needs the sweep that it is of")
+            raise ValueError(f"table={self.table} needs the sweep that measured it")
         return self
 
 
@@ -71,10 +71,10 @@ class Design(Node):
     """The runs that would decide a claim anew, planned before any of them.
 
     Attributes:
-        replicate: what is drawn anew: worlds (layouts, or sources of real data), or seeds where there is one data set.
+        replicate: unit of replication: worlds (layouts, or sources of real data), or seeds where there is one data set.
         sweep: the sweep to run; empty for that of the first part that counts, or for no stored sweep at all.
         arms: arms of the sweep that run; empty for those that the parts need.
-        overrides: what is set for it: worlds, seeds, lengths.
+        overrides: overrides of the sweep: worlds, seeds, lengths.
         core_hours: of one run.
         effect: the true effect, in the claim's unit, at which the power is computed.
         spread: standard deviation of one replicate's difference; None for that of the stored pairs, see
@@ -98,12 +98,12 @@ class Claim(Node):
             explore it, later ones confirm or refute it.
         sentence: the claim in plain words.
         published: what the thesis or its papers reported.
-        page: page of ``docs`` that discusses it.
+        page: page of ``results`` that discusses it.
         unit: unit of the effect.
         matters: smallest effect that matters.
         reason: why this is the smallest effect that matters.
-        not_covered: what the verdict does not say.
-        design: the runs that would decide it anew; None for what is counted, which needs no replicates.
+        not_covered: what the verdict does not cover.
+        design: the runs that would decide it anew; None for counts, which need no replicates.
         runs: how the stored results were measured: seeds, hardware, time.
         command: command that measures it, if the sweeps of its parts are not enough.
         parts: parts, all of which must hold.
@@ -126,5 +126,5 @@ class Claim(Node):
     @model_validator(mode="after")
     def _something_counts(self) -> Self:
         if all(part.beside for part in self.parts):
-            raise ValueError("every part stands beside the claim, so nothing decides it")
+            raise ValueError("every part has beside=true, so nothing decides the claim")
         return self

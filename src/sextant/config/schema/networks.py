@@ -163,7 +163,7 @@ class Inhibition(Part):
 
 
 class NoInhibition(Inhibition):
-    """The network as it is."""
+    """The network unchanged."""
 
     target: Literal["sextant.layers.NoInhibition"] = Field(alias="_target_")
 

@@ -1,4 +1,4 @@
-"""What the configs of all tasks have, and the rules across their groups."""
+"""The part of a config common to all tasks, and the rules across groups."""
 
 from collections.abc import Mapping
 from typing import Any, Literal, Self
@@ -36,8 +36,8 @@ class TaskNode(Node):
 
 
 class Config(Node):
-    """The config of a whole run: what all tasks have. A chapter's own adds its groups; a field that may be null is one
-    that its task can do without."""
+    """The config of a whole run, common to all tasks. A chapter's own class adds its groups; a field that may be null
+    is optional for its task."""
 
     model_config = ConfigDict(defer_build=True)  # the data sets of all chapters are known once all are imported
 

@@ -73,7 +73,7 @@ def dimension(text: str) -> Dimension:
     """
     found = WRITTEN.fullmatch(text)
     if found is None or found[1] not in get_args(Kind):
-        raise ValueError(f"{text!r} is no range of values; write {GRAMMAR}")
+        raise ValueError(f"{text!r} is not a range of values; write {GRAMMAR}")
     kind: Kind = found[1]  # type: ignore[assignment]
     words = _split(found[2])
     if kind == "choice":
@@ -138,7 +138,7 @@ Range = Annotated[str, BeforeValidator(_readable)]
 def _validation(metric: str) -> str:
     """Refuse a metric of the test split, as a choice based on it could not be tested any more."""
     if not metric.startswith("val/"):
-        raise ValueError(f"a search looks at the validation split alone: val/..., got {metric!r}")
+        raise ValueError(f"a search uses the validation split alone: val/..., got {metric!r}")
     return metric
 
 
@@ -191,12 +191,12 @@ class Search(Node):
         if not kinds:
             raise ValueError(f"sweep.search.space is empty: nothing to search. Give keys a range: {GRAMMAR}")
         if "seed" in kinds:
-            raise ValueError("sweep.search.space.seed: a seed is no setting; each trial is run at all sweep.seeds")
+            raise ValueError("sweep.search.space.seed: a seed is not a setting; each trial is run at all sweep.seeds")
         if self.method == "grid" and math.isinf(self.points):
             key = next(key for key, kind in kinds.items() if "uniform" in kind)
             raise ValueError(
-                f"sweep.search.space.{key}={self.space[key]}: a grid goes through values, and a range of numbers has "
-                "no end of them. List some, as in choice(0.01, 0.1), or use sweep.search=random"
+                f"sweep.search.space.{key}={self.space[key]}: a grid needs a finite number of values, and a range of "
+                "numbers has none. List some, as in choice(0.01, 0.1), or use sweep.search=random"
             )
         if self.method == "cmaes" and ("choice" in kinds.values() or len(kinds) < 2):
             raise ValueError("sweep.search=cmaes needs two numbers or more, and no choice(...). Use sweep.search=tpe")

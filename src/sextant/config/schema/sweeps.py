@@ -22,7 +22,7 @@ class Arm(Node):
     Attributes:
         reads: method whose answers are compared, if a run has several; arms with the same overrides share their
             runs.
-        only: values of factors; the arm runs in settings with one of them alone. Empty: in every setting.
+        only: values of factors; the arm runs in settings with one of these values; empty runs it in every setting.
     """
 
     overrides: list[str]
@@ -46,7 +46,7 @@ class Sweep(Node):
             [gardens_point, sped]}`` of real data. Every arm runs in each of them at each of the seeds. The world is
             then the replicate: its seeds are averaged, and intervals are over worlds.
         seeds_of: largest number of seeds of the settings with a value of a factor, by that value.
-        block: ``k/n``: run the k-th of n blocks alone, which are cut between settings and seeds; None runs all.
+        block: ``k/n``: run only the k-th of n blocks, which are cut between settings and seeds; None runs all.
         quick: overrides of its small form for ``preset=quick``; empty if it is already small.
     """
 
@@ -72,7 +72,7 @@ class Sweep(Node):
             return self
         if self.factors or self.arms or self.contrasts or self.worlds:
             raise ValueError(
-                "sweep.search compares its own trials: a sweep with factors, arms, contrasts or worlds has none"
+                "sweep.search compares its own trials: it cannot be combined with factors, arms, contrasts or worlds"
             )
         if both := set(self.seeds) & set(self.search.fresh_seeds or ()):
             raise ValueError(f"sweep.search.fresh_seeds={sorted(both)}: the winner is chosen at these; name others")
@@ -82,7 +82,7 @@ class Sweep(Node):
     def _worlds_differ(self) -> Self:
         for key, values in self.worlds.items():
             if len({str(value) for value in values}) < len(values):
-                raise ValueError(f"sweep.worlds.{key}={values}: a world that is named twice is one")
+                raise ValueError(f"sweep.worlds.{key}={values}: worlds must differ")
             if key in self.factors:
                 raise ValueError(f"sweep.factors.{key}: {key} is the replicate of sweep.worlds")
         return self

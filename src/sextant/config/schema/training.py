@@ -15,7 +15,7 @@ class Trainer(Node):
 
     Attributes:
         devices: number of processes that train one network, each on its own device: a GPU, or a share of the cores.
-        precision: precision of the network; a processor without bfloat16 uses float32 for ``bf16-mixed`` and says so.
+        precision: precision of the network; a processor without bfloat16 uses float32 for ``bf16-mixed`` and logs it.
         batch_size: images per batch over all processes, not counting ``accumulate``.
         accumulate: number of batches whose gradients are averaged for a step.
         patience: epochs without a better validation metric after which training ends; null trains all epochs.
@@ -47,7 +47,7 @@ class Trainer(Node):
     def _every_process_has_an_image(self) -> Self:
         if self.devices > self.batch_size:
             raise ValueError(
-                f"trainer.devices={self.devices} share batches of {self.batch_size}; "
+                f"trainer.devices={self.devices} cannot share batches of {self.batch_size}; "
                 f"set trainer.batch_size={self.devices} at least"
             )
         if self.accumulate > self.log_every:

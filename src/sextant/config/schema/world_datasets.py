@@ -10,7 +10,7 @@ from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileByS
 
 
 def require_one_seed(seed: int, world: int | None) -> None:
-    """Raise a ``ValueError`` if a dataset is given both the number of a world and a seed that is another's."""
+    """Raise a ``ValueError`` if a dataset has both the number of a world and the seed of another."""
     if world is not None and seed not in (0, world):
         raise ValueError(f"dataset.world={world} and dataset.seed={seed} name two worlds; leave dataset.seed out")
 
@@ -20,8 +20,8 @@ class World(Dataset):
 
     Attributes:
         world: number of the world: the seed of its layout, its textures and the drives through it; None for ``seed``.
-        fit_world: the world in which task=localization fits descriptor, kernel, noise and tempering, so that the world
-            of the test lends nothing but its map; None fits in the map and the validation drives of the tested world.
+        fit_world: the world in which task=localization fits descriptor, kernel, noise and tempering, so that the tested
+            world contributes only its map; None fits in the map and the validation drives of the tested world.
     """
 
     later: ClassVar[tuple[str, ...]] = ("world", "fit_world")
@@ -87,7 +87,7 @@ class TownFactors(_Drives):
 
 
 class TownCity(World):
-    """A city seen in all directions from all along its streets."""
+    """Images in all directions along all streets of a city."""
 
     later = ("streets", *World.later)
     target: Literal["sextant.data.worlds.TownCity"] = Field(alias="_target_")

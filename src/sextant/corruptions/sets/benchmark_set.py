@@ -1,4 +1,4 @@
-"""What a published benchmark set is: its corruptions in order, their parameters, and the protocol around them."""
+"""A published benchmark set: its corruptions in order, their parameters, and its protocol."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields

@@ -1,4 +1,4 @@
-r"""What a photo's metadata says about its focal length and about gravity.
+r"""Focal length and direction of gravity from a photo's metadata.
 
 With the 35-mm equivalent focal length :math:`f_{35}` of the EXIF block, which compares diagonals,
 :math:`f = f_{35} \sqrt{W^2 + H^2} / \sqrt{36^2 + 24^2}` pixels. Source: CIPA DCG-001, "Guideline for noting
@@ -20,7 +20,7 @@ FULL_FRAME_DIAGONAL = math.hypot(36, 24)
 FOCAL_LENGTH, FOCAL_35MM = 0x920A, 0xA405
 PLANE_X_RESOLUTION, PLANE_UNIT, PIXELS_X, PIXELS_Y = 0xA20E, 0xA210, 0xA002, 0xA003
 MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # per unit of the focal plane resolution
-#: sides of pictures in pixels, and of their ratio, beyond which a recorded size is not believed
+#: sides of pictures in pixels, and of their ratio, beyond which a recorded size is rejected
 LARGEST_SIDE, LARGEST_RATIO = 1e6, 30
 
 
@@ -36,7 +36,7 @@ def exif_focal_px(exif: dict[int, float], width: int, height: int) -> float | No
     """Focal length in pixels of a ``width`` x ``height`` picture from its EXIF numbers, or None.
 
     It is computed from the 35-mm equivalent, or else from the focal length and the resolution of the focal plane; a
-    field of view that no lens has is passed over. It is also None if the block describes a different shape than the
+    field of view that no lens has is skipped. It is also None if the block describes a different shape than the
     picture's (it was cropped since).
     """
     if was_cropped(exif, width, height):
@@ -64,7 +64,7 @@ def was_cropped(exif: dict[int, float], width: int, height: int) -> bool:
 
 
 def _recorded(exif: dict[int, float]) -> tuple[float, float]:
-    """Both recorded sides in pixels; 0, 0 if one is missing or they are no picture's."""
+    """Both recorded sides in pixels; 0, 0 if one is missing or implausible."""
     sides = exif.get(PIXELS_X, 0.0), exif.get(PIXELS_Y, 0.0)
     believed = min(sides) >= 1 and max(sides) <= min(LARGEST_SIDE, LARGEST_RATIO * min(sides))
     return sides if believed else (0.0, 0.0)
@@ -82,13 +82,13 @@ AT_REST = 0.1
 
 
 def gravity_tag(exif: Image.Exif, xmp: bytes) -> GravityTag | None:
-    """The metadata that tells the vertical; None if nothing does or the metadata is broken.
+    """The kind of metadata that gives the vertical; None if there is none or it is broken.
 
     Apple's maker note has the accelerometer's vector (tag 8 of its directory), Mapillary's app writes it into the image
     description, DJI writes the gimbal's pitch and Google the pose of a panorama into XMP, and Exif 2.32 has the
     camera's elevation angle. Sources: ExifTool's tables "Apple", "DJI" and "XMP-GPano"; Exif 2.32, tag 0x9405.
 
-    Apple's vector :math:`a` is in g, in the axes of Core Motion: right, up and out of the screen, as seen by the
+    Apple's vector :math:`a` is in g, in the axes of Core Motion: right, up and out of the screen, for the
     viewer; for a phone at rest it points down. The right side of the camera's sensor is at the phone's lower end, so
     that in the stored picture gravity is :math:`(-a_2, -a_1, -a_3)` to the right, down and forward.
     """

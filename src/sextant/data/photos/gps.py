@@ -44,8 +44,8 @@ class GpsPosition(NamedTuple):
     Attributes:
         latitude_deg: north of the equator.
         longitude_deg: east of Greenwich.
-        altitude_m: above sea level; None if the block does not say.
-        direction_deg: viewing direction, clockwise from north, in [0, 360); None if the block does not say.
+        altitude_m: above sea level; None if the block does not give it.
+        direction_deg: viewing direction, clockwise from north, in [0, 360); None if the block does not give it.
         magnetic: whether that north is magnetic, which differs from true north by the local declination.
     """
 
@@ -57,7 +57,7 @@ class GpsPosition(NamedTuple):
 
 
 class PhotoGps(NamedTuple):
-    """What a photo's metadata say about its position.
+    """The position from a photo's metadata.
 
     Attributes:
         position: None if there is none, or it cannot be right.

@@ -29,8 +29,8 @@ class PhotoHeader:
         focal_px: focal length from EXIF, pixels.
         taken_s: when it was taken, from EXIF, seconds since 1970 on the camera's clock.
         gps: where it was taken, and what is doubtful or wrong with that, from EXIF or XMP.
-        gravity: which metadata tells the vertical.
-        tagged_panorama: whether its metadata call it a 360-degree panorama.
+        gravity: which metadata gives the vertical.
+        tagged_panorama: whether its metadata mark it as a 360-degree panorama.
     """
 
     path: Path
@@ -66,7 +66,7 @@ def read_header(path: Path) -> PhotoHeader:
             )  # fmt: skip
             kind = image.format
         whole = _is_whole(path, kind or "", size)
-    except Exception as error:  # Pillow raises whatever it comes across in a damaged file
+    except Exception as error:  # Pillow raises errors of any kind for a damaged file
         raise UnreadableImageError(why_unreadable(path, error)) from None
     if not whole:
         raise UnreadableImageError(f"is truncated ({size:,} bytes): its end is missing")

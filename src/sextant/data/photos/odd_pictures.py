@@ -36,7 +36,7 @@ def check_no_panorama(image: UInt8[ndarray, "h w 3"], name: str) -> None:
 def is_panorama(image: UInt8[ndarray, "h w 3"]) -> bool:
     """Whether a picture is a full panorama: 2:1, continuous across its edges, and one colour at a pole.
 
-    Edges without texture do not count: before a plain backdrop, or in a frame, they are alike whatever lies between.
+    Edges without texture do not count: before a plain backdrop, or in a frame, they are alike for any content.
     """
     edge = cv2.blur(image[:, :1].astype(np.float32), (1, 9))
     return closed_around(image) and float(np.std(edge, axis=0).mean()) > PLAIN
@@ -56,20 +56,20 @@ def closed_around(image: UInt8[ndarray, "h w 3"]) -> bool:
 
 
 def odd_picture(image: UInt8[ndarray, "h w 3"]) -> str | None:
-    """Why no lens of the model can have taken a picture; None if nothing speaks against it."""
+    """Why a picture cannot be a photo through a lens of the model; None if it can be."""
     rows, columns = image.shape[:2]
     longer, shorter = max(rows, columns), min(rows, columns)
     if longer / shorter > STRIP:
-        return f"a strip of {longer / shorter:.0f}:1 is no whole photo: where its lens looked is not in it"
+        return f"a strip of {longer / shorter:.0f}:1 is not a whole photo: the position of its optical axis is unknown"
     step = max(longer // SIDE, 1)
     grey = cv2.cvtColor(np.ascontiguousarray(image[::step, ::step]), cv2.COLOR_RGB2GRAY).astype(np.int16)
     right, down = np.abs(np.diff(grey, axis=1))[1:], np.abs(np.diff(grey, axis=0))[:, 1:]
     if (np.maximum(right, down) > SHOWS).mean() < BLANK:
-        return "it shows next to nothing: a blank wall, fog or the dark say nothing of a camera"
+        return "it shows almost nothing: a blank wall, fog or darkness does not determine a camera"
     if ((right == 0) & (down == 0)).mean() > DRAWN:
         return "most of its pixels equal their neighbours: a screenshot, drawing or page, not a photo"
     if _in_a_circle(grey):
-        return "its corners are dark around a bright circle: a fisheye's picture, which the lens model does not cover"
+        return "its corners are dark around a bright circle: a fisheye picture, which the lens model does not cover"
     return None
 
 

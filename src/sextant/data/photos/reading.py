@@ -22,7 +22,7 @@ from sextant.user_files import absent
 
 SMALLEST_SIDE = 32
 LARGEST_DECODED = 64_000_000  # pixels that are kept
-LARGEST_SIDE = 32_000  # of what is kept: cv2.remap counts in 16 bits
+LARGEST_SIDE = 32_000  # pixels that are kept: cv2.remap uses 16-bit coordinates
 LARGEST_FILE = 512_000_000  # pixels of a JPEG, which can be decoded at 1/2, 1/4 or 1/8
 END_OF_CODESTREAM = b"\xff\xd9"  # of JPEG 2000, whose data never hold it
 LARGEST_WHOLE = 256_000_000  # pixels of formats that are decoded whole: 1 GiB at Pillow's four bytes per pixel

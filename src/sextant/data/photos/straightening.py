@@ -21,7 +21,7 @@ def undistort_photo(
 ) -> tuple[UInt8[ndarray, "h w 3"], float]:
     """Undistort a photo, at the same size; also returns the focal length of the result in pixels.
 
-    Undistortion needs no inversion: a pixel at the normalised point p of the undistorted picture is seen at
+    Undistortion needs no inversion: a pixel at the normalised point p of the undistorted picture is imaged at
     :math:`f (1 + k_1 |p|^2 + k_2 |p|^4) p` from the centre of the photo.
 
     Args:
@@ -30,7 +30,7 @@ def undistort_photo(
         k1: first coefficient of its distortion.
         k2: second coefficient.
         keep: ``crop`` crops so that no empty border is left; ``all`` keeps every pixel, with black borders (as far as
-            the lens model reaches: no ray is seen beyond its fold).
+            the lens model reaches: no ray is imaged beyond its fold).
     """
     import cv2
 
@@ -57,8 +57,8 @@ def undistort_photo(
 def straight_focal(width: int, height: int, focal: float, k1: float, k2: float, keep: Keep) -> float:
     """Focal length (pixels) of the undistorted picture of the same size that has no borders, or keeps everything.
 
-    Towards a point of the photo's edge at R pixels from the centre, the lens sees up to the radius
-    ``r = undistort(R / f)``, and an undistorted picture of the same size with focal length g sees up to ``R / g``. So g
+    Towards a point of the photo's edge at R pixels from the centre, the lens covers radii up to
+    ``r = undistort(R / f)``, and an undistorted picture of the same size with focal length g up to ``R / g``. So g
     is the largest (``crop``) or smallest (``all``) of ``R / r`` along the edge.
     """
     radius = torch.linspace(min(width, height) / 2, math.hypot(width, height) / 2, 4096, dtype=torch.float64)
@@ -72,10 +72,10 @@ class Pinhole:
     r"""A camera without distortion or roll.
 
     The ray of a pixel of that picture is, with x right, y down and z forward in the chosen camera's frame, :math:`d =
-    ((c - W/2)/F, (r - H/2)/F, 1)`; the photo's camera sees it in the direction :math:`R_z(\psi)^\top R_x(\theta)^\top
+    ((c - W/2)/F, (r - H/2)/F, 1)`; in the frame of the photo's camera it is :math:`R_z(\psi)^\top R_x(\theta)^\top
     R_x(\theta_0)\, d`, with tilt θ and roll ψ of the photo and tilt :math:`\theta_0` of the picture, at a pixel that
-    the distortion gives without any inversion. Pictures by two cameras, however they were held, thus become pictures by
-    one: they then differ only in where and when they were taken.
+    the distortion gives without any inversion. Pictures by two cameras in any orientation thus become pictures by one:
+    they then differ only in where and when they were taken.
 
     Args:
         width, height: of its pictures, pixels.
@@ -150,7 +150,7 @@ def through_pinhole(
 def _seen_at(
     view: Pinhole, k1: float, k2: float, tilt: float, roll: float
 ) -> tuple[Float64[ndarray, "h w 2"], Float64[ndarray, "h w"]]:
-    """Where the rays of a view are seen in a photo, in focal lengths from its centre, and whether they are seen."""
+    """Image points of a view's rays in a photo, in focal lengths from its centre, and whether they lie inside it."""
     x = (np.arange(view.width) + 0.5 - view.width / 2) / view.focal
     y = (np.arange(view.height) + 0.5 - view.height / 2) / view.focal
     rays = np.stack([*np.meshgrid(x, y), np.ones((view.height, view.width))], axis=-1)
@@ -177,9 +177,9 @@ def level_photo(
 ) -> tuple[UInt8[ndarray, "h w 4"], bool]:
     r"""Remove roll and distortion from a picture of the same size, and tilt up to :data:`STEEPEST`.
 
-    A pixel of the level picture at the normalised point p looks in the direction :math:`R^\top (p, 1)` of the camera,
+    A pixel of the level picture at the normalised point p has the direction :math:`R^\top (p, 1)` in the camera,
     with :math:`R = R_x(\theta) R_z(\psi)` of :func:`~sextant.geometry.rotation_from_tilt_roll`; its colour is that of
-    the photo where the lens shows that direction.
+    the photo where the lens covers that direction.
 
     Without tilt, vertical lines are vertical in the picture too. The photo's centre stays in the centre, as with a
     shift lens.

@@ -1,4 +1,4 @@
-"""A photo, and the view of it that a network sees."""
+"""A photo, and the part of it that is a network's input."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ class Photo:
         cropped: whether EXIF describes a picture of a different shape, so that the optical axis may be anywhere in this
             one.
         gravity: from the phone's accelerometer: right, down and forward in the upright picture, of unit length; None if
-            the metadata do not tell.
+            the metadata do not give it.
     """
 
     image: UInt8[ndarray, "h w 3"]
@@ -46,7 +46,7 @@ class Photo:
 
 @dataclass(frozen=True)
 class NetworkView:
-    """The part of a photo that the network sees.
+    """The part of a photo that is the network's input.
 
     Attributes:
         image: RGB bytes of the network's size; squashed unless that size has the aspect of the part.

@@ -124,7 +124,7 @@ class _Bytes:
 
     def truncated(self) -> UserError:
         """The error for a file that ends too early."""
-        return UserError(f"{self.path} is truncated, or no file of COLMAP ({len(self.content):,} bytes)", BINARY_FIX)
+        return UserError(f"{self.path} is truncated, or not a COLMAP file ({len(self.content):,} bytes)", BINARY_FIX)
 
 
 def read_colmap_binary(path: Path) -> Reconstruction:
@@ -150,7 +150,7 @@ def read_colmap_binary(path: Path) -> Reconstruction:
         numbers = finite(values, 7)
         rotation = None if numbers is None else rotation_of(numbers[:4])
         if numbers is None or rotation is None:
-            problems.append(f"{name}: {np.round(values, 3).tolist()} is no pose")
+            problems.append(f"{name}: {np.round(values, 3).tolist()} is not a pose")
         else:
             images.append(PosedImage(name, inverted(rotation, numbers[4:]), lenses.get(int(camera))))
     if problems:

@@ -17,4 +17,4 @@ def read_foreign_json(path: Path, fix: str) -> Any:
     try:
         return json.loads(read_text(path, fix))
     except (ValueError, RecursionError) as error:
-        raise UserError(f"{path} is no JSON: {str(error)[:80]}", fix) from None
+        raise UserError(f"{path} is not JSON: {str(error)[:80]}", fix) from None

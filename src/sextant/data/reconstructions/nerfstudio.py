@@ -45,7 +45,7 @@ def read_nerfstudio(path: Path) -> Reconstruction:
     for number, frame in enumerate(frames, start=1):
         image = _image(frame, content) if isinstance(frame, dict) and isinstance(frame.get("file_path"), str) else None
         if image is None:
-            problems.append(f"frame {number}: its file_path or its 4x4 transform_matrix is missing or no pose")
+            problems.append(f"frame {number}: its file_path or its 4x4 transform_matrix is missing or not a pose")
         else:
             images.append(image)
     if problems:

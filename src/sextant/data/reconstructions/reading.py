@@ -11,7 +11,7 @@ from sextant.data.reconstructions.reconstruction import Reconstruction
 #: formats whose poses belong to named images
 NamedFormat = Literal["colmap", "opensfm", "nerfstudio"]
 NAMED_FORMATS: tuple[NamedFormat, ...] = get_args(NamedFormat)
-#: bytes that suffice to tell one JSON format from the other
+#: bytes that suffice to distinguish the JSON formats
 HEAD = 4096
 
 

@@ -17,7 +17,7 @@ from sextant.data.name_matching import NameMatches, match_names
 from sextant.data.positions import too_far
 from sextant.errors import UserError, problem_list
 
-#: numbers in files are rounded: a matrix that differs more than this from a rotation is not one
+#: numbers in files are rounded: largest difference of a matrix from a rotation
 ROTATION_TOLERANCE = 1e-2
 
 
@@ -27,8 +27,8 @@ class Lens:
 
     Attributes:
         model: name of the camera model, as the program writes it.
-        width, height: of the images, pixels; 0 if the file does not say.
-        focal_px: focal length in pixels, the first if there are two; None if the file does not say.
+        width, height: of the images, pixels; 0 if the file does not give them.
+        focal_px: focal length in pixels, the first if there are two; None if the file gives none.
     """
 
     model: str
@@ -58,7 +58,7 @@ class Reconstruction:
 
     Attributes:
         images: each with its pose and its lens.
-        remarks: what a user should know about the file.
+        remarks: remarks on the file for the user.
     """
 
     images: tuple[PosedImage, ...]

@@ -27,7 +27,7 @@ class DamagedStoreError(UserError):
         return cls(
             f"{path}: {what}",
             f"{command('data', 'verify', str(store), 'repair=true')}\n"
-            "keeps what is sound; the command that rendered the store then renders the rest.",
+            "keeps the undamaged parts; the command that rendered the store then renders the rest.",
         )
 
 
@@ -90,7 +90,7 @@ def array_offset(path: Path, spec: ArraySpec, count: int) -> int:
         raise DamagedStoreError.at(path, f"not an array file: {error}") from None
     if found != expected:
         (shape, _, dtype), (wanted, _, wanted_dtype) = found, expected
-        raise DamagedStoreError.at(path, f"holds {dtype} {shape}, the manifest says {wanted_dtype} {wanted}")
+        raise DamagedStoreError.at(path, f"holds {dtype} {shape}, the manifest requires {wanted_dtype} {wanted}")
     return offset
 
 

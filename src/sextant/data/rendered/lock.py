@@ -1,4 +1,4 @@
-"""The lock that lets one process at a time write to a store, across hosts, and the progress that others are shown."""
+"""The lock that lets one process at a time write to a store, across hosts, and the progress shown to others."""
 
 import logging
 import time

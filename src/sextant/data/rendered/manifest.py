@@ -25,7 +25,7 @@ class Manifest:
         digest: hash of config and source; its first eight digits are in the name of the store's folder.
         source_sha256: version of the renderer.
         config: everything that determines what is rendered.
-        facts: what a user wants to know about the dataset.
+        facts: facts about the dataset for the user.
         count: number of items.
         chunk: number of items in a chunk.
         arrays: rendered arrays by name.

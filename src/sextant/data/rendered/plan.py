@@ -66,7 +66,7 @@ class RenderPlan(ABC):
     @property
     @abstractmethod
     def facts(self) -> Mapping[str, Any]:
-        """What a user wants to know about the dataset (street kilometres, splits, ...), as plain values."""
+        """Facts about the dataset for the user (street kilometres, splits, ...), as plain values."""
 
     @property
     def chunk(self) -> int:
@@ -130,7 +130,7 @@ def check_plan(plan: RenderPlan) -> None:
 
 
 def check_chunk(name: str, found: Mapping[str, ndarray], arrays: Mapping[str, ArraySpec], length: int) -> None:
-    """Check that a renderer made what its plan says.
+    """Check that rendered arrays match their plan.
 
     Raises:
         ValueError: it did not, which is a bug in the dataset's code.

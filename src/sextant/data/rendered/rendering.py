@@ -43,7 +43,7 @@ class ChunkWriter:
 
         Raises:
             UserError: the disk refused. Only write errors are converted; the renderer's own errors propagate unchanged.
-            ValueError: the renderer made something other than its plan says.
+            ValueError: the rendered arrays do not match the plan.
         """
         start, stop = self._manifest.grid.span(chunk)
         arrays = self._manifest.arrays

@@ -58,7 +58,7 @@ def merge_shards(
 
     Raises:
         UserError: a shard lacks chunks; the message names it. Nothing was copied, and only that shard needs rendering.
-        DamagedStoreError: a chunk of a shard is not what was rendered; the message names it.
+        DamagedStoreError: a chunk of a shard differs from its hash; the message names it.
     """
     store = open_store(plan, cache, notify=notify)
     parts = [open_shard(plan, cache, shard, shards, notify=notify) for shard in range(shards)]

@@ -118,7 +118,7 @@ class RenderedSource:
 
         Args:
             split: its name.
-            fix: what a user does if it has no images: ``dataset.frames.val=50``.
+            fix: advice if it has no images: ``dataset.frames.val=50``.
 
         Raises:
             UserError: the split has no images, or the store cannot be written to or is damaged.

@@ -108,7 +108,7 @@ def open_store(plan: RenderPlan, cache: Path | str, *, notify: Notify = log.info
     store = RenderedStore(directory, plan, notify)
     if store.digest != plan.digest:
         path = StoreLayout(directory).manifest
-        raise DamagedStoreError.at(path, f"is of {store.digest[:16]}, the config asks for {plan.digest[:16]}")
+        raise DamagedStoreError.at(path, f"has the digest {store.digest[:16]}, the config requires {plan.digest[:16]}")
     return store
 
 
@@ -160,7 +160,7 @@ class RenderedStore:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What the manifest tells a user about the dataset."""
+        """The manifest's facts about the dataset."""
         return dict(self.manifest.facts)
 
     @cached_property
@@ -260,7 +260,7 @@ class RenderedStore:
         return {name: self.read(name, index) for name in (*self.manifest.arrays, *self.manifest.columns)}
 
     def _compare(self, array: str, chunks: Sequence[int], threads: int) -> None:
-        """Raise a ``DamagedStoreError`` unless the chunks of an array are what the journal says."""
+        """Raise a ``DamagedStoreError`` unless the chunks of an array match the journal."""
         if not chunks:
             return
         path, records = self._layout.array(array), self._journal.records()

@@ -155,7 +155,7 @@ def forget_chunks(directory: Path | str, chunks: Iterable[int], *, notify: Notif
 
 
 def repair_store(report: StoreReport, *, notify: Notify = log.info) -> None:
-    """Forget the damaged chunks of a verified store, and remove damaged files.
+    """Discard the damaged chunks of a verified store, and remove damaged files.
 
     If a file is damaged as a whole, the manifest is removed too: opening the store with its plan then recreates what is
     missing and keeps every sound chunk.

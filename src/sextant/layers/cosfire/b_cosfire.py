@@ -1,4 +1,4 @@
-r"""B-COSFIRE: finds vessels, cracks, roads - anything bar-shaped - with one filter for bars and one for their ends.
+r"""B-COSFIRE: delineates bar-shaped structures (vessels, cracks, roads) by one filter for bars and one for their ends.
 
 .. math:: R = R_{\text{symmetric}} + R_{\text{asymmetric}}, \qquad
     \text{vessel where } 255\,\frac{R - \min R}{\max R - \min R} > t

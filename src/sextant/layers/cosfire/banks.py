@@ -1,4 +1,4 @@
-"""Banks: the maps that COSFIRE filters are built on, of how strongly a simple feature is present at each pixel."""
+"""Banks: the maps that COSFIRE filters are built on, each the strength of a simple feature at every pixel."""
 
 import math
 from abc import ABC, abstractmethod
@@ -55,7 +55,7 @@ class Bank(nn.Module, ABC):
 class SteerableBank(Bank):
     """A bank for which the channels of a moved image follow from those of the original.
 
-    With other banks a filter learns the moved forms of its prototype from moved prototypes.
+    With other banks, the moved forms of a filter are configured from moved prototypes.
     """
 
     @abstractmethod
@@ -136,7 +136,7 @@ class GaborBank(SteerableBank):
         border: how images continue beyond their border.
 
     Raises:
-        ValueError: no wavelength, one that pixels cannot show (2 or less), no orientation, or a bandwidth or aspect
+        ValueError: no wavelength, one that pixels cannot resolve (2 or less), no orientation, or a bandwidth or aspect
             that is not positive.
     """
 
@@ -190,7 +190,7 @@ class GaborBank(SteerableBank):
         """λ grows with the image, θ turns with it; see :meth:`SteerableBank.moved`.
 
         Raises:
-            UserError: the smaller image needs a wavelength that pixels cannot show.
+            UserError: the smaller image needs a wavelength that pixels cannot resolve.
         """
         if len(channels) and float(channels[:, 0].min()) * move.scale <= 2:
             raise UserError(
@@ -349,7 +349,7 @@ class VectorBank(Bank):
         return _rectified(self.features, images, self.size)
 
     def strength(self, maps: Float[Tensor, "b k y x"]) -> Float[Tensor, "b 1 y x"]:
-        """Lengths of the vectors: a vector with only some of its components would point elsewhere."""
+        """Lengths of the vectors: thresholding single components would change their direction."""
         length: Tensor = maps.norm(dim=1, keepdim=True)
         return length
 
@@ -371,7 +371,7 @@ def _rectified(features: nn.Module, images: Tensor, size: int) -> Tensor:
 
     Raises:
         UserError: the network cannot take the images.
-        ValueError: it gives another number of channels than ``size``.
+        ValueError: its number of channels is not ``size``.
     """
     try:
         maps: Tensor = features(images)
@@ -381,7 +381,7 @@ def _rectified(features: nn.Module, images: Tensor, size: int) -> Tensor:
         raise UserError(
             f"the network of the COSFIRE bank cannot take images (b, c, h, w) of {tuple(images.shape)}: "
             f"{str(error).splitlines()[0]}",
-            "Give images with the channels it was made for, and not smaller than it can take.",
+            "Give images with its number of channels and of at least its minimum size.",
         ) from error
     if maps.ndim != 4 or maps.shape[1] != size:
         raise ValueError(f"the features are {tuple(maps.shape)}, the bank expects (b, {size}, y, x)")

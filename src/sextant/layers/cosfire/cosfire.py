@@ -50,10 +50,10 @@ class Cosfire(FilterParts):
     Args:
         bank: the maps that the filters are built on.
         strategy: how parts are found in an example.
-        blur: how far parts may be off.
+        blur: tolerance to the position of parts.
         mean: how the responses of parts are combined.
         least_weight: weight of the outermost part relative to the centre, in (0, 1]; 1 weights all alike.
-        tolerance: moves that a filter responds to. What the bank cannot move is configured from the moved example.
+        tolerance: moves that a filter responds to; if the bank is not steerable, learnt from moved examples.
         t1: responses of the bank below this share of the image's strongest count as 0; for vectors, this concerns
             their lengths in an example and their cosines in an image.
         t3: responses of a filter below this share of its strongest in the image count as 0.
@@ -108,9 +108,7 @@ class Cosfire(FilterParts):
                 an image.
         """
         if example.shape[:-3].numel() != 1:
-            raise UserError(
-                f"a prototype is one image, got {tuple(example.shape)}", "Call configure for one after the other."
-            )
+            raise UserError(f"a prototype is one image, got {tuple(example.shape)}", "Call configure once per image.")
         image = _checked(example.reshape(1, -1, *example.shape[-2:]))
         height, width = image.shape[-2:]
         x, y = (width // 2, height // 2) if point is None else point
@@ -120,7 +118,7 @@ class Cosfire(FilterParts):
                 f"Choose x from 0 to {width - 1} and y from 0 to {height - 1}.",
             )
         if not image.isfinite().all():
-            raise UserError("the prototype has values that are not finite", "Choose another image, or repair this one.")
+            raise UserError("the prototype has values that are not finite", "Choose another image, or replace them.")
         if (image.amin((2, 3)) == image.amax((2, 3))).all():
             raise UserError(
                 "the prototype has a single colour: there is nothing to configure a filter from",
@@ -233,7 +231,7 @@ class Cosfire(FilterParts):
             bank: the bank of the filters; None builds it anew, unless it holds a network.
 
         Raises:
-            UserError: the file is missing, damaged or of something else, or was written for another bank.
+            UserError: the file is missing, damaged, not one of filters, or was written for another bank.
         """
         return load_filters(path, bank, cls)
 
@@ -270,7 +268,7 @@ class Cosfire(FilterParts):
             raise UserError(
                 f"{type(self.strategy).__name__} names channels by {found.channels.shape[1]} numbers, "
                 f"{type(self.bank).__name__} by {grid.shape[1]}",
-                "VectorKeypoints goes with a VectorBank; the other strategies go with every bank.",
+                "VectorKeypoints needs a VectorBank; the other strategies work with every bank.",
             )
         return found
 

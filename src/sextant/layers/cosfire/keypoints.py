@@ -1,4 +1,4 @@
-"""Keypoints of a filter: peaks of its response, one for each thing found."""
+"""Keypoints of a filter: peaks of its response, one per detection."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ def keypoints(
     [Keypoint(x=20, y=10, score=0.8999999761581421)]
 
     Args:
-        most: how many of the strongest peaks are considered: clustering takes memory with their square.
+        most: number of strongest peaks considered: memory for clustering grows with its square.
 
     Source: Azzopardi and Petkov 2013, section 3.
     """

@@ -1,4 +1,4 @@
-"""What the filters of a bank have in common, so that each map is computed once."""
+"""The maps that the filters of a bank share, so that each is computed once."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ from sextant.layers.cosfire.tuples import whole_offsets
 
 @dataclass(frozen=True)
 class Plan:
-    """Which maps are needed, and which of them each part looks at, and where.
+    """Which maps are needed, which of them each part uses, and at what offset.
 
     Args:
         channels: an index into the parts' channels for each distinct one.

@@ -1,4 +1,4 @@
-"""Responses of filters: shifted and blurred maps, weighed and combined, whole or by their maxima."""
+"""Responses of filters: shifted and blurred maps, weighted and combined, in full or as their maxima."""
 
 from collections.abc import Iterator, Sequence
 from functools import cache, reduce
@@ -89,9 +89,9 @@ def _differentiable_log_responses(wide: Tensor, weights: Tensor, plan: Plan) -> 
 
 
 def _seen_by(part: int, maps: Sequence[Tensor], plan: Plan) -> Tensor:
-    """What a part sees from each pixel (b, h, w): its map, shifted.
+    """The response of a part at each pixel (b, h, w): its map, shifted.
 
-    Maps are passed apart, by ``unbind``: the gradient of a slice of their stack would be as large as the whole stack.
+    Maps are passed separately, by ``unbind``: the gradient of a slice of a stack would be as large as the stack.
     """
     seen = maps[plan.source[part]]
     height, width = (size - 2 * plan.margin for size in seen.shape[-2:])

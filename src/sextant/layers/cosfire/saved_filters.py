@@ -29,7 +29,7 @@ STRATEGIES = {strategy.__name__: strategy for strategy in (ChannelPeaks, Concent
 
 
 class Saveable(Protocol):
-    """What a file keeps of a :class:`~sextant.layers.cosfire.cosfire.Cosfire`."""
+    """The parts of a :class:`~sextant.layers.cosfire.cosfire.Cosfire` that a file stores."""
 
     bank: Bank
     strategy: Strategy
@@ -72,20 +72,20 @@ def load_filters(path: Path, bank: Bank | None, make: Callable[..., F]) -> F:
     try:
         with safe_open(path, "pt") as file:
             if KEY not in (file.metadata() or {}):
-                raise ValueError("it is a safetensors file of something else")
+                raise ValueError("it is a safetensors file, but not one of filters")
             told, digest = file.metadata()[KEY], file.metadata().get(DIGEST)
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no dict
         if digest not in (None, _sha256(told, arrays)):  # older files have none
-            raise ValueError("it is damaged: its contents do not match the digest that was written with them")
+            raise ValueError("it is damaged: its contents do not match their digest")
         header = json.loads(told)
         return _built(header, arrays, bank, path, make)
     except FileNotFoundError:
-        raise UserError(f"there is no file {path}", "Give one that Cosfire.save wrote.") from None
+        raise UserError(f"there is no file {path}", "Give one written by Cosfire.save.") from None
     except (OSError, SafetensorError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         problem = (str(error) or type(error).__name__).splitlines()[0]
         raise UserError(
             f"{path} cannot be read as COSFIRE filters: {problem}",
-            "Give a file that Cosfire.save wrote; configure the filters again, or copy the file again.",
+            "Give a file written by Cosfire.save; copy the file again, or configure the filters again.",
         ) from error
 
 
@@ -99,7 +99,7 @@ def _built(
         if name not in BANKS:
             raise UserError(
                 f"the filters of {path} use a {name}, whose network is not in the file",
-                "Give it: Cosfire.load(path, bank=...).",
+                "Pass the bank: Cosfire.load(path, bank=...).",
             )
         bank = BANKS[name](**_tuples(options))
     if type(bank).__name__ != name or list(bank.grid().shape) != header["grid"]:

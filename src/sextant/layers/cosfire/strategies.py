@@ -159,7 +159,7 @@ def _circular_peaks(circle: ndarray, apart: float) -> list[int]:
 
 @dataclass(frozen=True)
 class MapKeypoints(Strategy):
-    """Parts at keypoints of maps; decides the places, not the channels.
+    """Parts at keypoints of maps; determines the places, not the channels.
 
     Args:
         window: a keypoint is the maximum of a square of 2 window + 1 pixels of its map; 0: any pixel strong enough.
@@ -198,7 +198,7 @@ class ChannelPeaks(MapKeypoints):
     """Strategy A: local maxima of each channel.
 
     The paper says that contributing filters are defined by intermediate representations of a network. In this reading,
-    its channels play the part that Gabor filters play in the first COSFIRE.
+    its channels take the role of the Gabor filters in the first COSFIRE.
 
     >>> import torch
     >>> maps = torch.zeros(2, 9, 9)

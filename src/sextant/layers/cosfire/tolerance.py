@@ -1,4 +1,4 @@
-"""Rotations, scales and reflections of its prototype that a filter responds to as well."""
+"""Rotations, scales and reflections of the prototype to which a filter also responds."""
 
 import math
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from torch import Tensor
 class Move(NamedTuple):
     """How an image is moved about a point: mirrored left to right, then turned, then enlarged."""
 
-    rotation_rad: float  # counter-clockwise as seen
+    rotation_rad: float  # counter-clockwise as displayed
     scale: float
     mirrored: bool
 
@@ -33,7 +33,7 @@ class Tolerance:
 
     Args:
         rotations: number of rotations, evenly spaced over ``span_deg`` from 0.
-        span_deg: 360, or 180 for what looks the same upside down.
+        span_deg: 360, or 180 for patterns that half a turn leaves unchanged.
         scales: scale factors.
         reflection: whether the mirror image counts as well.
 

@@ -1,4 +1,4 @@
-"""The parts of a filter: which channel is expected at which distance and direction from the centre."""
+"""The parts of a filter: channels with their distance and direction from the centre."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -33,7 +33,7 @@ def weighted_mean(parts: Float[Tensor, "n *b"], weights: Float[Tensor, "n"], mea
 
 
 def shares(weights: Float[Tensor, "n"], form: Int64[Tensor, "n"], forms: int) -> Float[Tensor, "n"]:
-    """Weights scaled to sum to one in each form; those that training made negative count almost nothing."""
+    """Weights scaled to sum to one in each form; those that training made negative become almost 0."""
     positive = weights.clamp(min=1e-9)
     return positive / positive.new_zeros(forms).index_add(0, form, positive)[form]
 

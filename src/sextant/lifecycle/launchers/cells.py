@@ -1,4 +1,4 @@
-"""A cell as launchers see it: a command line, and the run directory that records how it ended."""
+"""Cells for launchers: a command line, and the run directory that records how it ended."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class CellTask:
 
     @property
     def words(self) -> list[str]:
-        """The overrides that compose the same config in a process that does not know the user's own config folder."""
+        """The overrides that compose the same config in a process without the user's own config folder."""
         return [*self.overrides, *search_path()]
 
     @property

@@ -50,7 +50,7 @@ def end_idle() -> None:
 
 
 class _Pool:
-    """Executors of one process each, so that the run of a dead process is known."""
+    """Executors of one process each, so that the run of a dead process can be identified."""
 
     def __init__(self, size: int, runs: RunReporter):
         self.size, self.runs = size, runs

@@ -1,8 +1,8 @@
 """Cells as tasks of SLURM job arrays, submitted by submitit and watched by their run directories.
 
 SLURM reports on ended jobs only through its accounting (sacct), which many clusters lack, whereas a run directory
-always exists. SLURM is therefore only asked whether a task is still queued and how often it was requeued. Each start of
-a task holds a lease while it lives, so that a dead node is noticed.
+always exists. SLURM is therefore queried only for whether a task is still queued and how often it was requeued. Each
+start of a task holds a lease while it lives, so that a dead node is noticed.
 """
 
 import logging
@@ -198,7 +198,7 @@ class _Arrays:
                 given_up[cell.run] = failed(cell.run, CANCELLED)
             elif self._is_lost(cell, queue, submission, number):
                 if self.attempts[cell.run] < self.launcher.attempts:
-                    self.reporter.say(f"{cell.name} vanished from the queue, or its node did; it is submitted again")
+                    self.reporter.say(f"{cell.name} vanished from the queue, or its node did; it is resubmitted")
                     again.append(cell)
                 else:
                     given_up[cell.run] = failed(cell.run, self._vanished(submission, number))
@@ -223,14 +223,14 @@ class _Arrays:
         if queued is not None:  # its node died before SLURM noticed
             try:
                 cancel([queued.job])
-            except UserError:  # it has ended, or SLURM does not answer: decided at the next look
+            except UserError:  # it has ended, or SLURM does not answer: decided at the next check
                 return False
         return True
 
     def _vanished(self, submission: Submission, number: int) -> str:
         log = submission.log(number)
         told = f"its log is {log}" if log else f"no log was written: do all nodes share {self.folder}?"
-        return f"its task ended {self.launcher.attempts} times without a word; {told}"
+        return f"its task ended {self.launcher.attempts} times without recording an outcome; {told}"
 
 
 def _split(items: Sequence[Any], size: int) -> list[Sequence[Any]]:

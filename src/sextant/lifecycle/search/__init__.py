@@ -1,1 +1,1 @@
-"""Searches: which point of a space is tried next, at how many seeds, and with what result."""
+"""Searches: the choice of points in a space, their seeds and their results."""

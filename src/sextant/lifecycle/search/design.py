@@ -90,9 +90,9 @@ class SearchDesign:
 
 
 def read_search(arguments: Sequence[str]) -> tuple[SearchDesign, Config] | None:
-    """The search that overrides ask for and the config in the middle of its space; None if they ask for no search.
+    """The search that overrides define and the config in the middle of its space; None if they define no search.
 
-    A key that is given one value is not searched, whatever a stored sweep says; a key that lists several is a choice.
+    A key that is given one value is not searched, even if a stored sweep does so; a key that lists several is a choice.
 
     Raises:
         UserError: a range cannot be parsed, its bounds make an invalid config, or the method does not suit the space.
@@ -107,7 +107,7 @@ def read_search(arguments: Sequence[str]) -> tuple[SearchDesign, Config] | None:
     if node.get("search") is None:
         if numbers := [o for o in parsed if _is_range(o)]:
             raise UserError(
-                f"{numbers[0].key}={numbers[0].value} is a range, and a sweep lists values",
+                f"{numbers[0].key}={numbers[0].value} is a range, but a sweep lists values",
                 f"Search it: add sweep.search=tpe. Or list values: {numbers[0].key}=a,b,c",
             )
         return None
@@ -120,7 +120,7 @@ def read_search(arguments: Sequence[str]) -> tuple[SearchDesign, Config] | None:
     seeds = seeds_given(given.get("seed"), sweep.seeds)
     search = _filled(sweep.search, chapter_of(base["task"]["name"]).monitor, seeds)
     if set(seeds) & set(search.fresh_seeds or ()):
-        raise UserError(f"seed={','.join(map(str, seeds))}: sweep.search.fresh_seeds has one of these too")
+        raise UserError(f"seed={','.join(map(str, seeds))}: sweep.search.fresh_seeds contains one of these")
     kept = tuple(o.text for o in fixed if o.key != "seed" and not o.key.startswith("sweep."))
     config = _check_ends(kept, search)
     definition = {**node, "seeds": seeds, "search": search.model_dump()}
@@ -137,7 +137,7 @@ def _filled(search: Search, monitor: tuple[str, str], seeds: Sequence[int]) -> S
     metric, mode = monitor
     if search.metric not in (None, metric) and search.direction is None:
         raise UserError(
-            f"sweep.search.metric={search.metric}: which way is better?",
+            f"sweep.search.metric={search.metric}: its direction is unknown",
             "Add sweep.search.direction=minimize or maximize",
         )
     filled = {

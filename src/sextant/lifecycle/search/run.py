@@ -76,7 +76,7 @@ def run_search(
     from sextant.lifecycle.search.study import Study
 
     if isinstance(config.launcher, SlurmLauncher) and not config.launcher.wait:
-        reporter.say("launcher.wait=false: a search has to wait, as what it tries next depends on what it found")
+        reporter.say("launcher.wait=false: a search waits nevertheless, as its next trials depend on earlier results")
         config = config.model_copy(update={"launcher": config.launcher.model_copy(update={"wait": True})})
     require_environment(config, reporter)
     require_launcher(config)
@@ -138,7 +138,7 @@ class _Search:
     def _next(self) -> list[Planned]:
         """The runs to start together: one more seed for each promising trial, and new trials beside them.
 
-        A sampler's next point depends on what it has been told, so it is told all known results first.
+        A sampler's next point depends on the recorded results, so all known ones are recorded first.
         """
         while True:
             self._tell_settled()
@@ -176,12 +176,12 @@ class _Search:
         outcomes = self.run_cells(cells)
         if any(how is not None and how["message"] == CANCELLED for how in outcomes):
             folder = self.plan.directory(self.outputs)
-            told = f"The same command, or {attach_command(folder)}, goes on."
+            told = f"The same command, or {attach_command(folder)}, continues it."
             raise UserError(f"{folder.name} was cancelled", told)
         return outcomes
 
     def _tell_settled(self) -> None:
-        """Tell the storage which trials get no further seed."""
+        """Record in the storage which trials get no further seed."""
         scores = self.table.scores()
         waiting = {number for number, _ in self._deserving()}
         for trial, row in zip(self.table.trials, scores, strict=True):

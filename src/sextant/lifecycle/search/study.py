@@ -87,11 +87,11 @@ IDENTITY = "sextant.search"
 
 @dataclass(frozen=True)
 class Asked:
-    """A trial that the sampler was asked for.
+    """A trial drawn from the sampler.
 
     Attributes:
         setting: the value of each key, as in an override.
-        told: whether the storage has been told how the trial ended.
+        told: whether the end of the trial is recorded in the storage.
     """
 
     number: int
@@ -103,8 +103,7 @@ class Study:
     """The trials of one search, in a file of its folder or in PostgreSQL.
 
     Each trial gets a new sampler, seeded by the search's seed and the trial's number. A search that was killed
-    therefore continues with the trials it would have asked for, and one whose storage is lost asks for the same trials
-    again.
+    therefore continues with the trials it would have drawn, and one whose storage is lost draws the same trials again.
 
     Args:
         design: design of the search.
@@ -162,7 +161,7 @@ class Study:
             self._study.tell(number, value, state, skip_if_finished=True)
 
     def _own_point(self, number: int) -> dict[str, Any] | None:
-        """The point that Optuna is made to take: from a grid, or from CMA-ES replayed on the recorded results.
+        """The point imposed on Optuna: from a grid, or from CMA-ES replayed on the recorded results.
 
         Optuna's own CMA-ES sampler keeps its state pickled in the storage, and nothing read from a database may be
         executed.
@@ -223,7 +222,7 @@ class Study:
                 ) from None
             raise UserError(
                 f"{self.file} cannot be used: {said}",
-                "If it is damaged, delete it: the same trials are asked for again, and their runs are there.",
+                "If it is damaged, delete it: the same trials are drawn again, and their runs are kept.",
             ) from None
 
 
@@ -279,7 +278,7 @@ def _require_same(design: SearchDesign, known: Mapping[str, Any]) -> None:
         told = "; ".join(f"{key} {_plain(known.get(key))} there, {_plain(wanted[key])} here" for key in differing)
         raise UserError(
             f"the storage holds another search under the name {design.name}: {told}",
-            "Give this one a name of its own: sweep.name=<name>",
+            "Give this search another name: sweep.name=<name>",
         )
 
 

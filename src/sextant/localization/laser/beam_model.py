@@ -39,7 +39,7 @@ def free_steps(grid: OccupancyGrid) -> Float32[ndarray, "rows columns"]:
     :math:`d` cells away from that of the ray's own cell, no point of it is nearer than :math:`d - \sqrt 2` to the ray.
     The ray skips that far, which gives the same result in fewer steps.
 
-    A surface lies somewhere in the occupied cell, so its distance is taken to be that of the midpoint of the ray's way
+    A surface lies somewhere in the occupied cell, so its distance is taken to be that of the midpoint of the ray's path
     through the cell. Rays that meet an unknown cell first, or leave the grid, have no known range (nan). Rays that
     reach the maximum range in free cells end there.
     """
@@ -127,8 +127,8 @@ class BeamModel:
     Attributes:
         grid: the map.
         scanner: the scanner that the scans come from.
-        z_hit, z_short, z_max, z_rand: weights of beams that end on what the map has, on something before it, nowhere,
-            and anywhere.
+        z_hit, z_short, z_max, z_rand: weights of beams that end on a mapped surface, on an unmapped object before it,
+            nowhere, and anywhere.
         sigma_hit: standard deviation of a range in metres.
         lambda_short: rate per metre at which unmapped objects end a beam.
         beams: number of beams of a scan that are used, evenly spread.
@@ -143,7 +143,7 @@ class BeamModel:
         >>> model = BeamModel(grid, LaserScanner(beams=1, max_range_m=10.0))
         >>> poses = torch.tensor([[[0.25, 0.0, 0.0], [1.25, 0.0, 0.0]]]).double()
         >>> seen = model.observe(torch.tensor([[2.0]]).double(), poses[0])  # two metres ahead
-        >>> seen.log_likelihood(poses).argmax().item()  # so it is at the first pose
+        >>> seen.log_likelihood(poses).argmax().item()  # which fits the first pose
         0
     """
 
@@ -172,7 +172,7 @@ class BeamModel:
         """The evidence of one scan for each of r runs.
 
         Args:
-            scans: ranges in metres of all the scanner's beams; its maximum range or nan where nothing came back.
+            scans: ranges in metres of all the scanner's beams; its maximum range or nan without a return.
             map_poses: poses of a map's images, at which restarts are drawn.
 
         Raises:
@@ -206,14 +206,14 @@ class BeamModel:
         """Density of each measured range per metre, given the expected ones.
 
         Args:
-            measured: ranges in metres; inf where nothing came back.
-            expected: ranges in metres; the reach where nothing should come back, nan where they are not known.
+            measured: ranges in metres; inf without a return.
+            expected: ranges in metres; the reach where no return is expected, nan where they are unknown.
         """
         total = self.z_hit + self.z_short + self.z_max + self.z_rand
         missing = np.isinf(measured)
         z = np.where(missing, self.reach, measured)
         known = np.isfinite(expected)
-        # no range is known better than a cell; in a wall it would be 0, and the density of the short part infinite
+        # ranges are no finer than a cell; in a wall it would be 0, and the density of the short part infinite
         wanted = np.maximum(np.where(known, expected, self.reach), self.grid.resolution_m / 2)
         mass = ndtr((self.reach - wanted) / self.sigma_hit) - ndtr(-wanted / self.sigma_hit)
         hit = np.exp(-(((z - wanted) / self.sigma_hit) ** 2) / 2) / (np.sqrt(2 * np.pi) * self.sigma_hit * mass)

@@ -6,9 +6,9 @@ the cell there to the nearest occupied one,
 .. math:: \log p(z \mid x) = \beta \sum_k \log\Big(w_{\mathrm{hit}}\, e^{-d_k^2 / 2 \sigma^2}
    + w_{\mathrm{rand}} / z_{\max}\Big)
 
-over the beams that ended within the reach :math:`z_{\max}`; the others say nothing. Ends outside the grid, or farther
+over the beams that ended within the reach :math:`z_{\max}`; the others are ignored. Ends outside the grid, or farther
 than ``max_distance_m`` from everything occupied, have only the random part. Only the end of a beam is looked up, not
-what lies on its way, so a wall in between is not seen: the price of the model's speed and smoothness.
+the cells along it, so walls in between are ignored: the price of the model's speed and smoothness.
 
 Sources: S. Thrun, W. Burgard & D. Fox, "Probabilistic Robotics", 2005, table 6.3, which multiplies the first part by
 :math:`1/(\sqrt{2\pi}\sigma)`; as the model is used for ratios, this amounts to a different ratio of the two weights.
@@ -33,13 +33,13 @@ from sextant.worlds.occupancy import UNKNOWN, OccupancyGrid
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodField:
-    """Scores poses by how near the ends of beams are to walls.
+    """Scores poses by the distance of the ends of beams from walls.
 
     Attributes:
         grid: the map.
         scanner: the scanner that the scans come from.
         sigma_m: standard deviation of the distance between a beam's end and the wall it met.
-        z_hit: weight of beams that end on something the map has.
+        z_hit: weight of beams that end on a mapped surface.
         z_rand: weight of beams that end anywhere.
         max_distance_m: ends farther than this from everything occupied are random.
         beams: number of beams of a scan that are used, evenly spread.
@@ -56,7 +56,7 @@ class LikelihoodField:
         >>> model = LikelihoodField(grid, LaserScanner(beams=1, max_range_m=10.0))
         >>> poses = torch.tensor([[[0.25, 0.0, 0.0], [1.25, 0.0, 0.0]]]).double()
         >>> seen = model.observe(torch.tensor([[2.0]]).double(), poses[0])  # two metres ahead
-        >>> seen.log_likelihood(poses).argmax().item()  # so it is at the first pose
+        >>> seen.log_likelihood(poses).argmax().item()  # which fits the first pose
         0
     """
 
@@ -88,7 +88,7 @@ class LikelihoodField:
         """The evidence of one scan for each of r runs.
 
         Args:
-            scans: ranges in metres of all the scanner's beams; its maximum range or nan where nothing came back.
+            scans: ranges in metres of all the scanner's beams; its maximum range or nan without a return.
             map_poses: poses of a map's images, at which restarts are drawn.
 
         Raises:

@@ -20,7 +20,7 @@ class ScanEvidence(Evidence):
 
     Args:
         at: function that gives the scans' log-likelihoods at poses.
-        map_poses: poses of the images of a visual map, at which `over_map` computes log-likelihoods when asked.
+        map_poses: poses of the images of a visual map, at which `over_map` computes log-likelihoods.
     """
 
     def __init__(self, at: AtPoses, map_poses: Float64[Tensor, "n 3"]):
@@ -48,7 +48,7 @@ def chosen_beams(scanner: LaserScanner, beams: int) -> Int64[ndarray, " k"]:
     if beams >= scanner.beams:
         return np.arange(scanner.beams)
     full = scanner.field_of_view_rad >= 2 * np.pi * (1 - 1e-12)
-    if full or beams == 1:  # a single beam looks from the middle of its share, straight ahead
+    if full or beams == 1:  # a single beam points straight ahead, the middle of its share
         return ((np.arange(beams) + (0.0 if full else 0.5)) * scanner.beams / beams).astype(np.int64)
     return np.round(np.linspace(0, scanner.beams - 1, beams)).astype(np.int64)
 
@@ -56,7 +56,7 @@ def chosen_beams(scanner: LaserScanner, beams: int) -> Int64[ndarray, " k"]:
 def chosen_ranges(
     scans: Float64[Tensor, "r beams"], scanner: LaserScanner, chosen: Int64[ndarray, " k"]
 ) -> Float64[ndarray, "r k"]:
-    """Ranges of the chosen beams in metres; inf where nothing came back: at least the maximum range, or nan.
+    """Ranges of the chosen beams in metres; inf without a return: at least the maximum range, or nan.
 
     Raises:
         ValueError: scans have a different number of beams than the scanner, or a range is negative.

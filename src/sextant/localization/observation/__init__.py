@@ -21,7 +21,7 @@ def observation_model(name: str) -> type[ObservationModel]:
     there = re.fullmatch("[A-Z][A-Za-z]*", name) and find_spec(module) is not None
     found = getattr(import_module(module), name, None) if there else None
     if not (isinstance(found, type) and issubclass(found, ObservationModel)):
-        raise ValueError(f"observation model {name!r}: {__name__} has none of that name; there is, say, ExactGP")
+        raise ValueError(f"observation model {name!r}: {__name__} has no such class; an example is ExactGP")
     return found
 
 

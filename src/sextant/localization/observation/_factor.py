@@ -14,7 +14,7 @@ def noisy_factor(covariance: Tensor, noise_variance: float) -> Tensor:
     """The lower Cholesky factor of ``covariance + noise_variance I``, batched; changes the diagonal of ``covariance``.
 
     Raises:
-        UserError: the sum is not positive definite, as when there is no noise and poses all but coincide.
+        UserError: the sum is not positive definite, as when there is no noise and poses nearly coincide.
     """
     covariance.diagonal(dim1=-2, dim2=-1).add_(noise_variance)
     factor: Tensor
@@ -22,7 +22,7 @@ def noisy_factor(covariance: Tensor, noise_variance: float) -> Tensor:
     if bool(failed.any()):
         raise UserError(
             f"with kernel.noise_variance={noise_variance} the covariance of the map's poses is not positive definite: "
-            "some poses are too near each other to be told apart",
+            "some poses are too close together to be distinguished",
             "Raise kernel.noise_variance (1e-6 of its signal_variance is enough), or thin the map.",
         )
     return factor

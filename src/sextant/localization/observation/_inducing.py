@@ -111,12 +111,12 @@ def inducing_poses(
     """Poses that represent those of a map.
 
     Raises:
-        UserError: more inducing poses are asked for than the map has images.
+        UserError: more inducing poses are requested than the map has images.
     """
     if inducing > len(map):
         raise ArgumentError(
             f"inducing={inducing} must be at most the {len(map)} images of the map",
-            f"Set inducing={len(map)} or less, or take ExactGP.",
+            f"Set inducing={len(map)} or less, or choose ExactGP.",
         )
     if inducing == len(map):
         return map.poses.clone()

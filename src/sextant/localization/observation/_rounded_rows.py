@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from sextant.localization.observation import _cache_kernels as machine
 
-#: rows that are rounded, or turned back into numbers, at a time
+#: rows that are rounded, or converted back, at a time
 BLOCK = 8192
 LARGEST = 127
 
@@ -55,6 +55,6 @@ class RoundedRows:
             return found
         for start in range(0, len(self.values), BLOCK):
             some = slice(start, start + BLOCK)
-            with np.errstate(invalid="ignore", over="ignore"):  # an image that is nan only says nothing
+            with np.errstate(invalid="ignore", over="ignore"):  # a descriptor with nan gives only nan
                 found[:, some] = vectors @ self.values[some].astype(np.float32).T * self.scales[some]
         return found

@@ -1,4 +1,4 @@
-r"""The local Gaussian process with all that does not depend on the pose precomputed: no solve, no descriptor per pose.
+r"""The local Gaussian process with everything independent of the pose precomputed: no solve, no descriptor per pose.
 
 All poses whose nearest image is i use the neighbourhood N of i, with :math:`L L^T = K_{NN} + s_n^2 I` and the centred
 descriptors :math:`Y_c`. :math:`L^{-1}` and :math:`M = L^{-1} Y_c Y_c^T L^{-T}` are precomputed. An observation z then
@@ -10,7 +10,7 @@ costs one product of a matrix with a vector, :math:`Y z_c`, and each pose ``O(k^
 Up to rounding it equals :class:`~sextant.localization.observation.local_gp.LocalGP` with
 ``neighbourhood="nearest_image"``. Besides the map it takes ``n (4 k^2 + 12 k + 24)`` bytes of memory, 213 MB for
 172,000 images and k = 16. If the noise is below 1/1000 of the signal, :math:`L^{-1}` is kept in float64, which takes
-``n (6 k^2 + 14 k + 24)`` bytes. Searching takes some 120 bytes more for each image.
+``n (6 k^2 + 14 k + 24)`` bytes. The search takes about 120 bytes more for each image.
 
 Source: the neighbourhoods of the m nearest images are weighted as experts, as in Y. Cao, D. J. Fleet, "Generalized
 product of experts for automatic and principled fusion of Gaussian process predictions", 2014.
@@ -53,7 +53,7 @@ def blending_weights(squared: Float64[Tensor, "n k"], m: int) -> Float64[Tensor,
         squared: squared distances of the nearest places, ascending: m + 1 of them, or m if there are no more.
         m: number of places with a weight.
     """
-    falling = torch.exp(squared[:, :1] - squared)  # relative to the nearest, as far from everything all would vanish
+    falling = torch.exp(squared[:, :1] - squared)  # relative to the nearest: far from the map all would underflow
     weights = falling[:, :m] - falling[:, m:] if squared.shape[1] > m else falling
     total = weights.sum(dim=1, keepdim=True)
     return torch.where(total > 0, weights / total, torch.full_like(weights, 1 / m))
@@ -74,16 +74,15 @@ class CachedLocalGP(ObservationModel):
         blend: m. With 2 or more, the log-likelihood is a weighted mean over the neighbourhoods of the m nearest images
             (:func:`~sextant.localization.observation.cached_local_gp.blending_weights`) and continuous over poses. With
             1 it jumps where another image becomes the nearest. (A mixture, a mean of likelihoods, is continuous too,
-            but as steep as a jump where a neighbourhood with next to no share explains the image far better.)
+            but as steep as a jump where a neighbourhood of almost no weight explains the image far better.)
         map_evidence: what the likelihood over the map compares an observation with. ``image``: the map image itself, at
             no cost. ``mean``: the prediction at its pose, as for other poses, at about the cost of another product of
             the map with a vector.
-        tile: number of consecutive map images that an observation is compared with together, once poses ask for one of
-            them. Of a mapped map larger than memory, in
-            :func:`~sextant.localization.tiled_map.spatial_order`, only these are read. None: all at once, which is
-            fastest in memory. The likelihood over the map asks for all.
-        rounded: compare observations with descriptors rounded to eight bits, with ``n d`` bytes more. One at
-            a time takes half as long, several together as long as before. What is predicted stays as it is.
+        tile: number of consecutive map images that an observation is compared with together, once poses need one of
+            them. Of a mapped map larger than memory, in :func:`~sextant.localization.tiled_map.spatial_order`, only
+            these are read. None: all at once, which is fastest in memory. The likelihood over the map needs all.
+        rounded: compare observations with descriptors rounded to eight bits, which takes ``n d`` bytes more. One
+            observation at a time takes half as long, several together as long as without. Predictions do not change.
 
     Raises:
         ValueError: ``map_evidence`` is unknown, or ``tile`` is below 1 or given with ``rounded``.
@@ -110,7 +109,7 @@ class CachedLocalGP(ObservationModel):
         if tile is not None and tile < 1:
             raise ValueError(f"tile={tile} must be at least 1")
         if tile is not None and rounded:
-            raise ValueError(f"tile={tile} reads a part of the map, and rounded=True holds all of it: leave one out")
+            raise ValueError(f"tile={tile} reads part of the map, but rounded=True holds all of it: use only one")
         self.neighbours, self.blend, self.map_evidence, self.tile = neighbours, blend, map_evidence, tile
         self.rounded = rounded
 
@@ -197,7 +196,7 @@ class CachedLocalGP(ObservationModel):
         return CachedEvidence(self, descriptors, likelihood)
 
     def products(self, centred: Float32[ndarray, "r d"]) -> Float32[ndarray, "r n"]:
-        """Products of centred observations with the descriptors of the map, rounded if wanted."""
+        """Products of centred observations with the descriptors of the map, which are rounded with ``rounded``."""
         if self._rows is not None:
             return self._rows.products(centred)
         return _products(self.map.descriptors.numpy(), centred)
@@ -237,7 +236,7 @@ class CachedEvidence(Evidence):
     """One observation in each of r runs, compared with the map's descriptors by products: with all, or tile by tile.
 
     Attributes:
-        unread: tiles of the map that no pose has asked for yet.
+        unread: tiles of the map that no pose has needed yet.
     """
 
     def __init__(self, model: CachedLocalGP, descriptors: Float32[Tensor, "r d"], likelihood: Likelihood):
@@ -328,7 +327,7 @@ class CachedEvidence(Evidence):
 
 def _products(rows: Float32[ndarray, "n d"], centred: Float32[ndarray, "r d"]) -> Float32[ndarray, "r n"]:
     # NumPy's products with tall matrices are several times faster than torch's where it is built without OpenBLAS
-    with np.errstate(invalid="ignore", over="ignore"):  # an image that is nan only says nothing
+    with np.errstate(invalid="ignore", over="ignore"):  # a descriptor with nan gives only nan
         if len(centred) == 1:
             return np.asarray(rows @ centred[0], np.float32)[None]
         return np.asarray(centred @ rows.T, np.float32)

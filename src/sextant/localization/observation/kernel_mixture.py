@@ -1,13 +1,12 @@
-r"""The local Gaussian process under several kernels, any of which may be right.
+r"""A mixture of local Gaussian processes with different length scales of the heading.
 
-A map whose images look in few directions does not show how alike the views between them are. From headings 45 degrees
-apart, a kernel learns next to nothing about those in the middle, and is too sure or too unsure of them. So the heading
-has m length scales, the learnt one times :math:`c_1, \dots, c_m`, all equally likely. The likelihood of an image is the
-mean over them:
+A map of few headings hardly constrains how similar the views between them are. A kernel fitted to headings 45 degrees
+apart is over- or underconfident about those in the middle. So the heading has m length scales, the learnt one times
+:math:`c_1, \dots, c_m`, all equally likely. The likelihood of an image is the mean over them:
 
 .. math:: l(z \mid x) = \log \tfrac1m \sum_{j=1}^m e^{l_j(z \mid x)}.
 
-At the poses of the map's own images the kernels nearly agree, and the first stands for all: there the log-likelihood of
+At the poses of the map's own images the kernels nearly agree, and the first represents all: there the log-likelihood of
 the mixture is at least that of the first minus log m.
 
 Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, section 5.2, for a sum over

@@ -5,8 +5,8 @@ r"""The observation likelihood of Xu, Sünderhauf and Milford: a sum over the ne
 
 over the nearest map images by that same distance. :math:`\lambda_1 = \log\delta / (q_{.975} - q_{.025})`, with the
 quantiles of the distances from the first query's descriptor to the map's: 95 % of the map span a factor δ in
-likelihood, which tempers it. This does not say how a descriptor is distributed, so :meth:`KernelSum.predict`, which the
-filter does not need, gives the neighbours' mean and variance under the weights of their poses.
+likelihood, which tempers it. This does not define a distribution of descriptors, so :meth:`KernelSum.predict`, which
+the filter does not need, gives the neighbours' mean and variance under the weights of their poses.
 
 Source: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic visual place recognition for hierarchical localization", RA-L
 2021, and its public code (ProbFiltersVPR), whose constants are the defaults: δ = 5, λ2 = 0.2 / m, ω = 15 m / rad.
@@ -39,7 +39,7 @@ class KernelSum(ObservationModel):
     Args:
         neighbours: number of images in the sum.
         pose_rate: λ2, per metre.
-        heading_weight: ω, the number of metres that one radian is worth.
+        heading_weight: ω, the number of metres equivalent to one radian.
         contrast: δ, above 1.
         appearance_rate: λ1; if None, it is computed from the first observed descriptor and kept from then on.
 
@@ -141,13 +141,13 @@ class KernelSum(ObservationModel):
         return KernelSumEvidence(self, self._distances(descriptors), likelihood.tempering)
 
     def rate(self, distances: Float64[Tensor, "r n"]) -> float:
-        """λ1; if it is not known yet, it is found from the first finite row of distances to the map, else it is nan."""
+        """λ1; if not set, it is computed from the first finite row of distances to the map, and nan without one."""
         if self._rate is None:
             first = next((row for row in distances if torch.isfinite(row).all()), None)
             if first is None:
                 return math.nan
             low, high = np.quantile(first.numpy(), QUANTILES)
-            # if all images of the map are equally far, they do not tell places apart, and any rate will do
+            # if all images of the map are equally far, they do not distinguish places, and any rate will do
             self._rate = math.log(self.contrast) / (high - low) if high > low else 0.0
         return self._rate
 

@@ -5,12 +5,12 @@ For a pose x with neighbours N, k of them:
 .. math:: w = (K_{NN} + s_n^2 I)^{-1} k_N, \quad \mu(x) = m + \sum_{j \in N} w_j (y_j - m), \quad
    s^2(x) = s_f^2 - k_N^T w + s_n^2.
 
-This is the exact posterior given these images, so it is calibrated and never surer than the exact one. The set N
-changes as x moves, and mean and variance jump a little with it.
+This is the exact posterior given these images, so it is calibrated, and its variance is never below the exact one. The
+set N changes as x moves, and mean and variance jump a little with it.
 
 Sources: A. V. Vecchia, "Estimation and model identification for continuous spatial processes", J. R. Stat. Soc. B 50,
 1988; for localization in a city, M. Lopez-Antequera, N. Petkov, J. Gonzalez-Jimenez, "City-scale continuous visual
-localization", ECMR 2017, as read by the public code AppearanceSeqMCL.
+localization", ECMR 2017, as implemented in the public code AppearanceSeqMCL.
 """
 
 from typing import Literal

@@ -82,7 +82,7 @@ class ObservationModel(ABC):
 
     @abstractmethod
     def state(self) -> dict[str, Tensor]:
-        """What was computed from the map, as contiguous tensors by name; :meth:`load_state` takes it back."""
+        """What was computed from the map, as contiguous tensors by name; :meth:`load_state` restores it."""
 
     def load_state(self, map: DescriptorMap, kernel: PoseKernel, state: dict[str, Tensor]) -> Self:
         """Restore a fitted model from its ``state``; the tensors are not copied and may be mapped files.
@@ -96,7 +96,7 @@ class ObservationModel(ABC):
 
     @abstractmethod
     def _load(self, state: dict[str, Tensor]) -> None:
-        """Take back the result of :meth:`state`; ``map`` and ``kernel`` are set."""
+        """Restore the result of :meth:`state`; ``map`` and ``kernel`` are set."""
 
     def arguments(self) -> dict[str, Any]:
         """The constructor's arguments by name."""

@@ -10,7 +10,7 @@ the circle the normal one of variance :math:`1/\ell_\theta^2`, as the factor of 
 cosine and sine in pairs, :math:`\phi^\top\phi = s_f^2` exactly, and the error of k falls as :math:`1/\sqrt R`.
 
 A known weakness: with fewer features than the data have directions, the posterior variance is too small far from the
-map, because R waves that are pinned on the map are pinned everywhere.
+map, because R waves that are determined on the map are determined everywhere.
 
 Sources: A. Rahimi and B. Recht, "Random features for large-scale kernel machines", NeurIPS 2007; D. J. Sutherland and
 J. Schneider, "On the error of random Fourier features", UAI 2015, for the pairs.

@@ -6,8 +6,8 @@ r"""Structured kernel interpolation: the kernel between any poses, interpolated 
 
 with cubic weights w, 64 a pose. :math:`A^{-1} \bar Y` comes from conjugate gradients, for all outputs at once, and
 :math:`A^{-1} \approx R R^\top` of rank T from the Lanczos process. Both take products with A, which cost O(n + G) for G
-nodes. The Lanczos root is incomplete, :math:`R R^\top \preceq A^{-1}`, so variances err on the side of caution, and
-less so the higher T. A prediction costs 64 (D + T), whatever the size of the map.
+nodes. The Lanczos root is incomplete, :math:`R R^\top \preceq A^{-1}`, so variances are conservative, and less so the
+higher T. A prediction costs 64 (D + T), whatever the size of the map.
 
 GPyTorch's own ``GridInterpolationKernel`` would put the heading on an interval that does not wrap, and keeps a copy of
 the kernel for each output. Its solvers from ``linear_operator`` are used here on the grid of

@@ -9,8 +9,9 @@ D outputs. For Gaussian noise the natural gradient of the bound is linear in the
    \rho_t = (t + 1)^{-\kappa}
 
 and for :math:`\kappa \in (1/2, 1]` this converges to SGPR with the same inducing poses. :math:`\kappa = 1` gives the
-plain mean over minibatches, and no other value has less variance; smaller ones forget, which is useful where a map
-changes. Inducing poses and hyper-parameters stay fixed: the latter are trained beforehand, as for all models.
+plain mean over minibatches, and no other value has less variance; smaller ones forget earlier minibatches, which is
+useful where a map changes. Inducing poses and hyper-parameters stay fixed: the latter are trained beforehand, as for
+all models.
 
 Source: J. Hensman, N. Fusi, N. D. Lawrence, "Gaussian processes for big data", UAI 2013.
 """

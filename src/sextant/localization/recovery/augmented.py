@@ -6,7 +6,7 @@ r"""Augmented MCL: random particles are injected when recent images fit worse th
 
 with :math:`\bar w = \sum_i W_i e^{l(z|x_i)}` the mean likelihood of the particles. Both averages are kept as
 logarithms, so that likelihoods of a hundred dimensions neither vanish nor overflow. Averages of the logarithms
-themselves (geometric, the default) are not dominated by the best image ever seen, as arithmetic ones are. Both averages
+themselves (geometric, the default) are not dominated by the best image so far, as arithmetic ones are. Both averages
 are reset after an injection.
 
 Source: Thrun, Burgard & Fox, "Probabilistic Robotics", MIT Press 2005, table 8.3; forgetting as in the AMCL of ROS.
@@ -43,7 +43,7 @@ class AugmentedMCL(Recovery):
     Example:
         >>> from sextant.localization.belief import Belief
         >>> from sextant.localization.observation import Evidence
-        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        >>> class AtTen(Evidence):  # the observation matches the place at 10 m
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
@@ -81,7 +81,7 @@ class AugmentedMCL(Recovery):
     def inject(
         self, weighed: WeightedBelief, prior: MapPrior, memory: Memory, generator: torch.Generator
     ) -> tuple[Injection | None, Memory]:
-        """Draw as many particles from the prior as the averages ask for."""
+        """Draw as many particles from the prior as the averages require."""
         before, now = memory, weighed.log_evidence[:, None]
         known = torch.where(memory.isnan(), now, memory)
         memory = torch.where(now.isfinite(), self._averaged(known, now), memory)

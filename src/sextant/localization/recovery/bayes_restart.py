@@ -12,16 +12,16 @@ second by m particles drawn at map images, :math:`i \sim q(i) \propto e^{l(z \mi
    \;\approx\; \log\epsilon - \log m + \log Z, \qquad \log Z = \log \tfrac1N \sum_i e^{l(z \mid x_i)}.
 
 The form on the left, which is the default, is exact. The one on the right holds where the likelihood hardly changes
-over the jitter, and does not weigh the particles by z, as q already did. Both sums together are the evidence of z, the
+over the jitter, and does not weight the particles by z, as q already did. Both sums together are the evidence of z, the
 filter's ``log_evidence``.
 
-A single image seldom says enough: where many places look alike, a restart at the true one is one of many, and is
-thinned out before the next images can tell them apart. With a *window* of n observations, the robot may have been
-kidnapped before any of the last n + 1. A restart is weighed by all that it would have seen on its way since
-(:class:`Trail`): :math:`\log w` gains :math:`\log T(x) - \log(n + 1)`. A single
-step then compares what a wrong street and the true one would have looked like since the start of the window. One
-kidnapping is considered in n + 1 steps, and counts as one part in n + 1 in each. Where the motion before an observation
-is unknown, it can only be considered in that step, and counts fully.
+A single image is seldom enough: where many places look alike, a restart at the true one is one of many, and is thinned
+out before the next images can distinguish them. With a *window* of n observations, the robot may have been kidnapped
+before any of the last n + 1. A restart is weighted by the likelihood of all observations on its path since
+(:class:`Trail`): :math:`\log w` gains :math:`\log T(x) - \log(n + 1)`. A single step then compares a wrong street and
+the true one by all images since the start of the window. One kidnapping is considered in n + 1 steps, and counts as one
+part in n + 1 in each. Where the motion before an observation is unknown, it can only be considered in that step, and
+counts fully.
 """
 
 import math
@@ -45,17 +45,17 @@ class Passed:
     r"""One observation of r runs, some steps ago.
 
     A robot that was kidnapped before the observation at τ and is now at x has come through the poses
-    :math:`x_k = x \circ u_{k:t}^{-1}`, with u the odometry since step k. The belief had foreseen the observations with
+    :math:`x_k = x \circ u_{k:t}^{-1}`, with u the odometry since step k. The belief predicted the observations with
     :math:`C_k = p(z_k \mid z_{1:k-1})`. Summed over the last n + 1 observations before which the robot may have been
     kidnapped, the pose x is worth
 
     .. math:: T(x) = \sum_{\tau=t-n}^{t} \prod_{k=\tau}^{t-1} \frac{e^{l(z_k \mid x_k)}}{C_k}.
 
     Attributes:
-        evidence: what was seen.
+        evidence: its evidence.
         log_evidence: :math:`\log C_k` of the belief then.
         since: the motion since then, in the robot's frame at that time.
-        counts: in which runs something was seen and the motion since then is known.
+        counts: in which runs there was an observation and the motion since then is known.
         begins: in which runs the robot may have been kidnapped just before, and this was not yet counted fully.
     """
 
@@ -115,7 +115,7 @@ class Trail:
 
 @dataclass(frozen=True)
 class BayesRestart(Recovery):
-    r"""Restarts at the map images that the observation looks like, weighted by the probability of a kidnapping.
+    r"""Restarts at the map images most similar to the observation, weighted by the probability of a kidnapping.
 
     A step without an observation adds nothing: the hazard is per observation.
 
@@ -123,9 +123,9 @@ class BayesRestart(Recovery):
         hazard: :math:`\epsilon`, the probability of a kidnapping.
         share: m/p, the share of the particles spent on restarts. It does not change the belief, only its noise. A
             filter of one particle never restarts.
-        weigh_jitter: weigh restarts by the likelihood at their own pose (the form on the left), at the cost of m more
+        weigh_jitter: weight restarts by the likelihood at their own pose (the form on the left), at the cost of m more
             likelihoods; if false, use that of the image they were drawn at.
-        window: n, the number of past observations that also weigh restarts, at the cost of m n likelihoods a step. The
+        window: n, the number of past observations that also weight restarts, at the cost of m n likelihoods a step. The
             motion between them is taken from odometry as it is.
 
     Raises:
@@ -134,14 +134,14 @@ class BayesRestart(Recovery):
     Example:
         >>> from sextant.localization.belief import Belief
         >>> from sextant.localization.observation import Evidence
-        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        >>> class AtTen(Evidence):  # the observation matches the place at 10 m
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
         >>> weighed = WeightedBelief.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
         >>> recovery = BayesRestart(share=0.1)
         >>> injection, _ = recovery.inject(weighed, MapPrior(line, 0.1, 0.1), recovery.memory(1), torch.Generator())
-        >>> int(injection.count), float(injection.poses[..., 0].mean().round())  # where the image says
+        >>> int(injection.count), float(injection.poses[..., 0].mean().round())  # at the matching place
         (10, 10.0)
     """
 
@@ -157,7 +157,7 @@ class BayesRestart(Recovery):
             raise ArgumentError(f"window={self.window!r} must be a whole number, at least 0", "For example window=20")
 
     def memory(self, runs: int, device: torch.device | None = None) -> Trail:
-        """An empty trail: nothing has been seen yet."""
+        """An empty trail, before the first observation."""
         return Trail()
 
     def moved(self, memory: Trail, motion: Float64[Tensor, "r 3"]) -> Trail:

@@ -12,7 +12,7 @@ from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.weighted_belief import WeightedBelief
 
-#: what a recovery remembers of all runs from step to step; only the recovery itself knows its type
+#: state that a recovery carries for all runs from step to step; its type is private to the recovery
 Memory = Any
 
 
@@ -43,11 +43,11 @@ class Recovery(ABC):
 
     and the filter makes room for the m injected particles by thinning the others without bias
     (:func:`~sextant.localization.resampling.thin`); leaving out the m lightest would lose their mass. A recovery has no
-    state of its own: what it remembers from step to step is passed to it and returned.
+    state of its own: its memory is passed to each step and returned.
     """
 
     def memory(self, runs: int, device: torch.device | None = None) -> Memory:
-        """The memory before the first observation; None for a recovery that remembers nothing."""
+        """The memory before the first observation; None for a recovery without memory."""
         return None
 
     def moved(self, memory: Memory, motion: Float64[Tensor, "r 3"]) -> Memory:
@@ -62,11 +62,11 @@ class Recovery(ABC):
         memory: Memory,
         generator: torch.Generator,
     ) -> tuple[Injection | None, Memory]:
-        """The particles to add, and the new memory, which does not change for runs that saw nothing.
+        """The particles to add, and the new memory, which does not change for runs without an observation.
 
         Args:
-            weighed: the particles and what the observation says of them.
-            prior: where a kidnapped robot may be.
+            weighed: the particles, weighted by the observation.
+            prior: distribution of a kidnapped robot's pose.
             memory: the memory so far.
             generator: generator of random numbers.
         """
@@ -95,7 +95,7 @@ class NoRecovery(Recovery):
     """Adds nothing.
 
     Example:
-        >>> NoRecovery().memory(runs=3) is None  # it remembers nothing either
+        >>> NoRecovery().memory(runs=3) is None  # it has no memory either
         True
     """
 
@@ -108,10 +108,10 @@ class NoRecovery(Recovery):
 
 @dataclass(frozen=True)
 class UniformInjection(Recovery):
-    """Replaces a share of the posterior by the map's prior after the image has weighed it.
+    """Replaces a share of the posterior by the map's prior after weighting by the image.
 
     Each injected particle thus has the weight of an average one, and the next image decides. This is not a Bayesian
-    filter: that share of the belief is lost again at every step, whatever was seen.
+    filter: that share of the belief is lost again at every step, whatever the observation.
 
     Attributes:
         share: share of the particles, and of the mass.
@@ -122,7 +122,7 @@ class UniformInjection(Recovery):
     Example:
         >>> from sextant.localization.belief import Belief
         >>> from sextant.localization.observation import Evidence
-        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        >>> class AtTen(Evidence):  # the observation matches the place at 10 m
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)

@@ -1,4 +1,4 @@
-"""Particles at the map images that the observation looks like, weighed by that observation again: a known mistake.
+"""Particles at the map images most similar to the observation, weighted by it a second time: a known mistake.
 
 It is kept for comparison with :class:`~sextant.localization.recovery.BayesRestart`. An image that looks like a wrong
 place proposes that place, and then the same image confirms it: its likelihood counts twice.
@@ -17,7 +17,7 @@ from sextant.localization.weighted_belief import WeightedBelief
 
 @dataclass(frozen=True)
 class TopKInjection(Recovery):
-    """Draws a share of the particles at the best map images, by their likelihood, before the image weighs them all.
+    """Draws a share of the particles at the best map images, by their likelihood, before all are weighted by the image.
 
     Attributes:
         share: share of the particles, and of the mass before the observation.
@@ -29,7 +29,7 @@ class TopKInjection(Recovery):
     Example:
         >>> from sextant.localization.belief import Belief
         >>> from sextant.localization.observation import Evidence
-        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        >>> class AtTen(Evidence):  # the observation matches the place at 10 m
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
@@ -51,7 +51,7 @@ class TopKInjection(Recovery):
     def inject(
         self, weighed: WeightedBelief, prior: MapPrior, memory: Memory, generator: torch.Generator
     ) -> tuple[Injection | None, Memory]:
-        """Draw from the best images with jitter, weighed by the same observation."""
+        """Draw from the best images with jitter, weighted by the same observation."""
         particles = weighed.particles
         proposal = AppearanceProposal.of(weighed.evidence.over_map(), self.top)
         count = whole_number(self.share, particles, generator)

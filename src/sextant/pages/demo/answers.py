@@ -1,4 +1,4 @@
-"""Answers for the page: uploaded files and settings in, plain values out."""
+"""Answers for the page: from uploaded files and settings to plain values."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ def _point(word: str) -> Point:
         number, x, y = word.split(",")
         return int(number), float(x), float(y)
     except ValueError:
-        raise UserError(f"points={word} is no point", "Point into one of the photos.") from None
+        raise UserError(f"points={word} is not a point", "Click in one of the photos.") from None
 
 
 def _digit(paths: Sequence[Path], settings: Mapping[str, str]) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def _digit(paths: Sequence[Path], settings: Mapping[str, str]) -> dict[str, Any]
     try:
         return digit_trial().of_scan(int(settings.get("digit", "")))
     except ValueError:
-        raise UserError("there is no digit to look at", "Draw one, choose a picture, or choose a sample.") from None
+        raise UserError("there is no digit to read", "Draw one, choose a picture, or choose a sample.") from None
 
 
 #: question -> minimum and maximum number of files, and the function that answers
@@ -60,16 +60,16 @@ _one_at_a_time = Lock()
 
 
 def prepare() -> None:
-    """Load what the first questions need, while the user still looks for a photo."""
+    """Load what the first questions need, while the user is choosing a photo."""
     for load in (calibrator, same_place, digit_trial):
-        with _one_at_a_time, suppress(UserError):  # a question may come between; it reports what is wrong
+        with _one_at_a_time, suppress(UserError):  # a question may come in between; it reports any error
             load()
 
 
 def answer(question: str, files: Sequence[tuple[str, bytes]], settings: Mapping[str, str]) -> dict[str, Any]:
     """Answer one of :data:`~sextant.pages.demo.answers.QUESTIONS`; questions are answered one at a time.
 
-    Files exist only while their question is answered. Messages call them by the names under which they were uploaded.
+    Files exist only while their question is answered. Messages use the names under which they were uploaded.
 
     >>> found = answer("photo", [("house.jpg", content)], {})  # doctest: +SKIP
     >>> print(found["verdict"], found["reasons"])  # doctest: +SKIP
@@ -87,7 +87,7 @@ def answer(question: str, files: Sequence[tuple[str, bytes]], settings: Mapping[
     least, most, ask = QUESTIONS[question]
     if not least <= len(files) <= most:
         wanted = f"{least}" if least == most else f"{least} to {most}"
-        raise UserError(f"{len(files)} files were sent; {wanted} are needed", "Choose or drop a photo first.")
+        raise UserError(f"{len(files)} files were sent; {wanted} needed", "Choose or drop a photo first.")
     with _one_at_a_time, _stored(files) as paths:
         return ask(paths, settings)
 
@@ -99,13 +99,13 @@ def sample_photo(name: str) -> bytes:
         UserError: there is none of that name.
     """
     if name not in SAMPLES:
-        raise UserError(f"{name}: there is no such sample", f"There are: {', '.join(SAMPLES)}")
+        raise UserError(f"{name}: no such sample", f"There are: {', '.join(SAMPLES)}")
     return (files_of("sklearn.datasets.images") / name).read_bytes()
 
 
 @contextmanager
 def _stored(files: Sequence[tuple[str, bytes]]) -> Iterator[list[Path]]:
-    """Store files with these contents while the block runs; errors in the block name them as the user does."""
+    """Store files with these contents while the block runs; errors in the block use the user's file names."""
     with ExitStack() as stack:
         try:
             try:

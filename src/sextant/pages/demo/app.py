@@ -21,10 +21,10 @@ LARGEST_FILE = 64_000_000
 LARGEST_REQUEST = 2 * LARGEST_FILE + 100_000
 #: largest size of a setting, in bytes
 LARGEST_TEXT = 500_000
-TOO_LARGE = f"the file is too large: {LARGEST_FILE // 10**6} MB are taken", "Save the photo smaller, or as JPEG."
+TOO_LARGE = f"the file is too large: at most {LARGEST_FILE // 10**6} MB", "Save a smaller version, or as JPEG."
 REQUEST_TOO_LARGE = (
-    f"the request is too large: {LARGEST_FILE // 10**6} MB are taken for a photo, {LARGEST_TEXT // 1000} kB for a text",
-    "Save the photo smaller, or as JPEG; shorten the text.",
+    f"the request is too large: at most {LARGEST_FILE // 10**6} MB for a photo, {LARGEST_TEXT // 1000} kB for a text",
+    "Save a smaller version, or as JPEG; shorten the text.",
 )
 
 
@@ -63,9 +63,9 @@ def demo_app() -> Flask:
         if isinstance(error, HTTPException):
             return jsonify(problem=f"{error.code} {error.name}", fix=None), error.code
         if isinstance(error, MemoryError):
-            return jsonify(problem="there is not enough memory for this", fix="Give a smaller photo."), 422
+            return jsonify(problem="there is not enough memory for this", fix="Use a smaller photo."), 422
         app.logger.exception("a question could not be answered")
-        return jsonify(problem=f"this went wrong: {type(error).__name__}", fix="The terminal has the details."), 500
+        return jsonify(problem=f"unexpected error: {type(error).__name__}", fix="The terminal has the details."), 500
 
     return app
 

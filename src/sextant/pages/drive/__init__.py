@@ -1,1 +1,1 @@
-"""A drive in the browser while it is localized: :mod:`~sextant.pages.drive.watch` passes each step to the page."""
+"""A browser page of a drive while it is localized: :mod:`~sextant.pages.drive.watch` passes each step to the page."""

@@ -33,7 +33,7 @@ def watched(localizer: Localizer, port: int, tell: Callable[[str], None]) -> Ite
     Args:
         localizer: localizer of the drive.
         port: port of the loopback interface; 0 takes a free one.
-        tell: called with the page's address once it answers.
+        tell: called with the page's address once it is served.
 
     Raises:
         UserError: the port is taken.

@@ -43,7 +43,7 @@ class Watch:
             self._changed.notify_all()
 
     def end(self) -> None:
-        """Announce that no more steps come."""
+        """Announce that there are no more steps."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
@@ -53,7 +53,7 @@ class Watch:
 
         Args:
             step: the step that the page shows; -1 for none.
-            patience_s: how long to wait, in seconds.
+            patience_s: longest wait, in seconds.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._ended or self._is_after(step), patience_s)
@@ -61,7 +61,7 @@ class Watch:
         if moment is None or moment.step <= step:
             return {"ended": ended}
         with self._drawing:
-            if self._told.get("step") != moment.step:  # of several viewers, the first has it drawn
+            if self._told.get("step") != moment.step:  # drawn for the first of several viewers
                 self._told = self._drawn(moment)
             return {**self._told, "ended": ended and moment.step == self._told["step"]}
 
@@ -82,5 +82,5 @@ class Watch:
             "heading": f"{np.degrees(heading) % 360:.0f} ± {np.degrees(sh):.0f}°",
             "mass": f"{100 * told.mass:.0f} %",
             "off_map": f"{100 * told.off_map:.0f} %",
-            "speed": f"{(moment.step + 1) / (time.monotonic() - self._began):.1f} images a second",
+            "speed": f"{(moment.step + 1) / (time.monotonic() - self._began):.1f} images per second",
         }

@@ -24,7 +24,7 @@ NETWORKS = {"convolution": "zoo:digits", "push_pull": "zoo:digits_push_pull"}
 SIDE, BOX = 28, 20
 #: longest side at which a picture is processed, in pixels
 LONGEST = 400
-#: of 255: brighter pixels are ink, once the paper is black; if the ink spans less than the second, there is none
+#: of 255: on black paper, brighter pixels are ink; a picture with less contrast than the second has none
 INK, FAINT = 64, 48
 #: ratio of width to height from which it is not a digit: of 20,000 of MNIST none is wider
 WIDEST = 2.0
@@ -105,7 +105,7 @@ def digit_of(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "28 28"]:
     edge = np.concatenate([grey[0], grey[-1], grey[:, 0], grey[:, -1]])
     ink = np.abs(grey - np.median(edge))
     if ink.max() < FAINT:
-        raise UserError("there is nothing to be seen in the picture", "Draw one digit, large and in one piece.")
+        raise UserError("the picture is blank", "Draw one digit, large and in one piece.")
     return centred((255 * ink / ink.max()).astype(np.uint8))
 
 
@@ -119,7 +119,7 @@ def centred(ink: UInt8[ndarray, "h w"]) -> UInt8[ndarray, "28 28"]:
     wide = (np.ptp(columns) + 1) / (np.ptp(rows) + 1)
     if wide >= WIDEST:
         raise UserError(
-            f"what is seen in the picture is {wide:.1f} times as wide as high, and no digit is",
+            f"the drawing is {wide:.1f} times as wide as high, which no digit is",
             "Draw one digit, upright.",
         )
     part = Image.fromarray(ink[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1])

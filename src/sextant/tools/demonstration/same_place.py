@@ -1,4 +1,4 @@
-"""Two photos: how similar the place-recognition network finds them, and what that means."""
+"""Two photos: their similarity by the place-recognition network, beside that of known pairs."""
 
 import json
 from pathlib import Path
@@ -66,7 +66,7 @@ class SamePlace:
         images = [as_pixels(path, self.size) for path in (first, second)]
         for path, image in zip((first, second), images, strict=True):
             if image.std((0, 1)).max() < BLANK:
-                raise UserError(f"{path} shows nothing to compare", "Give a photo that is not blank.")
+                raise UserError(f"{path} is blank", "Give a photo of a place.")
         similarity = float(self.similarities(images[0][None], images[1][None])[0, 0])
         wanted = self.size[1] / self.size[0]
         ratios = [each["width"] / each["height"] / wanted for each in shown]

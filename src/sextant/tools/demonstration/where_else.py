@@ -1,4 +1,4 @@
-"""One or a few examples, pointed at in photos: where else do they occur?"""
+"""Other occurrences of one or a few examples that are marked in photos."""
 
 import math
 from collections.abc import Sequence
@@ -43,8 +43,8 @@ def where_else_answer(
         resized: find them at 0.7, 1 and 1.4 times their size.
 
     Raises:
-        UserError: a photo cannot be read, there are no points or too many, or a point shows nothing to configure a
-            filter from.
+        UserError: a photo cannot be read, there are no points or too many, or a point has no structure to configure
+            a filter from.
     """
     if not 1 <= len(points) <= MOST_EXAMPLES:
         raise ArgumentError(f"points: {len(points)} given", f"Point at 1 to {MOST_EXAMPLES} things.")
@@ -54,7 +54,7 @@ def where_else_answer(
     )
     for number, x, y in points:
         if not (0 <= number < len(images) and 0 <= x <= 1 and 0 <= y <= 1):
-            raise ArgumentError(f"points={number},{x:g},{y:g} lies in no photo", "Point into one of the photos.")
+            raise ArgumentError(f"points={number},{x:g},{y:g} lies outside the photos", "Point into one of the photos.")
         image = images[number]
         detector.add(image, (x * image.width - 0.5, y * image.height - 0.5))
     return {

@@ -21,9 +21,9 @@ from sextant.tools.inspection.traverses import MAPS
 
 #: largest number of videos and recordings that get a command
 MOST_STREAMS = 4
-#: metres: shorter steps say nothing about where a body looks
+#: metres: shorter steps do not indicate a direction of motion
 STEP = 1e-3
-#: the body's upright axis if another looks ahead: y of a camera points down, z of a robot up
+#: the body's upright axis, by the axis that points ahead: y of a camera points down, z of a robot up
 UPRIGHT: dict[Ahead, int] = {"z": 1, "x": 2}
 #: commands for photos in a map of the user's own, and for images too small for the network that describes photos
 OF_PHOTOS, OF_SMALL = ("experiment=localization_folder",), ("task=localization", "dataset=pose_folder")
@@ -49,8 +49,8 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
     if given:
         yield Suggestion(
             "localize a drive in a map",
-            "<map> is a run of task=localization or a saved map of these places, such as sextant walk writes"
-            + "; every=10 takes each tenth image" * bool(streams),
+            "<map> is a run of task=localization or a saved map of these places, such as one that sextant walk writes"
+            + "; every=10 takes every tenth image" * bool(streams),
             tuple(
                 command(
                     "localize", map="<map>", input=seen.folder / each, **more,
@@ -89,8 +89,8 @@ def _walks(seen: Seen) -> Iterator[Suggestion]:
     if found:
         yield Suggestion(
             "localize images without poses in a map of your own",
-            f"{homes[home].file.as_posix()} has the poses of {home.as_posix()}; the cameras of both are found, if each "
-            "is one with one zoom",
+            f"{homes[home].file.as_posix()} has the poses of {home.as_posix()}; both cameras are calibrated, if each "
+            "set of images is from one camera with one zoom",
             tuple(
                 command("walk", input=seen.folder / each, map=seen.folder / home, **more,
                         output=Path("walk", each.parent, each.stem))
@@ -111,8 +111,8 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
             (poses,) = found.values()
             yield Suggestion(
                 "localize in a map of your own",
-                f"{poses.file.as_posix()} is of one drive; to train and test, a second one through the same places is "
-                "needed, in a folder beside it with a file of poses of its own; sextant walk needs no poses of it",
+                f"{poses.file.as_posix()} is of one drive; training and testing need a second one through the same "
+                "places, in a folder beside it with its own file of poses; sextant walk needs no poses for it",
                 (),
             )
         if len(found) < 2:
@@ -123,8 +123,8 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
         if ground is None:
             yield Suggestion(
                 "localize in a map of your own",
-                f"in {found[folders[0]].file.as_posix()} no two axes of the world are the ground: align them to it "
-                "first (COLMAP: model_orientation_aligner)",
+                f"in {found[folders[0]].file.as_posix()} the ground is not a plane of two world axes: align the poses "
+                "to it first (COLMAP: model_orientation_aligner)",
                 (),
             )
             continue
@@ -142,11 +142,11 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
         if form in ("colmap", "opensfm", "nerfstudio"):
             why += "; lengths must be metres, and all drives in one frame"
         if form == "gps":
-            why += "; where EXIF has no direction of view, the camera is taken to look along the way"
+            why += "; where EXIF has no direction of view, the camera is assumed to point along the path"
         if coarse:
             limit = TOWN_LOCALIZATION.position
-            why += f"; its images are {spacing:.2g} m apart, so within {limit:g} m counts (dataset.protocol=town)"
-            why += ", which is less than that: few poses can be within it" * (spacing > limit)
+            why += f"; its images are {spacing:.2g} m apart, so {limit:g} m counts as correct (dataset.protocol=town)"
+            why += ", which is less than that: few poses can be so close" * (spacing > limit)
         yield Suggestion("localize in a map of your own", why, (command("train", *words),))
 
 
@@ -165,14 +165,14 @@ def _spacing(seen: Seen, found: FoundPoses, folder: Path) -> float:
 
 
 def _answers(folder: Path, drive: Path) -> Path:
-    """Where the poses of a drive below a folder go; a dot in the name of a folder begins no suffix."""
+    """The output folder for a drive below a folder; a dot in the name of a folder does not begin a suffix."""
     if not drive.name:
         return Path("localization", folder.resolve().name)
     return Path("localization", drive if (folder / drive).is_dir() else drive.with_suffix(""))
 
 
 def _odometry(seen: Seen, images: Path) -> dict[str, Path]:
-    """The table of odometry beside or among some images, with a row for each or for their times."""
+    """The table of odometry beside or among some images, with one row per image or with times."""
     photos = next((each for each in seen.folders if each.folder == images), None)
     for file, rows in seen.odometry.items():
         fits = photos is None or photos.times_from == "names" or rows == len(photos.files)
@@ -199,7 +199,7 @@ def _below(folder: Path, base: Path) -> str:
 
 
 def axes(found: FoundPoses) -> dict[str, str] | None:
-    """The plane of motion and the axis that looks ahead, where they are not the defaults.
+    """The plane of motion and the axis that points ahead, where they are not the defaults.
 
     The normal of the plane is the world axis that is closest to the body's upright axis.
     """

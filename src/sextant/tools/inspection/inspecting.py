@@ -1,4 +1,4 @@
-"""What a user's own folder or video contains, and what can be done with it."""
+"""The contents of a user's own folder or video, and the tasks that fit them."""
 
 from collections import Counter
 from dataclasses import asdict, dataclass
@@ -25,7 +25,7 @@ class Inspection:
     Attributes:
         seen: what the folder contains.
         suggestions: tasks that fit, with their commands.
-        remarks: what the user should know beforehand.
+        remarks: remarks for the user.
     """
 
     seen: Seen
@@ -71,7 +71,7 @@ class Inspection:
 
 
 def sizes(seen: Seen) -> dict[tuple[int, int], int]:
-    """How many images have each width and height, the most frequent size first."""
+    """Number of images by width and height, the most frequent size first."""
     return dict(Counter((each.width, each.height) for each in seen.headers.values()).most_common())
 
 
@@ -81,7 +81,7 @@ def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspecti
     Files of equal size are compared by content, and photos with the shape of a panorama are decoded at a small size.
 
     Args:
-        input: what to look at.
+        input: what to inspect.
         progress: shows the progress of the work.
 
     Raises:
@@ -134,14 +134,14 @@ def _remarks(seen: Seen) -> list[str]:
     if seen.panoramas and photos:
         said.append(
             f"{len(seen.panoramas):,} panoramas of 360 degrees among {photos:,} photos, such as "
-            f"{seen.panoramas[0].as_posix()}: no lens took these, and what is for photos refuses them"
+            f"{seen.panoramas[0].as_posix()}: these are no photos through a lens, and commands for photos refuse them"
         )
     if len(seen.cameras) > 1 and photos:
-        said.append(f"photos of {described(seen.cameras)}: camera=one is for those of one at a time")
+        said.append(f"photos of {described(seen.cameras)}: camera=one is for the photos of one at a time")
     if seen.duplicates:
         more = sum(len(group) - 1 for group in seen.duplicates)
         said.append(
-            f"{more:,} images have the content of another, such as {seen.duplicates[0][1]} = {seen.duplicates[0][0]}"
+            f"{more:,} images are duplicates of another, such as {seen.duplicates[0][1]} = {seen.duplicates[0][0]}"
         )
     for missing, what in ((False, "doubtful"), (True, "left out")):
         found = {file.as_posix(): each.gps for file, each in seen.headers.items()}
@@ -157,8 +157,8 @@ def _remarks(seen: Seen) -> list[str]:
             )
         if each.backwards:
             said.append(
-                f"{where}: the order of names is not that of time by {each.times_from} at {len(each.backwards):,} "
-                f"places, the first {each.backwards[0]}"
+                f"{where}: the order of names differs from the order of time by {each.times_from} at "
+                f"{len(each.backwards):,} places, the first {each.backwards[0]}"
             )
         if each.same_stem:
             said.append(

@@ -1,4 +1,4 @@
-"""What the headers of many photos show together."""
+"""Cameras, duplicates and panoramas among many photos, mostly from their headers."""
 
 import hashlib
 from collections import Counter
@@ -27,7 +27,7 @@ SMALLEST_PANORAMA = 128
 
 @dataclass(frozen=True)
 class CameraGroup:
-    """Photos of one camera and lens setting, as far as headers tell.
+    """Photos of one camera and lens setting, as far as headers show.
 
     Attributes:
         camera: make and model; "" if EXIF names none.

@@ -24,7 +24,7 @@ from sextant.user_files import table_header
 from sextant.worlds.trajectories import load_cold
 
 PosesFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "cold"]
-#: number of bytes by which a file is recognised
+#: number of first bytes from which a format is detected
 HEAD = 65536
 #: larger JSON is read only if its name is that of a reconstruction
 LARGEST_JSON = 64 * 2**20
@@ -50,7 +50,7 @@ class FoundPoses:
         headings: the poses include viewing directions.
         times_s: first and last time, in TUM's format.
         problem: why the file cannot be used; "" if it can.
-        remarks: what a reader should know.
+        remarks: remarks for the user.
         poses: ``world_from_body`` of 3D poses.
         names: names of the images, where poses have names.
     """
@@ -71,7 +71,7 @@ class FoundPoses:
 
 
 def separate_models(poses: Sequence[FoundPoses]) -> str:
-    """What COLMAP's several models of the same images are, each in a frame of its own; "" if there is but one."""
+    """A remark on several COLMAP models of the same images, each in its own frame; "" if there is only one."""
     models: dict[Path, FoundPoses] = {}
     for each in poses:  # a model may be exported as text beside its binary files
         if each.format == "colmap" and not each.problem:
@@ -81,7 +81,7 @@ def separate_models(poses: Sequence[FoundPoses]) -> str:
         if len(beside) > 1 and folder not in models:
             named = ", ".join(f"{each.file.as_posix()} ({each.posed:,} images)" for each in beside)
             return (
-                f"{len(beside)} reconstructions, each in a frame of its own: {named}; the largest is used; another is "
+                f"{len(beside)} reconstructions, each in its own frame: {named}; the largest is used; another is "
                 "chosen by dataset.pose_file=<file>, or by map=<file> of sextant walk"
             )
     return ""
@@ -108,7 +108,7 @@ def found_poses(folder: Path, file: Path, images: Sequence[Path]) -> FoundPoses 
 
 
 def odometry_tables(folder: Path, files: Sequence[Path]) -> dict[Path, int]:
-    """The tables of odometry among some files, with how many rows they have.
+    """The tables of odometry among some files, with their numbers of rows.
 
     A table is one by its name, or if it has no columns but those of poses and times, so that no image is named.
     """
@@ -227,7 +227,7 @@ def _by_time_or_number(
     if taken is None or times_s is None:
         if len(images) in (0, count):
             return len(images), count - len(images), ()
-        remark = f"{count:,} poses for {len(images):,} images, and no times that tell which belong together"
+        remark = f"{count:,} poses for {len(images):,} images, and no times by which to match them"
         return 0, 0, (remark,)
     after = np.clip(np.searchsorted(times_s, taken), 1, max(1, count - 1))
     gaps = np.minimum(np.abs(taken - times_s[after - 1]), np.abs(taken - times_s[np.minimum(after, count - 1)]))

@@ -1,4 +1,4 @@
-"""Everything that is seen in a folder, before anything is suggested."""
+"""Everything that is found in a folder, before tasks are suggested."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class FoundFiles:
         images, videos: images and videos, by their suffixes.
         tables: files that may contain poses.
         recordings: ROS bags: files of ROS 1, folders of ROS 2.
-        others: how many there are of each other suffix.
+        others: number of files by any other suffix.
         unreadable: reasons by file or folder.
         links: links to folders, which are not followed.
     """
@@ -115,7 +115,7 @@ class Seen:
         duplicates: images with equal content.
         videos: videos that can be decoded.
         poses: files of poses.
-        odometry: tables of odometry, with how many rows they have.
+        odometry: tables of odometry, with their numbers of rows.
         unreadable: reasons by name.
     """
 

@@ -10,7 +10,7 @@ class Suggestion:
 
     Attributes:
         task: what it does.
-        why: what in the folder suggests it, and what the user has to take care of.
+        why: what in the folder suggests it, and what the user must ensure.
         commands: commands to copy; ``<map>`` stands for one of the user's maps.
     """
 

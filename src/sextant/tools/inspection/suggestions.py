@@ -1,4 +1,4 @@
-"""What may be done with a folder of photos, poses or videos: the commands that fit it."""
+"""Commands that fit a folder of photos, poses or videos."""
 
 import os
 import re
@@ -56,7 +56,7 @@ def standard_sets(folder: Path) -> dict[str, Path]:
     for overrides, file in STANDARD.items():
         for base in (here, *here.parents[:2]):
             whole = base / file
-            if os.path.isfile(whole) and whole.is_relative_to(here):  # False without permission to look
+            if os.path.isfile(whole) and whole.is_relative_to(here):  # False without permission to read
                 found[overrides] = base
     return found
 
@@ -107,17 +107,17 @@ def _is_reference(poses: FoundPoses) -> bool:
     return any(word in name for word in REFERENCE)
 
 
-#: least shorter side of photos that reveal something of their camera, pixels
+#: smallest shorter side of photos that are worth calibrating, pixels
 SMALLEST_PHOTO = 200
 #: largest number of commands for folders of one camera each
 CAMERAS = 4
 #: least number of images of a class, panoramas and focal lengths that are worth a command
 LEAST_OF_A_CLASS, LEAST_PANORAMAS, LEAST_FOCALS = 5, 3, 5
-#: of so many classes or more, each needs so many images
+#: number of classes up to which each needs as many images as there are classes; of more, each needs this many
 MANY_CLASSES = 20
-#: batch sizes by default, of classifiers and of calibration, which cuts so many photos from each panorama
+#: batch sizes by default, of classifiers and of calibration, which cuts that many photos from each panorama
 BATCH, BATCH_OF_CROPS, CROPS = 32, 64, 8
-#: names of the frames of a video; seconds between two images of one
+#: names of the frames of a video; largest time in seconds between frames
 FRAME, BETWEEN_FRAMES = re.compile(r"(?:^|[^a-z])frame[_-]?\d+$", re.IGNORECASE), 2.0
 
 
@@ -136,7 +136,7 @@ def suggestions(seen: Seen) -> Iterator[Suggestion]:
     for overrides, base in standard_sets(seen.folder).items():
         words = [*overrides.split(), f"paths.data={override(base)}"]
         yield Suggestion(
-            "train on a published set", f"{words[-2]} lies here as it is published", (command("train", *words),)
+            "train on a published set", f"{words[-2]} is here in its published layout", (command("train", *words),)
         )
 
 
@@ -177,7 +177,7 @@ def _benchmark(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Suggesti
         known = {Path(): "focal lengths in EXIF"}
     if known:
         commands = [command("benchmark", "calibration", folder=seen.folder / place) for place in known]
-        why = f"the truth lies beside: {', '.join(dict.fromkeys(known.values()))}"
+        why = f"ground truth beside the photos: {', '.join(dict.fromkeys(known.values()))}"
         yield Suggestion("measure calibration on photos of known cameras", why, tuple(commands))
 
 
@@ -218,14 +218,14 @@ def _places(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
         for other in others[:CAMERAS]
     ]  # fmt: skip
     said = {
-        "name": "equal names are taken for equal places",
-        "csv": "their tables say where each image was taken",
-        "gps": "EXIF says where each image was taken",
-        "utm": "their names say where each image was taken",
+        "name": "equal names are assumed to be equal places",
+        "csv": "their tables state where each image was taken",
+        "gps": "EXIF states where each image was taken",
+        "utm": "their names state where each image was taken",
         "none": "add places=order if the i-th images show one place",
     }
     why = f"{len(others) + 1} folders, {reference.as_posix()} as the map; {said[folders.places]}"
-    yield Suggestion("recognise places", f"{why}; by the network of the package", tuple(commands))
+    yield Suggestion("recognise places", f"{why}; with the network of the package", tuple(commands))
 
 
 def _classes(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
@@ -262,7 +262,7 @@ def _example(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Suggestion
         return
     point = f"{photos[first].width // 2},{photos[first].height // 2}"
     yield Suggestion(
-        "find what one example shows",
+        "find what is shown in one example",
         "point= is the pixel of the example, here the middle of the first photo",
         (
             command("predict", "task=cosfire", prototype=seen.folder / first, point=point, input=seen.given,

@@ -80,7 +80,7 @@ def _video(each: FoundVideo) -> str:
 def _recording(seen: Seen, path: Path) -> str:
     try:
         return f"{path.as_posix()}: {bag_summary(seen.folder / path)}"
-    except UserError:  # said in full when it is opened
+    except UserError:  # reported in full when it is opened
         return path.as_posix()
 
 

@@ -26,7 +26,7 @@ class FolderOfPhotos:
         times_from: source of the times at which photos were taken; None if there is none for all of them.
         times_s: time of each in seconds, or None.
         jumps: names of photos after an unusually long gap in time, with that gap in seconds.
-        backwards: names of photos that were taken before the one ahead of them.
+        backwards: names of photos that were taken before the preceding one.
         same_stem: names that differ from another only in their suffix or in case.
     """
 
@@ -40,7 +40,7 @@ class FolderOfPhotos:
 
 
 def folders_of_photos(headers: Mapping[Path, PhotoHeader]) -> list[FolderOfPhotos]:
-    """The folders that contain photos, each with what is known of its order."""
+    """The folders that contain photos, each with the order of its photos in time."""
     by_folder: dict[Path, list[Path]] = {}
     for file in headers:
         by_folder.setdefault(file.parent, []).append(file)

@@ -26,7 +26,7 @@ class ImageFolders:
         traverses: traverses, the map first; empty if the folders are not traverses.
         places: source of the ground truth, i.e. which of their images show the same place.
         classes: number of images by class; empty if one has a file of poses, or if the folders are traverses, unless
-            equal names alone say so: images of classes are often numbered as well.
+            equal names alone indicate this: images of classes are often numbered as well.
     """
 
     base: Path
@@ -86,7 +86,7 @@ def _children(files: Sequence[Path], base: Path) -> dict[str, int]:
 
 
 def _places(seen: Seen, by_child: dict[Path, list[Path]]) -> KnownBy:
-    """What tells which images of two folders show the same place; ``none`` if nothing does for all of them."""
+    """How images of two folders that show the same place are known; ``none`` if they are not known for all."""
     tables = {poses.file.parent for poses in seen.poses if poses.format == "csv" and poses.posed and not poses.unposed}
     if tables.issuperset(by_child):
         return "csv"

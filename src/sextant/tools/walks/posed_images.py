@@ -22,7 +22,7 @@ class PosedImages:
         paths: files of the images.
         poses: x, y in metres and heading in rad, counter-clockwise.
         source: the file that the poses are from, or the images themselves.
-        remarks: what the user should know.
+        remarks: remarks for the user.
     """
 
     paths: list[Path]
@@ -42,7 +42,7 @@ def posed_images(folder: Path | str, *, skip_bad: bool = False) -> PosedImages:
         skip_bad: leave out images at exactly the pose of another, which are otherwise an error.
 
     Raises:
-        UserError: there are no images, no poses for them, or the ground of the poses is not a plane of two axes.
+        UserError: there are no images, no poses for them, or their ground is not a plane of two world axes.
 
     Example:
         >>> found = posed_images("summer")  # doctest: +SKIP
@@ -68,8 +68,8 @@ def posed_images(folder: Path | str, *, skip_bad: bool = False) -> PosedImages:
             raise UserError(f"{error.problem}\n{models}".rstrip(), error.fix) from None
         told = "".join(f"\n  {file}: {problem}" for file, problem in problems.items() if problem)
         raise ArgumentError(
-            f"map={folder}: no file there has poses of its images, nor has their EXIF{told}",
-            f"{command('inspect', str(folder))} says what was found; poses.csv with file,x,y,heading is the simplest.",
+            f"map={folder}: neither a file there nor EXIF has poses of its images{told}",
+            f"{command('inspect', str(folder))} lists what was found; poses.csv with file,x,y,heading is the simplest.",
         ) from error
     remarks = (*(best.remarks if best is not None else ()), *filter(None, [models]))
     return PosedImages(paths, poses, folder if best is None else folder / best.file, (*remarks, *notes))
@@ -77,7 +77,7 @@ def posed_images(folder: Path | str, *, skip_bad: bool = False) -> PosedImages:
 
 def _problem(found: FoundPoses) -> str:
     if found.format == "cold":
-        return "is of the COLD database, which pose_folder reads"
+        return "is of the COLD database, which dataset=cold reads"
     return found.problem or ("" if found.headings else "has positions, but no headings")
 
 
@@ -88,8 +88,8 @@ def _source(folder: Path, best: FoundPoses | None, skip_bad: bool) -> PoseFolder
     ground = axes(best)
     if ground is None:
         raise ArgumentError(
-            f"{folder / best.file}: no two axes of the world are the ground",
-            "Align them to it first (COLMAP: model_orientation_aligner).",
+            f"{folder / best.file}: the ground is not a plane of two world axes",
+            "Align the poses to it first (COLMAP: model_orientation_aligner).",
         )
     images = folder / (best.images or ".")
     file = (folder / best.file).resolve()

@@ -14,7 +14,7 @@ from sextant.chapters.calibration.photo_camera import PhotoCamera
 from sextant.data.photos import Pinhole, straight_focal, through_pinhole
 from sextant.errors import ArgumentError
 
-#: how a camera was held: alike in all images, as a mounted one; anew in each image; or taken as level
+#: how a camera was held: the same in all images (mounted), different in each (by hand), or assumed to be level
 Held = Literal["mounted", "by_hand", "level"]
 
 
@@ -139,7 +139,7 @@ def shared_view(cameras: Sequence[SharedCamera], rows: int = 120, vfov_deg: floa
         raise ArgumentError(
             f"the cameras are tilted by {math.degrees(min(tilts)):.0f} and {math.degrees(max(tilts)):.0f} degrees: "
             "they have no view in common",
-            "Give vfov_deg, or leave how they were held out of account: held=level",
+            "Give vfov_deg, or ignore how they were held: held=level",
         )
     columns = 2 * round(rows * across / math.tan(half) / 2)
     return Pinhole(max(8, min(columns, 4 * rows)), rows, rows / 2 / math.tan(half), tilt)

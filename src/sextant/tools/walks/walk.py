@@ -24,11 +24,11 @@ class Walk:
 
     Attributes:
         camera: camera of the walk.
-        map_camera: camera of the map's images; None for a map that was straightened before.
+        map_camera: camera of the map's images; None for a map that was already straightened.
         view: the virtual camera that both are rendered through.
         rows: where each image was taken.
-        unseen: mean share of the straightened images that the camera does not show.
-        remarks: what the user should know.
+        unseen: mean share of the straightened images that the camera does not cover.
+        remarks: remarks for the user.
         files: files that were written.
         interrupted: Ctrl-C came before the last image.
     """
@@ -102,17 +102,17 @@ def _page(walk: Walk, unit: str) -> str:
     view = walk.view
     return "\n".join([
         "# A walk with an unknown camera\n",
-        "## Where\n",
+        "## Poses\n",
         _poses(walk, unit).markdown(),
         "Standard deviations are the localizer's; the path is in `poses.csv` and `trajectory.tum`.\n",
-        "![the way over the map](trajectory.png)\n",
+        "![the path over the map](trajectory.png)\n",
         "## The cameras\n",
         _cameras(walk).markdown(),
-        "Intervals hold the truth in 95 % of photos of the sets that they were counted on; ± is the spread over the "
-        "photos.\n",
-        f"Both are seen through one camera of {view.width}x{view.height} pixels without distortion and roll, "
-        f"{view.vfov_deg:.1f}° high, tilted by {math.degrees(view.tilt):+.1f}°. Of its pictures "
-        f"{100 * walk.unseen:.1f} % are beyond what the walk's camera shows, and filled from its edge.\n",
+        "Intervals contain the true value in 95 % of the photos of the sets on which this was measured; ± is the "
+        "spread over the photos.\n",
+        f"Both are rendered through one camera of {view.width}x{view.height} pixels without distortion and roll, with "
+        f"a vertical field of view of {view.vfov_deg:.1f}° and tilted by {math.degrees(view.tilt):+.1f}°. "
+        f"{100 * walk.unseen:.1f} % of its images lie outside the walk's images, and are filled from their edges.\n",
         "![as taken, straightened, and the map where it was found](straightened.png)\n",
         *(["## Remarks\n", *(f"- {remark}" for remark in remarks), ""] if remarks else []),
     ])  # fmt: skip
@@ -125,7 +125,7 @@ def _poses(walk: Walk, unit: str) -> TextTable:
     rows = [
         ["images", f"{len(told):,}"],
         ["localized", f"{len(told) - lost:,}"],
-        ["lost by its own account", f"{lost:,}"],
+        ["reported as lost", f"{lost:,}"],
         ["could not be used", f"{sum(bool(row.problem) for row in walk.rows):,}"],
     ]
     if len(known):

@@ -1,4 +1,4 @@
-"""From a folder or video of an unknown camera to where each image was taken, in a map made with another camera.
+"""Localization of a folder or video of an unknown camera in a map made with another camera.
 
 The images are calibrated together, straightened through one virtual camera, described, and localized. The parts are
 :class:`~sextant.PhotoCalibrator`, :class:`~sextant.data.photos.Pinhole` and :class:`~sextant.Localizer`.
@@ -63,7 +63,7 @@ def localize_walk(
     """Localize a walk with an unknown camera in a map of another season, and write all results.
 
     The walk's images are calibrated together, as those of one camera, and so are the map's. Both are straightened to
-    what one camera without distortion would have seen, and the map is built from the straightened images.
+    the view of one camera without distortion, and the map is built from the straightened images.
 
     Args:
         input: folder of photos in the order of their names, or a video, or a ROS bag.
@@ -90,7 +90,7 @@ def localize_walk(
         progress: shows the progress of the work.
 
     Raises:
-        UserError: there are no images or no map, no camera can be found for one of them, an argument is out of range or
+        UserError: there are no images or no map, a camera cannot be calibrated, an argument is out of range or
             does not apply to a saved map, or the disk is full.
 
     Example:
@@ -116,7 +116,7 @@ def localize_walk(
     )
     if drive.endless:
         raise ArgumentError(
-            f"input={input}: a walk is calibrated by all its images before the first is localized",
+            f"input={input}: a walk is calibrated from all its images before the first is localized",
             "Record it as a video. A camera is localized live by sextant localize, in a map of images like its own.",
         )
     lag = len(drive) if smooth else 0
@@ -169,7 +169,7 @@ def _camera_of_drive(
     count = len(drive)
     chosen = set(range(count) if held == "by_hand" else _spread(count, photos))
     seen = (frame for number, frame in enumerate(drive.frames.read(None)) if number in chosen)
-    blank = np.zeros((1, 1, 3), np.uint8)  # it fails, and so keeps the numbers of the others
+    blank = np.zeros((1, 1, 3), np.uint8)  # it is rejected, which keeps the numbers of the others
     images = (blank if frame.image is None else frame.image for frame in seen)
     return SharedCamera.of(calibrator.one_camera(images, focal_prior=focal_prior, errors="return"), held)
 
@@ -199,20 +199,20 @@ def _straightened_map(
 
 
 def _check_saved(map: Path | str, **given: object) -> None:
-    """Check that nothing is asked of a saved map that was fixed when it was made."""
+    """Refuse arguments that a saved map already determines."""
     for name, value in given.items():
         if value is not None:
             raise ArgumentError(
-                f"{name}={value} is not for map={map}, a saved map, which has its own",
+                f"{name}={value} does not apply to map={map}: a saved map has its own",
                 f"Leave out {name}, or give the folder of the map's images, with their poses.",
             )
 
 
 def _view_of(localizer: Localizer, map: Path | str, vfov_deg: float | None) -> Pinhole:
-    """The view of a saved map: its own, or a level one with a field of view that the user knows."""
+    """The view of a saved map: its own, or a level one with a given field of view."""
     if localizer.descriptor.describer is None or localizer.image_size is None:
         raise UserError(
-            f"map={map}: the map was described by vectors from elsewhere, so images cannot be described",
+            f"map={map}: the map was built from descriptors computed elsewhere, so images cannot be described",
             "Give the folder of its images, with their poses.",
         )
     facts = localizer.facts.get(VIEW)
@@ -221,7 +221,7 @@ def _view_of(localizer: Localizer, map: Path | str, vfov_deg: float | None) -> P
         return Pinhole(**facts)
     if vfov_deg is None:
         raise ArgumentError(
-            f"map={map} does not tell the camera of its images",
+            f"map={map} does not record the camera of its images",
             "Give their vertical field of view in degrees, vfov_deg=55; or the folder of its images, with their poses.",
         )
     height, width = localizer.image_size[:2]
@@ -240,7 +240,7 @@ class _Straightened:
 
     @property
     def unseen(self) -> float:
-        """Mean share of the view that the camera does not show."""
+        """Mean share of the view that the camera does not cover."""
         return float(np.mean(self._unseen)) if self._unseen else 0.0
 
     def __iter__(self) -> Iterator[Frame]:

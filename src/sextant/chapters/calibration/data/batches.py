@@ -1,4 +1,4 @@
-"""Batches of crops: drawn, cut, augmented."""
+"""Batches of crops: cameras drawn, images cut and augmented."""
 
 import math
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ class CropBatch:
         aspect: width over height of each image before it was squashed to the crop's size.
         panoramas: index of the panorama of each.
         indices: numbers of the crops in the split, which seed corruptions.
-        weight: of the mean over these crops when several processes share a batch.
+        weight: weight of the mean over these crops when several processes share a batch.
     """
 
     images: UInt8[Tensor, "b 3 h w"]
@@ -65,7 +65,7 @@ class CropBatch:
         return self.images.float() / 255
 
 
-#: standard deviation, in widths of a line, of the Gaussian that leaves a tenth of the finest wave
+#: standard deviation, in widths of a line, of the Gaussian that attenuates the finest wave to a tenth
 SIGMA = np.sqrt(2 * np.log(10)) / np.pi
 SHRINKING, ENLARGING = (cv2.INTER_AREA, cv2.INTER_CUBIC), (cv2.INTER_LINEAR, cv2.INTER_CUBIC)
 SHARPENED, COMPRESSED = 1 / 3, 1 / 3
@@ -77,20 +77,20 @@ def with_detail(
 ) -> UInt8[ndarray, "b 3 h w"]:
     """Random sharpness, sharpening and compression of training crops, drawn independently of the camera.
 
-    Crops of a panorama show more detail the wider the lens, since a long lens enlarges a few of its pixels. A photo is
-    sharp whatever the lens. So that a network cannot read the lens off the sharpness, every training crop is reduced to
-    a number of lines per side that is drawn log-uniformly. Half of the crops are blurred by a Gaussian. The others are
-    made smaller, by area averages or bicubic interpolation, and enlarged again, by linear or bicubic interpolation.
+    Crops of a panorama show more detail the wider the lens, since a long lens enlarges a few of its pixels, whereas
+    photos are sharp with any lens. So that a network cannot infer the lens from sharpness, every training crop is
+    reduced to a number of lines per side that is drawn log-uniformly. Half of the crops are blurred by a Gaussian. The
+    others are reduced by area averages or bicubic interpolation and enlarged again by linear or bicubic interpolation.
     Then a third of the crops are sharpened by an unsharp mask, and a third are compressed by JPEG at a quality of 50 to
     95.
 
-    What a crop gets is a function of (seed, number of the crop) alone.
+    The draws depend on (seed, number of the crop) alone.
 
     Args:
         images: crops.
-        lines: fewest and most that are left per side.
-        numbers: of the crops.
-        seed: of the draws.
+        lines: smallest and largest number of lines per side.
+        numbers: numbers of the crops.
+        seed: seed of the draws.
     """
     u = uniforms(numbers % 2**32, numbers // 2**32, 0, seed ^ 0xDE7A11, 6)
     drawn = [_drawn(image.transpose(1, 2, 0), lines, each) for image, each in zip(images, u.T, strict=True)]
@@ -100,7 +100,7 @@ def with_detail(
 def _drawn(image: UInt8[ndarray, "h w 3"], lines: tuple[float, float], u: Float[ndarray, "6"]) -> ndarray:
     image = np.ascontiguousarray(image)
     height, width = image.shape[:2]
-    left = min(float(lines[0] * (lines[1] / lines[0]) ** u[0]), float(width))  # more than all pixels: all of them
+    left = min(float(lines[0] * (lines[1] / lines[0]) ** u[0]), float(width))  # at most all pixels
     share = left / width
     if u[1] < 0.5:
         image = cv2.GaussianBlur(image, (0, 0), float(SIGMA / share) if share < 1 else 0.3)
@@ -123,18 +123,18 @@ FIELDS = 32
 
 
 def augmented(batch: "CropBatch", seed: int) -> "CropBatch":
-    r"""Augment a batch of training crops as the module describes.
+    r"""Augment a batch of training crops: brightness, contrast, colour, noise, sharpness and mirroring.
 
     A crop with values x in [0, 1] becomes
 
     .. math:: c\,g\,(x^\gamma - \mu) + \mu + \varepsilon ,
 
     with gamma :math:`\log_2 \gamma \sim U(-0.6, 0.6)`, contrast :math:`c \sim U(0.5, 1.3)` about the crop's mean μ, a
-    gain :math:`g = e^{0.15 n}` for each colour and noise ε with a standard deviation drawn from U(0, 0.05). Before
-    that, the crop is blurred or sharpened by a share of a 3 x 3 binomial filter. Mirroring negates the camera's roll
-    and changes nothing else of the camera.
+    gain :math:`g = e^{0.15 n}`, n standard normal, for each colour and noise ε with a standard deviation drawn from
+    U(0, 0.05). Before that, the crop is blurred or sharpened by a share of a 3 x 3 binomial filter. Half of the crops
+    are mirrored, which negates the camera's roll and keeps the rest of the camera.
 
-    What a crop gets is a function of (seed, number of the crop) alone.
+    The draws depend on (seed, number of the crop) alone.
     """
     numbers: Int64[ndarray, "b"] = batch.indices.numpy()
     u = uniforms(numbers % 2**32, numbers // 2**32, 0, seed ^ 0x5EED, 10)
@@ -145,7 +145,7 @@ def augmented(batch: "CropBatch", seed: int) -> "CropBatch":
 
 
 def relit(images: UInt8[Tensor, "b 3 h w"], u: Float[ndarray, "9 b"]) -> UInt8[Tensor, "b 3 h w"]:
-    """Images with changed light and sensor, by nine numbers in (0, 1) for each."""
+    """Images with changed lighting and sensor noise, given nine uniform numbers in (0, 1) for each."""
     v = torch.from_numpy(u).float()[:, :, None, None, None]
     x = images.float() / 255
     blurred = F.avg_pool2d(F.avg_pool2d(F.pad(x, (1, 1, 1, 1), mode="replicate"), 2, 1), 2, 1)
@@ -181,16 +181,16 @@ class Crops(Dataset[CropBatch]):
 
     Args:
         panoramas: the panoramas to crop.
-        distribution: of the cameras.
-        width: of a crop in pixels.
-        height: of a crop in pixels.
-        seed: of the draws.
+        distribution: distribution of the cameras.
+        width: width of a crop in pixels.
+        height: height of a crop in pixels.
+        seed: seed of the draws.
         antialias: average over the area of a pixel.
-        augment: change the light and the sensor, and mirror; see :mod:`~sextant.chapters.calibration.data.batches`.
-        keep: remember every batch, for crops that are requested repeatedly.
+        augment: vary lighting and sensor noise, and mirror, by :func:`augmented`.
+        keep: cache every batch, for crops that are requested repeatedly.
         canvas: crops are squares of ``width`` with the whole picture in the middle (:mod:`sextant.geometry.canvas`);
             otherwise pictures are squashed to the crop.
-        detail: fewest and most lines of detail left in a training crop; see the head of this module.
+        detail: smallest and largest number of lines of detail in a training crop; see :func:`with_detail`.
     """
 
     def __init__(
@@ -254,7 +254,7 @@ class CropSampler(Sampler[Tensor]):
     Args:
         count: crops in an epoch.
         batch_size: crops in a batch; the last of an epoch may be smaller.
-        seed: of the order; None keeps the order, and the same crops in every epoch.
+        seed: seed of the order; None keeps the order, and the same crops in every epoch.
     """
 
     def __init__(self, count: int, batch_size: int, seed: int | None = None):

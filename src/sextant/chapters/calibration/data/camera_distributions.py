@@ -1,11 +1,11 @@
 r"""Distributions of the cameras of crops: tilt, roll, focal length, distortion, heading and the shape of the image.
 
-Each quantity is drawn on its own, in the terms in which a distribution was published: the horizon's offset or the
+Each quantity is drawn independently, in the terms in which a distribution was published: the horizon's offset or the
 tilt, the focal length in millimetres or the field of view, k1 or the apparent :math:`k_1/f^2`. The rest follows.
 
-A draw is a function of (seed, panorama, number of the draw) alone. Two kinds of camera are drawn again: those that no
-lens can be, with an image corner or the horizon beyond the fold of the distortion, and those that look almost straight
-up or down. The others keep their distribution.
+A draw is a function of (seed, panorama, number of the draw) alone. Two kinds of camera are drawn again: impossible
+ones, with an image corner or the horizon beyond the fold of the distortion, and those that point almost straight up or
+down. The others keep their distribution.
 """
 
 import math
@@ -55,8 +55,8 @@ class Variate:
 
     ======================= ==================================================================
     ``constant``            always ``value``
-    ``uniform``             evenly between ``low`` and ``high``
-    ``log_uniform``         its logarithm evenly between those of ``low`` and ``high``
+    ``uniform``             uniform between ``low`` and ``high``
+    ``log_uniform``         its logarithm uniform between those of ``low`` and ``high``
     ``triangular``          density rising from ``low`` to ``mode``, falling to ``high``
     ``normal``              ``mean``, ``std``
     ``cauchy``              ``location``, ``scale``: half of it within ``location`` ± ``scale``
@@ -208,8 +208,7 @@ class CameraDraw:
 
     Attributes:
         cameras: tilt, roll, focal length and k1, float64.
-        yaw: of the viewing direction in the panorama, radians: the longitude at the image centre, positive to the
-            right.
+        yaw: heading in the panorama, radians: the longitude at the image centre, positive to the right.
         aspect: width over height of the image.
     """
 
@@ -241,7 +240,7 @@ class CameraDistribution:
         k2_of_k1: the lens family, ``lopez`` or ``zero``.
         portrait: share of portrait images, whose aspect is inverted.
         frame_height_mm: see ``focal_as``.
-        name: of the distribution in messages.
+        name: name of the distribution in messages.
 
     Raises:
         UserError: a value is invalid; the message names its key.
@@ -301,7 +300,7 @@ class CameraDistribution:
         return tuple(sorted({round(float(ratio), 12) for ratio in [*landscape, *upright]}))
 
     def draw(self, n: int, seed: int) -> CameraDraw:
-        """``n`` cameras: the first draws of panorama 0."""
+        """The first ``n`` draws of panorama 0."""
         return self.draw_for(np.zeros(n, np.int64), np.arange(n), seed)
 
     def draw_for(self, panoramas: Int64[ndarray, "b"], draws: Int64[ndarray, "b"], seed: int) -> CameraDraw:
@@ -321,7 +320,7 @@ class CameraDistribution:
                 return CameraDraw(CameraParameters(*drawn[:4]), drawn[4], drawn[5])
         raise UserError(
             f"of {ATTEMPTS} cameras drawn in a row from the distribution {self.name}, none has its corners and "
-            "its horizon inside the fold of the distortion and looks less than 85 degrees up or down",
+            "its horizon inside the fold of the distortion and a tilt below 85 degrees",
             "Choose a longer focal, a k1 nearer to 0, or k2_of_k1=lopez.",
         )
 

@@ -42,9 +42,9 @@ class Sampling:
     def of(cls, rays: Rays, rows: Int64[ndarray, "b"], width: int, height: int) -> "Sampling":
         """Sampling that averages over the area of a crop's pixels, given the ``rows`` of the panoramas.
 
-        The level has at least two of its pixels along a pixel of the crop. Measured against 256 rays per pixel in the
-        panorama itself, 3 rays per side err by 0.4 to 1.4 grey levels (root mean square) where one ray errs by 5 to 14;
-        2 would err twice as much, and 4 half as much at twice the time.
+        A crop pixel spans at least two pixels of the level. Against 256 rays per pixel in the panorama itself, 3 rays
+        per side have errors of 0.4 to 1.4 grey levels (root mean square), and one ray 5 to 14; 2 would double the
+        errors of 3, and 4 would halve them at twice the time.
         """
         # side of a square of the area of the central pixel, in panorama pixels
         size = np.sqrt(4 * rays.lens[:, 0] * rays.lens[:, 1] / (width * height)) * rows / math.pi
@@ -54,7 +54,7 @@ class Sampling:
         return cls(level, np.select([size <= 0.5, size <= 2], [1, 2], 3).astype(np.int64))
 
 
-#: rays worked on at a time: bounds the memory of a large batch
+#: rays processed at a time: bounds the memory of a large batch
 CHUNK = 1 << 23
 
 
@@ -140,17 +140,17 @@ def crop_panoramas(
 ) -> UInt8[ndarray, "b 3 height width"] | UInt8[Tensor, "b 3 height width"]:
     """Crops of one panorama, or of one panorama per camera; see :func:`crop_batch`.
 
-    Every sample of a crop is the panorama where the sample's exact ray points
-    (:mod:`sextant.chapters.calibration.data.rays`), interpolated linearly. Without antialiasing, a pixel is its central
-    ray. With it, a pixel is the mean of up to 3 x 3 rays over its area. They are sampled in the level of the panorama's
-    pyramid whose pixels are about as large as the distance between these rays.
+    Every sample of a crop is interpolated linearly in the panorama along the sample's exact ray
+    (:mod:`sextant.chapters.calibration.data.rays`). Without antialiasing, a pixel is its central ray. With it, a pixel
+    is the mean of up to 3 x 3 rays over its area, sampled in the level of the panorama's pyramid whose pixels are about
+    as large as the distance between these rays.
 
     Args:
         panoramas: one for all cameras, or one per camera.
-        parameters: of the cameras.
-        yaw: to the right, radians.
-        width: of the crops in pixels.
-        height: of the crops in pixels.
+        parameters: tilt, roll, focal length and k1 of the cameras.
+        yaw: heading to the right, radians.
+        width: width of the crops in pixels.
+        height: height of the crops in pixels.
         aspect: width over height of the image before it is squashed to the crop's size; None for that of the crop.
         k2_of_k1: the lens family.
         antialias: average over the area of a pixel.
@@ -177,16 +177,16 @@ def crop_batch(
     antialias: bool = True,
     backend: Backend = "cv2",
 ) -> UInt8[ndarray, "b 3 height width"] | UInt8[Tensor, "b 3 height width"]:
-    """Crop ``i`` is what camera ``i`` of ``draw`` sees of panorama ``indices[i]``.
+    """Crop ``i`` is the view of panorama ``indices[i]`` through camera ``i`` of ``draw``.
 
     The image spans ±aspect/2 by ±1/2 image heights and is squashed to the crop's size, whatever that is.
 
     Args:
         panoramas: the panoramas to crop.
-        indices: which panorama each camera sees.
+        indices: panorama of each camera.
         draw: the cameras.
-        width: of the crops in pixels.
-        height: of the crops in pixels.
+        width: width of the crops in pixels.
+        height: height of the crops in pixels.
         k2_of_k1: the lens family.
         antialias: average over the area of a pixel.
         backend: ``cv2``, or ``torch`` on the device of the cameras, whose crops are a tensor there.
@@ -221,6 +221,6 @@ def _crop_with_cv2(
             picture = picture if side == 1 else cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
             for channel in range(3):
                 cv2.extractChannel(picture, channel, out[i, channel])
-        else:  # OpenCV is quick only at means of four
+        else:  # OpenCV is fast only for means of four
             mean_of_rays(picture, side, np.empty(4 * side * width, np.uint16), out[i])
     return out

@@ -18,19 +18,19 @@ class CalibrationData(pl.LightningDataModule):
     """Crops cut on the fly from panoramas.
 
     Args:
-        source: of panoramas.
-        distribution: of cameras in training and validation.
-        test_distribution: of cameras in the test; None for the same.
+        source: source of panoramas.
+        distribution: distribution of cameras in training and validation.
+        test_distribution: distribution of cameras in the test; None for the same.
         size: height and width of a crop in pixels.
         crops_per_panorama: by split; those of training are drawn again every epoch.
         batch_size: crops in a training batch.
         eval_batch_size: crops in a validation or test batch.
-        seed: of the training draws and their order.
+        seed: seed of the training draws and their order.
         workers: processes that cut crops; 0 cuts them in the training process.
-        augment: change the light and the sensor of training crops, and mirror them.
+        augment: vary lighting and sensor noise of training crops, and mirror them.
         canvas: crops are squares with pictures of any aspect in the middle.
-        detail: fewest and most lines of detail left in training crops, drawn independently of their cameras.
-        geometric_height: height of the crops that geometric methods see; that of ``size`` shows them the same pixels.
+        detail: smallest and largest number of lines of detail in training crops, drawn independently of their cameras.
+        geometric_height: height of the crops for geometric methods; with that of ``size`` they get the same pixels.
     """
 
     def __init__(
@@ -81,12 +81,12 @@ class CalibrationData(pl.LightningDataModule):
         return len(self._splits[name].panoramas) * self.crops_per_panorama[name]
 
     def distribution_sample(self, count: int = 20_000) -> CameraParameters:
-        """Cameras of the training distribution, for methods that learn from labels alone."""
+        """Cameras of the training distribution, for methods that learn only from labels."""
         numbers = np.arange(count)
         return self.distribution.draw_for(numbers, np.zeros_like(numbers), self.seed).cameras
 
     def larger(self, name: str) -> Crops:
-        """The same crops at the size that geometric methods see."""
+        """The same crops at the size used for geometric methods."""
         crops = self._splits[name]
         width = round(self.geometric_height * self.size[1] / self.size[0])
         return Crops(crops.panoramas, crops.distribution, width, self.geometric_height, crops.seed)
@@ -95,7 +95,7 @@ class CalibrationData(pl.LightningDataModule):
         """New crops every epoch, a function of (seed, epoch)."""
         batches = CropSampler(self.count("train"), self.batch_size, self.seed)
         if self.trainer is not None:
-            # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
+            # On resuming, Lightning takes the first iterator before it sets the sampler's epoch.
             batches.set_epoch(self.trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
         return self._loader("train", batches, Share.of_trainer(self.trainer))
 

@@ -2,10 +2,10 @@
 
 A folder is one of
 
-- photos with a table, any ``.csv`` in it with the columns ``file`` and ``f_px`` (pixels of the file), and where they
-  are known ``tilt_deg``, ``roll_deg``, ``k1`` and ``cluster`` (photos of the same cluster are not independent);
+- photos with a table, any ``.csv`` in it with the columns ``file`` and ``f_px`` (pixels of the file) and, where known,
+  ``tilt_deg``, ``roll_deg``, ``k1`` and ``cluster`` (photos of the same cluster are not independent);
   ``f_sfm_px``, a focal length from structure from motion, takes precedence over ``f_px``;
-- level 2:1 panoramas with a table that has the column ``file`` but not ``f_px``, and perhaps ``cluster``; photos are
+- level 2:1 panoramas with a table that has the column ``file`` but not ``f_px``, and optionally ``cluster``; photos are
   cut from them at evenly spaced headings, with cameras drawn from a distribution. A table of pictures that are not 2:1
   is ignored;
 - photos of one chessboard camera with ``calibration_computed.json`` (OpenCV's K, dist);
@@ -52,15 +52,15 @@ COLUMNS = {
 
 @dataclass(frozen=True, eq=False)
 class KnownPhoto:
-    """A photo and its camera; nan for what is not known of the camera.
+    """A photo and its camera, with nan for unknown parameters.
 
     Attributes:
-        name: of the file, or of the panorama and the number of the cut.
+        name: file name, or the panorama's with the number of the cut.
         cluster: photos of the same cluster are not independent.
         image: upright.
         tilt, roll: radians.
         focal: image heights.
-        k1: of the camera's distortion.
+        k1: first coefficient of distortion.
     """
 
     name: str
@@ -85,10 +85,10 @@ def known_photos(
 
     Args:
         folder: see the module.
-        distribution: of the cameras of photos cut from panoramas.
+        distribution: distribution of the cameras of photos cut from panoramas.
         cuts: photos cut from each panorama.
-        seed: of these cameras.
-        leave_out: patterns of the names of files that are left out, such as ``polyhaven__*``.
+        seed: seed of these cameras.
+        leave_out: patterns of file names to leave out, such as ``polyhaven__*``.
         skipped: receives the photos that cannot be read, with the reasons; they are left out.
 
     Raises:
@@ -119,7 +119,7 @@ def known_photos(
 
 
 Row = dict[str, str]
-#: files, and what reads the photos of each
+#: files, and functions that read the photos of each
 Planned = list[tuple[Path, Callable[[], Iterator[KnownPhoto]]]]
 
 
@@ -151,17 +151,17 @@ class _Table:
         for line, row in rows.items():
             file = self.path.parent / row["file"]
             if file in seen:
-                problems.append(f"line {line}: {row['file']} is in line {seen[file]} already")
+                problems.append(f"line {line}: {row['file']} is already listed in line {seen[file]}")
             elif not file.is_file():
                 problems.append(f"line {line}: {row['file']}: no such file in {self.path.parent}")
             elif panoramas and not _is_panorama(file, unread=True):
-                problems.append(f"line {line}: {row['file']} is no panorama: its sides are not 2:1")
+                problems.append(f"line {line}: {row['file']} is not a panorama: its sides are not 2:1")
             seen.setdefault(file, line)
             problems += [f"line {line}: {problem}" for problem in _wrong_values(row)]
         if problems:
             raise UserError(
                 f"{self.path} cannot be used as it is\n{problem_list(problems)}",
-                "Correct these lines, or take them out.",
+                "Correct or remove these lines.",
             )
         return list(rows.values())
 
@@ -214,7 +214,7 @@ def _of_folder(
 
 
 def _table(path: Path) -> _Table:
-    table = read_table(path, "Save it as CSV in UTF-8, or take it away.")
+    table = read_table(path, "Save it as CSV in UTF-8, or remove it.")
     if "file" not in table.header:
         return _Table(path, {}, table.header)
     if problems := list(table.long_rows()):
@@ -225,7 +225,7 @@ def _table(path: Path) -> _Table:
     for line, row in rows.items():
         if not row["file"]:
             raise UserError(
-                f"{path}: line {line} has no file", "Give the name of the photo's file, or take the line out."
+                f"{path}: line {line} has no file", "Give the name of the photo's file, or remove the line."
             )
         for column in COLUMNS.keys() & row.keys():
             if "," in row[column] and (value := table.number(row[column])) is not None:
@@ -250,7 +250,7 @@ def _numbers(path: Path, read: Callable[[str], tuple[str | float, ...]]) -> list
     except (OSError, ValueError, TypeError, LookupError) as error:
         problem = f"{path} has no focal length of a camera ({error or type(error).__name__})"
         raise UserError(
-            problem, "K.txt has a camera matrix of three rows; calibration_computed.json K and dist."
+            problem, "K.txt needs a camera matrix of three rows, calibration_computed.json the keys K and dist."
         ) from None
     return found
 

@@ -1,4 +1,4 @@
-"""The panoramas of a user: a folder of images that are twice as wide as high."""
+"""A folder of the user's own panoramas: images twice as wide as high."""
 
 import hashlib
 import json
@@ -40,15 +40,15 @@ class UnfitImageError(Exception):
 def decode_panorama(path: Path, height: int, levels: WhiteLevels | None = None) -> UInt8[ndarray, "height 2*height 3"]:
     """A panorama, turned upright by its EXIF orientation and scaled to ``height`` rows.
 
-    Grey, palette and CMYK images become RGB, more than 8 bits 8 by the white level of ``levels``; transparent pixels
-    become black. JPEG files are decoded at a half, a quarter or an eighth of their size where that is enough.
+    Grey, palette and CMYK images become RGB, deeper images are reduced to 8 bits by the white level of ``levels``, and
+    transparent pixels become black. JPEG files are decoded at 1/2, 1/4 or 1/8 of their size where that is enough.
 
     Raises:
         UnfitImageError: it cannot be decoded, has too many pixels, or is not twice as wide as high.
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of sizes that are usual for panoramas; its limit holds
+            warnings.simplefilter("ignore")  # Pillow warns of sizes common for panoramas; its hard limit applies
             with open_picture(path) as image:
                 _check_shape(image)
                 image.draft("RGB", (2 * height, height))
@@ -56,16 +56,16 @@ def decode_panorama(path: Path, height: int, levels: WhiteLevels | None = None) 
                 return np.asarray(picture.resize((2 * height, height), Image.Resampling.LANCZOS, reducing_gap=3.0))
     except UnfitImageError:
         raise
-    except Exception as error:  # Pillow's decoders raise whatever they come across in a damaged file
+    except Exception as error:  # Pillow's decoders may raise anything on a damaged file
         raise UnfitImageError(why_unreadable(path, error)) from None
 
 
 def _check_shape(image: Image.Image) -> None:
     width, height = upright_size(image)
     if abs(width / (2 * height) - 1) > TOLERANCE:
-        raise UnfitImageError(f"is {width} x {height} pixels, a full panorama is twice as wide as high")
+        raise UnfitImageError(f"is {width} x {height} pixels, but a full panorama is twice as wide as high")
     if height < SMALLEST_HEIGHT:
-        raise UnfitImageError(f"is {width} x {height} pixels, at least {SMALLEST_HEIGHT} rows are needed")
+        raise UnfitImageError(f"is {width} x {height} pixels, but needs at least {SMALLEST_HEIGHT} rows")
 
 
 #: changes when the same files would be decoded into other pixels
@@ -77,17 +77,17 @@ NAMED = 20
 class PanoramaFolder:
     """All panoramas below a folder, split by scene.
 
-    A scene is what ``groups`` finds in a file's name. Without ``groups``, it is the part before ``__`` if that is one
-    of ``together``, otherwise the file itself. No scene is in two splits. Images are scaled to one height and cached,
-    so that each is decoded only once.
+    A scene is the match of ``groups`` in a file's path. Without ``groups``, it is the part of the name before ``__`` if
+    that is one of ``together``, otherwise the file itself. No scene is in two splits. Images are scaled to one height
+    and cached, so that each is decoded only once.
 
     Args:
         folder: the folder, absolute, or relative to the working directory or one of the ``roots``.
         height: rows that the panoramas are scaled to.
         fractions: approximate shares of the panoramas in ``train``, ``val`` and ``test``; scenes are not divided.
-        seed: of the split.
-        groups: regular expression searched for in the path below the folder; its first group, or all of it, is the
-            scene. Files without it are scenes of their own.
+        seed: seed of the split.
+        groups: regular expression searched for in the path below the folder; its first group, or the whole match, is
+            the scene. Each file without a match is a scene.
         together: prefixes, up to ``__``, that are one scene each, such as many pictures of one house.
         roots: further folders to search; decoded panoramas are kept in the last.
 
@@ -155,7 +155,7 @@ class PanoramaFolder:
             raise MissingDataError(
                 f"folder={self.folder}: {len(paths)} images of {len(scenes)} scenes, "
                 f"too few for the splits {', '.join(wanted)}",
-                f"Add panoramas ({', '.join(SUFFIXES[:3])}, ...), or look at `groups` and `together`.",
+                f"Add panoramas ({', '.join(SUFFIXES[:3])}, ...), or check `groups` and `together`.",
             )
         side = split_scenes({scene: len(files) for scene, files in scenes.items()}, self.fractions, self.seed)
         return {split: [path for path in paths if side[self.scene(path)] == split] for split in SPLITS}
@@ -199,7 +199,7 @@ class PanoramaFolder:
 
     def _digest(self, split: Split) -> str:
         files = [[path.relative_to(self.folder).as_posix(), file_sha256(path)] for path in self.files(split)]
-        deep = [LEVELS] if any(map(is_deep, self.files(split))) else []  # 8-bit files keep the digest they always had
+        deep = [LEVELS] if any(map(is_deep, self.files(split))) else []  # 8-bit files do not depend on LEVELS
         return hashlib.sha256(json.dumps([DECODER, self.height, files, *deep]).encode()).hexdigest()
 
     def _decoded(self, paths: Sequence[Path], split: Split) -> UInt8[ndarray, "n h w 3"]:
@@ -214,7 +214,7 @@ class PanoramaFolder:
             except UnfitImageError as error:
                 bad.append(f"  {paths[i].relative_to(self.folder)} {error}")
 
-        with ThreadPoolExecutor(os.cpu_count()) as pool:  # Pillow decodes outside the interpreter lock
+        with ThreadPoolExecutor(os.cpu_count()) as pool:  # Pillow releases the interpreter lock while decoding
             for done, _ in enumerate(pool.map(decode, range(len(paths))), start=1):
                 notify(done, len(paths))
         if bad:
@@ -222,15 +222,15 @@ class PanoramaFolder:
             listed = "\n".join(sorted(bad)[:NAMED])
             raise ArgumentError(
                 f"folder={self.folder}: {len(bad)} of {len(paths)} {split} files are not panoramas\n{listed}{more}",
-                "Replace them or take them out of the folder.",
+                "Replace them, or remove them from the folder.",
             )
         return images
 
 
 def split_scenes(sizes: Mapping[str, int], fractions: Mapping[Split, float], seed: int) -> dict[str, Split]:
-    """Assign each scene to a split: large scenes first, each to the split that lacks most, leaving no split empty.
+    """Assign each scene to a split: large scenes first, each to the split farthest below its share, none left empty.
 
-    ``seed`` decides the order of scenes of the same size.
+    ``seed`` determines the order of scenes of the same size.
     """
     total, share = sum(sizes.values()), sum(fractions.values())
     wanted = {split: total * fractions[split] / share for split in SPLITS if fractions[split] > 0}

@@ -28,9 +28,8 @@ Value = TypeVar("Value")
 def padded(panorama: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h+2 w+2 4"]:
     """A panorama with one more pixel on every side, and four channels.
 
-    A level is padded by one pixel on all sides: columns wrap around the panorama, and the row beyond a pole is the row
-    next to it, shifted by half a turn. A fourth channel, without meaning, is added because OpenCV samples four channels
-    2.6 times as fast as three.
+    Columns wrap around the panorama, and the row beyond a pole is the row next to it, shifted by half a turn. An unused
+    fourth channel is added because OpenCV samples four channels 2.6 times as fast as three.
     """
     import cv2
 
@@ -58,7 +57,7 @@ class Kept(Generic[Value]):
     """A cache of values by key that drops the least recently used ones beyond a number of bytes.
 
     Args:
-        most_bytes: of all values.
+        most_bytes: limit for all values together.
         size: bytes of a value.
     """
 
@@ -85,7 +84,7 @@ class Kept(Generic[Value]):
         return value
 
     def __reduce__(self) -> tuple[type["Kept[Value]"], tuple[int, Callable[[Value], int]]]:
-        return type(self), (self.most_bytes, self._size)  # another process makes its own
+        return type(self), (self.most_bytes, self._size)  # another process starts with an empty cache
 
 
 Split = Literal["train", "val", "test"]
@@ -109,7 +108,7 @@ class Panoramas:
         names: Sequence[str],
         rows: Sequence[int] | ndarray | None = None,
     ):
-        self.images = np.asarray(images) if isinstance(images, np.ndarray) else images  # plain views of maps are quick
+        self.images = np.asarray(images) if isinstance(images, np.ndarray) else images  # plain views of maps are faster
         self.names = tuple(names)
         self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
         if len(self._rows) != len(self.names):
@@ -139,7 +138,7 @@ class Panoramas:
 
     def _halved(self, i: int, level: int) -> ndarray:
         image = self[i]
-        for _ in range(level):  # levels between are not kept: they are often the larger part, and not used
+        for _ in range(level):  # intermediate levels are not kept: they are often larger, and unused
             image = halved(image)
         return image
 
@@ -153,7 +152,7 @@ class PanoramaSource(Protocol):
     """A dataset of panoramas in three splits.
 
     Attributes:
-        name: of the dataset in messages.
+        name: name of the dataset in messages.
     """
 
     name: str
@@ -242,7 +241,7 @@ class PanoramaMix:
 
 
 def panorama_count(source: PanoramaSource, split: Split) -> int | None:
-    """Number of panoramas in a split, with the repeats of training; None if only reading them would tell."""
+    """Number of panoramas in a split, with the repeats of training; None if unknown without reading them."""
     if isinstance(source, PanoramaMix):
         counts = [panorama_count(part, split) for part in source.sources]
         repeats = source.repeats if split == "train" else [1] * len(counts)

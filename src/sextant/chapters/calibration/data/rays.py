@@ -1,8 +1,8 @@
 r"""The rays of a batch of cameras as points in panoramas.
 
 A camera with tilt θ and roll ψ that is turned by ``yaw`` to the right has the panorama-from-camera rotation
-:math:`R_y(\mathrm{yaw}) R_x(θ) R_z(ψ)`: its centre sees longitude ``yaw`` and latitude θ. A panorama rendered with
-heading h shows what a camera of heading h - yaw sees, headings being counter-clockwise.
+:math:`R_y(\mathrm{yaw}) R_x(θ) R_z(ψ)`: its centre is at longitude ``yaw`` and latitude θ. In a panorama rendered with
+heading h, it is the view of a camera of heading h - yaw; headings are counter-clockwise.
 """
 
 import threading
@@ -39,24 +39,23 @@ compiled = partial(machine_code, fastmath={"contract", "nnan", "ninf", "nsz"})
 def panorama_points(  # type: ignore[no-untyped-def]
     lens, rotation, steps, panorama_width, panorama_height, columns, rows, scratch, out_x, out_y
 ):
-    """Points in a padded panorama, in pixels with the centre of the first at 0, that the pixels of a camera look at.
+    """Points in a padded panorama, in pixels with the centre of the first at 0, onto which a camera's pixels map.
 
     Lengths are in focal lengths. A pixel at distorted radius :math:`r_d` has the undistorted radius r that solves
     :math:`r(1 + k_1 r^2 + k_2 r^4) = r_d`, found by Newton's method; its ray :math:`(x r/r_d, y r/r_d, 1)` is turned
     into the panorama's frame, where longitude is ``atan2(x, z)`` and latitude ``atan2(-y, hypot(x, z))``.
 
-    Loops run over one row and have no branches, so that the compiler works on many pixels at a time. The arctangent is
-    a polynomial of eight terms, fitted here to an error of 4e-8. Overall, a pixel's place in a panorama 8192 columns
-    wide is accurate to 0.001 pixels.
+    Loops run over one row without branches, so that the compiler can vectorize them. The arctangent is a polynomial of
+    eight terms with an error of 4e-8. Overall, positions in a panorama 8192 columns wide are accurate to 0.001 pixels.
 
     Args:
         lens: ``(4,)`` half width and half height of the image in focal lengths, k1, k2.
         rotation: ``(9,)`` panorama from camera, row by row.
-        steps: of Newton's method.
+        steps: steps of Newton's method.
         panorama_width: columns of the panorama without its border.
-        panorama_height: rows of it.
-        columns: ``(w,)`` places from -1 (left) to 1 of the columns' centres.
-        rows: ``(h,)`` of the rows' centres.
+        panorama_height: rows of the panorama without its border.
+        columns: ``(w,)`` positions of the columns' centres, from -1 (left) to 1.
+        rows: ``(h,)`` positions of the rows' centres, from -1 (top) to 1.
         scratch: ``(3, w)``, overwritten.
         out_x: ``(h, w)`` columns, written.
         out_y: ``(h, w)`` rows, written.
@@ -88,7 +87,7 @@ def panorama_points(  # type: ignore[no-untyped-def]
         for j in range(width):
             s = radius[j] * radius[j]
             radius[j] = ONE / (ONE + s * (k1 + k2 * s))  # undistorted by distorted radius from here on
-        for side in range(2):  # the row as far below the middle as the first is above: the same radii
+        for side in range(2):  # the mirrored row below the middle has the same radii
             row, below = (pair, y) if side == 0 else (height - 1 - pair, -y)
             points_x, points_y = out_x[row], out_y[row]
             for j in range(width):
@@ -149,7 +148,7 @@ def mean_of_rays(picture, side, sums, out):  # type: ignore[no-untyped-def]
                 plane[j] = np.uint8((total * factor) >> 16)
 
 
-#: after a Newton step smaller than this share of the radius, single precision is reached
+#: relative size of a Newton step below which single precision is reached
 SMALL = 1e-6
 MOST_STEPS = 40
 #: radii, from the centre to the corner, at which convergence is checked
@@ -169,7 +168,7 @@ def centres(count: int) -> Float32[ndarray, "count"]:
 
 @dataclass(frozen=True)
 class Rays:
-    """The quantities that the rays of cameras depend on.
+    """The quantities that determine the rays of cameras.
 
     Attributes:
         lens: half width and half height of the image in focal lengths, k1, k2.
@@ -193,7 +192,7 @@ class Rays:
     def points(
         self, i: int, panorama_width: int, panorama_height: int, width: int, height: int
     ) -> tuple[Float32[ndarray, "height width"], Float32[ndarray, "height width"]]:
-        """Columns and rows, in a padded panorama, that the pixels of an image taken by camera ``i`` see.
+        """Columns and rows, in a padded panorama, onto which the pixels of an image taken by camera ``i`` map.
 
         The panorama's size is that without its border; the centre of the border's first pixel is (0, 0).
         The arrays are overwritten by the next call with the same size in the same thread.

@@ -1,1 +1,1 @@
-"""Pictures of cameras and of their errors."""
+"""Figures of cameras and of their errors."""

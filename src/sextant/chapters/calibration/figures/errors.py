@@ -1,4 +1,4 @@
-"""Errors of calibration as figures: by parameter, against the truth, by coverage and by doubt."""
+"""Figures of calibration errors: by parameter, against the truth, coverage and sparsification."""
 
 from collections.abc import Mapping, Sequence
 
@@ -62,8 +62,8 @@ def error_by_parameter(
     """One row per error, one column per true parameter, one curve per method: medians of bins with a quartile band.
 
     Bins hold equal numbers of images; a curve's points are at the median parameter of each. Errors are on a logarithmic
-    scale. An image without an answer counts as an infinite error: a curve breaks off where half of the images have
-    none, and its band where a quarter have none.
+    scale. An image without an estimate counts as an infinite error: a curve ends where half of the images have none,
+    and its band where a quarter have none.
 
     Args:
         truth: the true cameras.
@@ -122,15 +122,15 @@ def binned_quartiles(values: Float[ndarray, "n"], errors: Float[ndarray, "n"]) -
     return np.where(np.isinf(quartiles), np.nan, quartiles)
 
 
-ROOM = 0.35  # how far panels go beyond the true values, as a share of their range
+ROOM = 0.35  # margin of a panel beyond the true values, as a share of their range
 
 
 def predicted_against_true(truth: CameraParameters, predicted: CameraParameters) -> Figure:
     """One panel per parameter, one dot per image, and the diagonal where both agree.
 
-    A panel reaches only somewhat beyond the true values, so that a few predictions do not squeeze all others. Its title
-    gives the number of images not shown, including those without an answer. The rank correlation is Spearman's, over
-    the images with an answer.
+    A panel extends only slightly beyond the true values, so that outliers do not compress the others. Its title gives
+    the number of images not shown, including those without an estimate. The rank correlation is Spearman's, over the
+    images with one.
 
     >>> import torch
     >>> truth = CameraParameters(*torch.linspace(0.1, 0.5, 9).expand(4, 9))
@@ -184,14 +184,14 @@ def coverage_curves(curve: CoverageCurve, names: Sequence[str]) -> Figure:
         array([40., 85.])
     """
     figure, (axes,) = new_figure(4.6, 4.4)
-    axes.plot([0, 100], [0, 100], color="black", linewidth=0.9, label="as stated")
+    axes.plot([0, 100], [0, 100], color="black", linewidth=0.9, label="nominal")
     for colour, name, share, low, high in zip(
         COLOURS, names, curve.coverage.T, curve.low.T, curve.high.T, strict=False
     ):
         axes.plot(100 * curve.levels, 100 * share, "o-", color=colour, label=name, markersize=3, linewidth=1.4)
         axes.fill_between(100 * curve.levels, 100 * low, 100 * high, color=colour, alpha=0.13, linewidth=0)
     axes.set(xlim=(0, 100), ylim=(0, 100), aspect="equal")
-    axes.set(xlabel="level of the intervals (%)", ylabel="test images whose interval holds the truth (%)")
+    axes.set(xlabel="level of the intervals (%)", ylabel="test images whose interval covers the truth (%)")
     axes.legend(frameon=False, fontsize=9, loc="upper left")
     plain(axes)
     return figure
@@ -217,10 +217,10 @@ def sparsification_curves(results: Mapping[str, Sparsification]) -> Figure:
         cell.axhline(1, color="0.4", linestyle=":", label="in random order")
         said = f"{name}\nAUSE {result.ause:.2f} ({result.relative:.2f} of random), Spearman {result.spearman:.2f}"
         cell.set_title(said, fontsize=8)
-        cell.set(xlim=(0, 100), xlabel="images taken away (%)")
+        cell.set(xlim=(0, 100), xlabel="images removed (%)")
         cell.set_ylim(0, max(1.15, min(2.0, 1.05 * float(result.curve.max()))))
         plain(cell)
-    axes[0].set_ylabel("mean error left / of all")
+    axes[0].set_ylabel("mean error of the rest / of all")
     handles, labels = axes[0].get_legend_handles_labels()
     columns = 3 if len(results) > 1 else 1
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)

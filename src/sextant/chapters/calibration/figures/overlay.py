@@ -45,7 +45,7 @@ def horizon_curve(
     reach: float = math.inf,
     points: int = 4001,
 ) -> Float[ndarray, "p 2"]:
-    """Points of one camera's horizon in image heights from the centre, left to right; nan where it is not seen.
+    """Points of one camera's horizon in image heights from the centre, left to right; nan where it is not visible.
 
     It accepts any camera, even one whose lens folds inside the image, which a camera object would reject.
 
@@ -55,7 +55,7 @@ def horizon_curve(
         focal: image heights.
         k1: first coefficient of distortion.
         k2: second coefficient.
-        reach: points further than this from the centre are nan too: they would only be clipped.
+        reach: points farther than this from the centre are nan too, since they would be clipped.
         points: number of points, at even azimuths in front of the camera.
 
     Example:
@@ -95,7 +95,7 @@ class CalibratedPhoto:
         focal: image heights of ``image``.
         k1: first coefficient of distortion.
         k2: second coefficient.
-        seen: left, top, width and height of the part that the network saw, as shares of the image's sides.
+        seen: left, top, width and height of the part given to the network, as shares of the image's sides.
         caption: lines of text.
 
     Example:
@@ -127,7 +127,7 @@ class CalibratedPhoto:
         return focal, k1, k2
 
     def horizon(self) -> Float[ndarray, "n 2"]:
-        """Points of the horizon from left to right, in image heights from the centre; nan where it is not seen."""
+        """Points of the horizon from left to right, in image heights from the centre; nan where it is not visible."""
         tilt, roll = (torch.tensor(value, dtype=torch.float64) for value in (self.tilt, self.roll))
         return horizon_curve(tilt, roll, *self.lens(), reach=FAR * math.hypot(self.aspect, 1))
 
@@ -143,13 +143,13 @@ class CalibratedPhoto:
 
 
 def calibration_overlay(photo: CalibratedPhoto) -> Figure:
-    """One photo with horizon, gravity arrows, the image of a square grid, and the part that the network saw.
+    """One photo with horizon, gravity arrows, the image of a square grid, and the part given to the network.
 
     >>> image = np.zeros((60, 80, 3), np.uint8)
     >>> photo = CalibratedPhoto(image, tilt=0.1, roll=0.0, focal=0.7, k1=-0.2, k2=0.0, seen=(0.1, 0, 0.8, 1))
     >>> axes = calibration_overlay(photo).axes[0]
     >>> axes.get_legend().get_texts()[-1].get_text()
-    'seen by the network'
+    'input of the network'
     """
     width = 8 * min(1.0, max(photo.aspect, 0.35))
     picture = min(width / photo.aspect, 9)
@@ -162,7 +162,7 @@ def calibration_overlay(photo: CalibratedPhoto) -> Figure:
         Line2D([], [], color="#999999", linewidth=1, label="straight lines as the lens shows them"),
     ]
     if not _is_whole(photo.seen):
-        handles.append(Patch(facecolor="none", edgecolor=SEEN, linestyle="--", label="seen by the network"))
+        handles.append(Patch(facecolor="none", edgecolor=SEEN, linestyle="--", label="input of the network"))
     axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2, fontsize=8, frameon=False)
     return figure
 
@@ -243,7 +243,7 @@ def _draw(axes: Axes, photo: CalibratedPhoto, longest: int, weight: float) -> No
     outline = [effects.withStroke(linewidth=4.5 * weight, foreground="#000000", alpha=0.6)]
     shadow: list[effects.AbstractPathEffect] = [
         effects.withStroke(linewidth=2 * weight, foreground="#000000", alpha=0.25)
-    ]  # white is lost against a sky
+    ]  # white would vanish against a bright sky
     grid = LineCollection(distortion_grid(photo), colors=GRID, linewidths=0.9 * weight, alpha=0.7)
     grid.set_path_effects(shadow)
     axes.add_collection(grid)
@@ -314,7 +314,7 @@ def calibration_sheet(
 ) -> Figure:
     """Crops, four per row, drawn at their own aspect even if the pixels were squashed.
 
-    The horizon is drawn as the curve that the lens makes of it; it is missing if it lies outside the image.
+    The horizon is drawn as its distorted curve, and is missing if it lies outside the image.
 
     Args:
         images: bytes.

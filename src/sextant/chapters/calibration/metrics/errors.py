@@ -7,7 +7,7 @@ Errors are absolute, with their units in their names. Two of them are averaged o
 - ``undistortion_px``: with :math:`U(p) = f\,n(p)` the position of the point in the undistorted image and n its
   normalised undistorted coordinates, the mean of :math:`480\,\|\hat U(p) - U(p)\|`: pixels of an image 480 high. Each
   camera undistorts at its own f, so that the centre of the picture keeps its scale under both and only the bending of
-  lines counts. Two cameras of equal :math:`k_1 / f^2` bend alike, except for the small part of k2 that is linear in k1.
+  lines counts. Two cameras of equal :math:`k_1 / f^2` bend lines alike, but for the small part of k2 linear in k1.
 """
 
 import torch

@@ -3,16 +3,16 @@ r"""Fusing one camera from several of its photos: focal length and apparent dist
 For estimates :math:`x_i` with standard errors :math:`\sigma_i` and weights :math:`w_i = 1/\sigma_i^2` the fused value
 is :math:`\bar x = \sum w_i x_i / \sum w_i`. If all photos are from one camera and the errors are normal,
 :math:`\chi^2 = \sum w_i (x_i - \bar x)^2` has n - 1 degrees of freedom for each quantity. If it is improbably large,
-the one photo whose removal lowers it most is left out, provided that the rest then agree (with at least three photos:
-of two, it is unknown which is wrong). If they still disagree, the standard error is widened by
+the one photo whose removal raises the p-value most is left out, provided that the rest then agree (with at least three
+photos: of two, either may be wrong). If they still disagree, the standard error is widened by
 :math:`\sqrt{\chi^2 / (n - 1)}`.
 
 Errors of one network on photos of one lens are not independent. With a correlation c between any two,
 
 .. math:: \operatorname{Var} \bar x = \frac{1 - c}{\sum w_i} + c \Big(\frac{\sum w_i \sigma_i}{\sum w_i}\Big)^2 ,
 
-which does not vanish as n grows. The default, 1/4, is an assumption, not a measurement: with it, no number of photos
-makes the interval narrower than half of one photo's.
+which does not vanish as n grows. The default, 1/4, is an assumption, not a measurement: with it, even many photos of
+equal standard errors leave half the interval of one.
 
 Source: R. T. Birge, "The calculation of errors by the method of least squares", Physical Review 40, 1932 (the ratio);
 B. N. Taylor, "An introduction to error analysis", 1997, chapters 7 and 12.
@@ -26,7 +26,7 @@ from numpy import ndarray
 from scipy.special import chdtrc
 
 CORRELATION = 0.25
-LEVEL = 0.01  # of the consistency test: one good set in a hundred is called inconsistent
+LEVEL = 0.01  # of the consistency test: one good set in a hundred is rejected
 
 
 @dataclass(frozen=True)
@@ -73,13 +73,13 @@ def fuse(
 
     Args:
         values: one row per photo.
-        sigmas: their standard errors; infinite where a photo says nothing about a quantity.
+        sigmas: their standard errors; infinite where a photo does not determine a quantity.
         correlation: between the errors of any two photos, in [0, 1].
         level: of the consistency test.
 
     Raises:
-        ValueError: there is no estimate, one is not finite, a standard error is not above 0, or no photo says anything
-            about a quantity.
+        ValueError: there is no estimate, one is not finite, a standard error is not above 0, or no photo determines a
+            quantity.
 
     >>> found = fuse(np.array([[1.0], [1.1], [3.0]]), np.full((3, 1), 0.1))  # the third photo is not of this camera
     >>> found.values, found.kept
@@ -127,7 +127,7 @@ def _weighted(
 ) -> tuple[Float[ndarray, "k"], Float[ndarray, "k"]]:
     weights = 1 / sigmas**2
     total = weights.sum(0)
-    # w sigma = 1 / sigma, which is 0 and not nan where a photo says nothing
+    # w sigma = 1 / sigma, which is 0 and not nan where a photo does not determine the quantity
     variance = (1 - correlation) / total + correlation * ((1 / sigmas).sum(0) / total) ** 2
     return (weights * values).sum(0) / total, np.sqrt(variance)
 

@@ -21,7 +21,7 @@ COLUMNS = (
     ("rays (°)", "bearing_deg", 2, False),
     ("k1/f²", "k1_hat", 3, False),
 )
-#: AUC@1/5/10 of roll, pitch and field of view as published by others, each on its own photos: none of these is ours
+#: AUC@1/5/10 of roll, pitch and field of view as published by others, each on its own photos
 PUBLISHED = (
     ("GeoCalib, LaMAR", "86.4 / 92.5 / 95.0", "55.0 / 76.9 / 86.2", "19.1 / 41.5 / 60.0"),
     ("GeoCalib, MegaDepth", "82.6 / 90.6 / 94.0", "32.4 / 53.3 / 67.5", "13.6 / 31.7 / 48.2"),
@@ -37,7 +37,7 @@ Table = tuple[list[str], list[list[str]]]
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """One method's answers for n photos.
+    """One method's estimates for n photos.
 
     Attributes:
         cameras: tilt, roll, focal length (image heights) and k1; nan where it failed.
@@ -124,7 +124,7 @@ def interval_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
     (['method', 'tilt, 95 %', 'roll, 95 %', 'vfov, 95 %'], [['ours', '50', '100', '100']])
     """
     if not methods:
-        raise ValueError("methods is empty; the table has a row for each method, and its columns from their intervals")
+        raise ValueError("methods is empty; the table has a row for each method and takes its columns from them")
     names = ("tilt", "roll", "vfov")
     rows = []
     for name, answers in methods.items():

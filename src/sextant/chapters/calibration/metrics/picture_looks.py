@@ -1,4 +1,4 @@
-r"""How different a picture looks from a set of pictures, by sixteen numbers that any picture has.
+r"""Distance of a picture's appearance from a set of pictures, by sixteen image statistics.
 
 For each third of a picture from top to bottom, these are the log of the mean gradient and the mean brightness,
 saturation and warmth (red minus blue). For the whole picture, they are the contrast, the logs of the median and the
@@ -7,12 +7,12 @@ their mean :math:`\mu` and covariance :math:`\Sigma` over the set, the distance 
 
 .. math:: d(x) = \sqrt{(x - \mu)^\top \Sigma_\lambda^{-1} (x - \mu)},
 
-where each number is measured in its standard deviation, and :math:`\Sigma_\lambda` is :math:`\Sigma` shrunk by a tenth
+where each number is divided by its standard deviation, and :math:`\Sigma_\lambda` is :math:`\Sigma` shrunk by a tenth
 towards a multiple of the identity, as crops of a few dozen scenes do not determine it. The distance of a new picture is
-compared with those of the set's own pictures, each taken to all scenes but its own.
+compared with those of the set's own pictures, each measured to all scenes but its own.
 
-It detects pages of text, noise and other kinds of scenes. It does not show that a network errs: a photo may look
-ordinary and yet be taken with a lens that the network never saw.
+It detects pages of text, noise and unfamiliar kinds of scenes, but not every failure of a network: an ordinary-looking
+photo may be taken with a lens outside the training distribution.
 
 Sources: P. C. Mahalanobis, "On the generalised distance in statistics", 1936; K. Lee et al., "A simple unified
 framework for detecting out-of-distribution samples and adversarial attacks", NeurIPS 2018, who use it on features of a
@@ -68,7 +68,7 @@ class LooksSpread:
     """Mean and spread of a set of pictures in the sixteen numbers.
 
     Attributes:
-        mean: of the set.
+        mean: mean of the set.
         whitening: maps a difference from the mean to a vector whose length is the distance.
 
     Example:

@@ -1,8 +1,8 @@
 r"""Whether a predicted uncertainty identifies the images with large errors.
 
 Images are removed one by one, the most uncertain first; the *sparsification curve* is the mean error of the rest,
-divided by the mean error of all. The *oracle* removes the largest error first: no order lies below it. Removing images
-at random leaves 1 on average. With A(.) the area between a curve and the oracle's, over the share removed,
+divided by the mean error of all. The *oracle* removes the largest error first, which is the lowest possible curve.
+Random removal gives 1 on average. With A(.) the area between a curve and the oracle's, over the share removed,
 
 .. math:: \mathrm{AUSE} = A(\text{uncertainty}), \qquad
           \mathrm{relative} = A(\text{uncertainty}) / A(\text{random}) ,
@@ -47,7 +47,7 @@ def sparsification(errors: Float[ndarray, "n"], uncertainty: Float[ndarray, "n"]
 
     Args:
         errors: absolute, finite.
-        uncertainty: of each; only its order matters.
+        uncertainty: uncertainty of each; only its order matters.
 
     Raises:
         ValueError: there are no errors, their mean is 0, a value is not finite or negative, or the lengths differ.

@@ -1,8 +1,8 @@
 r"""Summaries of a method's errors over a set of images: medians, means, and areas under the recall curve.
 
 The area (``AUC@t``) is GeoCalib's. Recall, the share of errors up to e, is interpolated linearly from each sorted error
-to the next and is constant from the last to t, with all errors up to m = 1 degree counted as reached at 0. The area is
-its integral over [0, t], divided by t. For n images that is exactly
+to the next and is constant from the last to t; errors up to m = 1 degree count as 0. The area is its integral over
+[0, t], divided by t. For n images that is exactly
 
 .. math:: \frac1n \sum_i g(e_i) + \frac{\max(0, e_{last} - m)}{2 n t}, \qquad
           g(e) = 1\ (e \le m),\quad 1 - e/t\ (m < e \le t),\quad 0\ (e > t),
@@ -245,7 +245,7 @@ def methods_table(
     areas = [f"{name.removesuffix('_deg')} AUC@{'/'.join(map(str, AUC_DEG))}" for name in AUC_OF]
     rows = []
     for method, errors in methods.items():
-        # of whole cameras, or, for a method that never gives one, of what it gives
+        # share of complete cameras, or of the quantities that a method without complete cameras estimates
         whole = errors["bearing_deg"].answered if "bearing_deg" in errors else 0.0
         share = whole or max((of.answered for of in errors.values()), default=float("nan"))
         medians = [_cell(errors.get(name), digits, intervals) for _, name, digits in TABLE]

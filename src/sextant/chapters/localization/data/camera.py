@@ -19,7 +19,7 @@ PREFIX = "camera:"
 
 
 class Camera:
-    """Yields always the newest image; images that arrive while one is being localized are dropped.
+    """Always yields the newest image; images that arrive while one is being localized are dropped.
 
     Args:
         number: of the camera, from 0.
@@ -36,10 +36,10 @@ class Camera:
         return np.array(self._taken) - (self._taken[0] if self._taken else 0.0)
 
     def read(self, size: Size | None) -> Iterator[Frame]:
-        """Yield the newest image each time, stretched to a size or as it is, until the camera gives no more.
+        """Yield the newest image each time, stretched to a size or as it is, until the camera stops.
 
         Raises:
-            UserError: the camera cannot be opened, or gives no image.
+            UserError: the camera cannot be opened, or delivers no image.
         """
         import cv2
 
@@ -48,7 +48,7 @@ class Camera:
             device.release()
             raise UserError(
                 f"input={PREFIX}{self.number} cannot be opened",
-                "Look at which cameras there are (ls /dev/video*), and whether another program uses it.",
+                "Check which cameras exist (ls /dev/video*), and whether another program is using this one.",
             )
         newest = _Newest(device, self.every)
         try:
@@ -60,14 +60,14 @@ class Camera:
                 shape = size or (picture.height, picture.width, 3)
                 yield Frame(f"image {len(self._taken) - 1}", picture_bytes(picture, *shape))
             if not self._taken:
-                raise UserError(f"input={PREFIX}{self.number} gives no image", "Try another: camera:1")
+                raise UserError(f"input={PREFIX}{self.number} delivers no image", "Try another: camera:1")
         finally:
             newest.end()
             device.release()
 
 
 class _Newest:
-    """Reads a device as fast as it gives images, and hands out the latest one."""
+    """Reads a device as fast as it delivers images, and returns the latest one."""
 
     def __init__(self, device: Any, every: int):
         self._device, self._every = device, every
@@ -108,5 +108,5 @@ def find_camera(given: str, every: int) -> Camera | None:
     if not given.startswith(PREFIX):
         return None
     if not re.fullmatch(r"\d{1,3}", number := given.removeprefix(PREFIX)):
-        raise UserError(f"input={given}: a camera has a number from 0", f"input={PREFIX}0")
+        raise UserError(f"input={given}: a camera is given by its number, from 0", f"input={PREFIX}0")
     return Camera(int(number), every)

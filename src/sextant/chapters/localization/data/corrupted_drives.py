@@ -1,4 +1,4 @@
-"""Test drives once more under image corruptions, at the images' own size; nothing else of the dataset changes."""
+"""Copies of the test drives under image corruptions, at the images' own size; the dataset is otherwise unchanged."""
 
 import hashlib
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from sextant.chapters.localization.data.source import LocalizationSource
 from sextant.chapters.places.data import ImageRows
 from sextant.corruptions import Condition, CorruptionSuite
 
-#: images that are corrupted to identify what was done to a drive's: another version of a corruption changes them
+#: number of corrupted images of a drive whose hash identifies the implementation of a corruption
 PROBES = 4
 
 
@@ -24,7 +24,7 @@ class CorruptedRows(ImageRows):
 
     Args:
         images: the clean images.
-        numbers: of each among the test images, which seed the draws.
+        numbers: number of each among the test images, which seeds its corruption.
         suite: the corruptions.
         condition: one of its conditions.
         named: identifies the suite's settings.
@@ -66,7 +66,7 @@ class CorruptedDrives:
     """A source whose test also has every drive under each corruption at each severity.
 
     The runs along them are those along the clean drives: the same frames, odometry and random numbers, so that they
-    differ by the images alone. Map, validation drives and whatever is fitted to them never see a corrupted image.
+    differ only in the images. Map and validation drives stay clean, so nothing is fitted to corrupted images.
 
     Args:
         source: of the clean drives.

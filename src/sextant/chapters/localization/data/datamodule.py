@@ -19,7 +19,7 @@ from sextant.chapters.places.descriptors import Describer
 
 
 class Vectors(Protocol):
-    """Gives drives the descriptors that were computed for them elsewhere."""
+    """Descriptors of drives that were computed elsewhere."""
 
     def of(self, drive: str, count: int) -> Float32[ndarray, "n d"]:
         """The vectors of a drive, by its name, of ``count`` images."""
@@ -33,7 +33,7 @@ class LocalizationDataModule(pl.LightningDataModule):
         describer: of images, or vectors by drive.
         cache: folder that descriptors are kept in.
         images: number of map images in one training step; all of them if there are fewer.
-        fixed: use the same images in every step, so that one likelihood is maximised; otherwise different ones in each.
+        fixed: use the same images in every step, so that one likelihood is maximized; otherwise different ones in each.
         steps: training steps in an epoch.
         seed: of the choice of images.
         merge_duplicates: merge map images at the same pose into one.
@@ -96,7 +96,7 @@ class LocalizationDataModule(pl.LightningDataModule):
         return [np.sort(rng.choice(count, min(self.images, count), replace=False)) for _ in range(self.steps)]
 
     def val_dataloader(self) -> DataLoader[Tensor] | list[Tensor]:
-        """One batch for the whole validation; none during training, where nothing is selected by it."""
+        """One batch for the whole validation; none during training, where it is not used for selection."""
         state = None if self.trainer is None else self.trainer.state.fn
         return [] if state == "fit" else DataLoader(_Rows([np.zeros(1, np.int64)]), batch_size=None)
 

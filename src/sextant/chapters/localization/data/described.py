@@ -46,7 +46,7 @@ class DescribedDrives:
         self._fitted = False
 
     def fit(self, drive: Drive) -> None:
-        """Let the describer learn from the images of a map once the first descriptor is requested."""
+        """Fit the describer to the images of a map when the first descriptor is requested."""
         self._map, self._fitted = drive, False
 
     def of(self, drive: Drive) -> Float32[ndarray, "n d"]:
@@ -56,7 +56,7 @@ class DescribedDrives:
             UserError: the drive has no images, or the cache cannot be written to.
         """
         if drive.images is None:
-            raise UserError(f"the drive {drive.name} has no images", "descriptor=file gives descriptors of your own.")
+            raise UserError(f"the drive {drive.name} has no images", "descriptor=files reads descriptors of your own.")
         path, shape = self.cache / f"descriptors-{self._key(drive)}.npy", (len(drive.images), None)
         found = open_kept(path, shape, np.float32)
         if found is None:

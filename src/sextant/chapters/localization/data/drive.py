@@ -82,11 +82,11 @@ class Drive:
             ``i``, row 0 is zero, and a row of nan is missing. None if there is no odometry at all.
         images: one per frame, read when indexed; or None.
         seen: frames whose image and scan may be used.
-        frames: number of each frame in its drive of the dataset, which indexes what was computed for all images of that
-            drive. A fault may repeat or reorder frames.
+        frames: number of each frame in its drive of the dataset, which indexes results computed for all images of
+            that drive. A fault may repeat or reorder frames.
         laser: ranges in metres, or None.
         times_s: increasing times in seconds, or None.
-        kidnaps: frames at which the robot was kidnapped: it is not where odometry says, and nothing reports it.
+        kidnaps: frames at which the robot was kidnapped: odometry does not include its displacement.
         odometry: where ``motion`` comes from.
         corruption: key of the image corruption, such as ``fog/3``; empty for images as they are.
     """
@@ -130,15 +130,15 @@ class Drive:
         times_s: Float64[ndarray, "n"] | None = None,
         odometry: Odometry = "none",
     ) -> "Drive":
-        """A drive without faults: all frames are seen, and the robot is not kidnapped."""
+        """A drive without faults: all frames may be used, and the robot is not kidnapped."""
         seen, frames = np.ones(len(poses), bool), np.arange(len(poses))
         return cls(name, condition, poses, motion, images, seen, frames, laser, times_s, odometry=odometry)
 
     def select(self, start: int = 0, stop: int | None = None, step: int = 1) -> "Drive":
         """Every ``step``-th frame of a stretch; motions over skipped frames are composed.
 
-        A kidnap between two kept frames is moved to the later one. The first kept frame starts the drive: how the robot
-        came there no longer matters.
+        A kidnap between two kept frames is moved to the later one. One at or before the first kept frame
+        is dropped, as that frame starts the drive.
 
         Raises:
             ValueError: no frame is left, or ``step`` is less than 1.
@@ -193,7 +193,7 @@ class LocalizationData:
         scanner: the one that made the laser scans, or None.
         other_maps: the route of ``map`` under other conditions. They may be the drives of ``test``.
         corrupted: the drives of ``test`` under image corruptions, which are localized too.
-        notes: what a reader of results should know: files left out, missing odometry.
+        notes: notes on the results: files left out, missing odometry.
     """
 
     map: Drive

@@ -72,7 +72,7 @@ def frame_at(frame: float | int, drive: Drive, key: str) -> int:
     """A frame given by its number, or as a share of the drive if below 1.
 
     Raises:
-        UserError: the drive has no such frame, or it is the first, before which nothing has happened.
+        UserError: the drive has no such frame, or it is the first.
     """
     number = round(frame * len(drive)) if frame < 1 else int(frame)
     if not 0 < number < len(drive):
@@ -144,7 +144,7 @@ class Kidnap(Fault):
         frame: number of the first frame after the kidnap, or its share of the drive if below 1.
         distance: smallest distance from where the robot would have been, in the dataset's unit.
         after: number of frames from the kidnap on; None for as many as were left. In that case, without a ``whole``
-            drive to choose from, the robot is set back to a place where it has been.
+            drive to choose from, only places that the robot has already passed have enough frames left.
     """
 
     frame: float | int = 0.5
@@ -205,7 +205,7 @@ class Kidnap(Fault):
 class NoisyMapPoses(Fault):
     """Map poses are noisy, with errors ``N(0, position²)`` of x and y, and an error of the heading.
 
-    Along a railway, where y and heading are zero for all images, only x errs.
+    Along a railway, where y and heading are zero for all images, only x is perturbed.
 
     Attributes:
         position: standard deviation of x and of y in the dataset's unit.
@@ -234,7 +234,7 @@ class NoisyMapPoses(Fault):
 
 @dataclass(frozen=True)
 class ThinnedMap(Fault):
-    """A map of a random share ``keep`` of the images: even steps would leave out whole viewing directions.
+    """A map of a random share ``keep`` of the images; taking every k-th would drop whole viewing directions.
 
     At least one image is kept.
     """
@@ -329,8 +329,8 @@ class OdometryScale(Fault):
 class OdometrySlip(Fault):
     """Wheels slip for ``length`` frames from ``frame`` on (a number, or a share of the drive if below 1).
 
-    ``spinning``: the wheels turn while the robot stands still. It sees the previous frame repeatedly and then drives
-    on, so that the drive becomes ``length`` frames longer. ``sliding``: the wheels stand still while the robot moves.
+    ``spinning``: the wheels turn while the robot stands still. The previous frame is repeated before the drive
+    continues, so that it becomes ``length`` frames longer. ``sliding``: the wheels stand still while the robot moves.
     """
 
     frame: float | int = 0.5
@@ -348,7 +348,7 @@ class OdometrySlip(Fault):
         rows = np.concatenate([np.arange(first), np.full(self.length, first - 1), np.arange(first, len(drive))])
         told = np.concatenate([motion[:first], motion[stretch], motion[first:]])
         times = None
-        if drive.times_s is not None:  # the robot loses the time in which the wheels spun
+        if drive.times_s is not None:  # the drive takes longer by the time that the wheels spun
             spun = drive.times_s[stretch] - drive.times_s[first - 1]
             times = np.concatenate(
                 [drive.times_s[:first], drive.times_s[first - 1] + spun, drive.times_s[first:] + spun[-1]]

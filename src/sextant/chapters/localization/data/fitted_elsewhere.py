@@ -13,7 +13,7 @@ class FittedElsewhere:
     """The map and the test drives of one world, with the validation drives of another and the map they are in.
 
     Whatever is fitted - descriptor, kernel, noise, tempering, the width of regions - is fitted to the other world. The
-    tested world lends its map, on which a filter conditions, and the drives of the test.
+    tested world provides only its map, on which the filter conditions, and the test drives.
 
     Args:
         tested, fitted: the two worlds, of one kind of dataset.

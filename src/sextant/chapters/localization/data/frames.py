@@ -73,7 +73,7 @@ class Photos:
                 yield Frame(name, None, reason_alone(str(path), str(error)))
 
     def in_order_of(self, names: Sequence[str], given: Path) -> "Photos":
-        """The photos in the order of a table's rows; a row whose file is missing is a frame in which nothing is seen.
+        """The photos in the order of a table's rows; a row whose file is missing is a frame without an image.
 
         Raises:
             UserError: a photo has no row or several, or times do not increase in the order of the rows.
@@ -174,7 +174,7 @@ def open_video(path: Path) -> Any:
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     import cv2
 
-    ffmpeg = cv2.videoio_registry.hasBackend(cv2.CAP_FFMPEG)  # other readers of AVI print what they do not expect
+    ffmpeg = cv2.videoio_registry.hasBackend(cv2.CAP_FFMPEG)  # other readers of AVI print their warnings
     set_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel  # of OpenCV 4, of OpenCV 5
     level = set_level(0)
     try:

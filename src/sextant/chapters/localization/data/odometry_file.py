@@ -2,7 +2,7 @@
 
 A table has the columns ``x,y,theta`` (metres, rad) or ``x,y,heading_deg``, and a row for each image in order; or with
 ``file`` a row for the named image; or with a time (``t``, ``time``, ``timestamp``, ``stamp``, ``sec`` with ``nsec``,
-with a unit as in ``time_ms`` or ``timestamp [ns]``) poses that are taken at the times of the images.
+with a unit as in ``time_ms`` or ``timestamp [ns]``) poses that are interpolated at the times of the images.
 """
 
 import re
@@ -27,11 +27,11 @@ T = TypeVar("T")
 
 #: widest gap in seconds over which poses are interpolated
 GAP_S = 5.0
-#: share of images with poses below which times of a much longer span are of another unit
+#: share of images with poses below which times of a much longer span are assumed to have another unit
 FEW = 0.5
 FIX = (
-    "A table with commas: columns x,y,theta (metres, rad) or x,y,heading_deg, a row an image; or TUM: timestamp tx ty "
-    "tz qx qy qz qw."
+    "A table with commas: columns x,y,theta (metres, rad) or x,y,heading_deg, one row per image; or TUM: timestamp tx "
+    "ty tz qx qy qz qw."
 )
 #: columns of a time, without its unit, and of the fraction of a second beside one
 TIME = re.compile(
@@ -49,7 +49,7 @@ class OdometryFile:
         poses: x, y, heading.
         times_s: increasing times in seconds, or None.
         names: the file of each row, if the table has them.
-        remarks: what the user should know about the file.
+        remarks: remarks on the file for the user.
         timed_rows: the times are a column of a table.
     """
 
@@ -125,7 +125,7 @@ def motions_of(
             "with a column file.",
         )
     if odometry.timed_rows and times_s is None:
-        remarks.append("odometry: its times are not used, since images have none: rows are images in order")
+        remarks.append("odometry: its times are not used, since images have none: rows are matched to images in order")
     if odometry.times_s is not None and times_s is None:
         wide = np.flatnonzero(np.diff(odometry.times_s) > GAP_S)
         if len(wide):
@@ -143,11 +143,11 @@ def motions_of(
         at = int(far.argmax())
         raise UserError(
             f"odometry={given} moves by {moved[at, 0]:.3g}, {moved[at, 1]:.3g} from {names[at]} to {names[at + 1]}",
-            "Leave a row empty whose odometry cannot be trusted.",
+            "Leave rows with unreliable odometry empty.",
         )
     turned = np.nan_to_num(np.abs(poses[:, 2]))
     if (odometry.times_s is None or odometry.timed_rows) and turned.max(initial=0) > 4 * np.pi:
-        remarks.append(f"odometry: theta reaches {turned.max():g}, and is in rad; a column heading_deg holds degrees")
+        remarks.append(f"odometry: theta reaches {turned.max():g}, but must be in rad; use heading_deg for degrees")
     return [None, *(row if np.isfinite(row).all() else None for row in moved)], remarks
 
 
@@ -161,18 +161,18 @@ def _at_images(
     poses, known = _at(times, odometry.poses, wanted_s)
     apart = times - wanted_s if odometry.timed_rows and len(times) == len(wanted_s) > 1 else None
     if apart is not None and not known.any() and np.ptp(apart) <= np.median(np.diff(wanted_s)) / 2:
-        remarks.append(f"odometry: its clock is {apart[0]:+.3f} s from that of the images: rows are images in order")
+        remarks.append(f"odometry: its clock is {apart[0]:+.3f} s off the images: rows are matched to images in order")
         return None
     longer = np.ptp(times) / max(float(np.ptp(wanted_s)), SAME_S)
     if not known.any() or (known.mean() < FEW and longer > 100):
         raise UserError(
-            f"odometry={given} has poses from {times[0]:.3f} s to {times[-1]:.3f} s; the images are of "
-            f"{wanted_s[0]:.3f} s to {wanted_s[-1]:.3f} s, {'few' if known.any() else 'none'} at a time with poses",
-            "Do both use the same clock and unit? A column time_ms, time_us or time_ns says its unit. Without times in "
-            "the names, each row is an image.",
+            f"odometry={given} has poses from {times[0]:.3f} s to {times[-1]:.3f} s; the images are from "
+            f"{wanted_s[0]:.3f} s to {wanted_s[-1]:.3f} s, {'few' if known.any() else 'none'} at a time with a pose",
+            "Do both use the same clock and unit? A column time_ms, time_us or time_ns states its unit. Without times "
+            "in the names, rows are matched to images in order.",
         )
     if odometry.timed_rows:
-        remarks.append("odometry: poses are those at the times of the images, by the times of its rows")
+        remarks.append("odometry: poses are interpolated at the times of the images")
     if missing := [name for name, there in zip(names, known, strict=True) if not there]:
         remarks.append(
             f"odometry: {len(missing):,} images such as {missing[0]} lie outside of the trajectory or in gaps of "
@@ -203,7 +203,7 @@ def _of_table(table: TextTable) -> OdometryFile:
     path, header, rows = table.path, list(table.header), table.rows
     if header and table.number(header[0]) is not None:  # no header
         if len(header) != 3:
-            raise UserError(f"odometry={path} has {len(header)} columns and no line that names them", FIX)
+            raise UserError(f"odometry={path} has {len(header)} columns and no header", FIX)
         header, rows = ["x", "y", "theta"], [(1, header), *rows]
     if not rows:
         raise UserError(f"odometry={path} has no rows", FIX)
@@ -248,12 +248,12 @@ def _timed(
         if time is None or rest is None:
             given = f"{name}={word!r}" if time is None else f"{fraction}={more!r}"
             raise UserError(
-                f"odometry={table.path}: line {line}: {given} is no time", "A number, of seconds or as in time_ms."
+                f"odometry={table.path}: line {line}: {given} is not a time", "A number, of seconds or as in time_ms."
             )
         found.append(time + rest)
     order = sorted(range(len(found)), key=found.__getitem__)
     remarks = (
-        [] if order == list(range(len(found))) else ["odometry: rows are not in the order of time, and were sorted"]
+        [] if order == list(range(len(found))) else ["odometry: rows were not in order of time and have been sorted"]
     )
     kept = order[:1]
     for row in order[1:]:
@@ -261,8 +261,8 @@ def _timed(
             kept.append(row)
         elif not np.array_equal(poses[row], poses[kept[-1]], equal_nan=True):
             raise UserError(
-                f"odometry={table.path}: lines {lines[kept[-1]]} and {lines[row]} have other poses at the same time, "
-                f"{name}={cells[name][row]}",
+                f"odometry={table.path}: lines {lines[kept[-1]]} and {lines[row]} have different poses at the same "
+                f"time, {name}={cells[name][row]}",
                 "Remove one of them.",
             )
     if len(kept) < len(order):

@@ -1,4 +1,4 @@
-"""Drives through a rendered office, and how near they come to its map."""
+"""Drives through a rendered office, and the parts of them near its map."""
 
 import math
 
@@ -15,7 +15,7 @@ from sextant.data.rendered.splits import RenderedSplit
 from sextant.errors import ArgumentError
 from sextant.worlds.odometry import COLD_WHEELS
 
-#: a map image that differs more in heading shows something else
+#: map images that differ more in heading are not near a frame
 HEADING = math.radians(45)
 
 
@@ -57,8 +57,8 @@ class OfficeDrives(DrivenWorld):
     """The drives of :class:`~sextant.data.worlds.OfficeWalk`.
 
     The first drive makes the map. With several runs, the first is for validation, under each condition, and the others
-    for the test; with a single run, its first quarter is for validation. Odometry is the real robot's if a trajectory
-    file has it, and simulated otherwise.
+    for the test; with a single run, its first quarter is for validation. Odometry is measured if a trajectory file
+    contains it, and simulated otherwise.
     """
 
     def read(self) -> LocalizationData:

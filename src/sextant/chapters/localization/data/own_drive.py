@@ -17,7 +17,7 @@ from sextant.data.file_kinds import is_hidden
 from sextant.data.photo_files import FOUND_IN_FOLDERS, images_below
 from sextant.errors import ArgumentError, UserError
 
-NO_ODOMETRY = "no odometry= was given: nothing measures the motion between images"
+NO_ODOMETRY = "no odometry= was given: the motion between images is unknown"
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class OwnDrive:
         motions: dx, dy, dtheta from the previous image, in the robot's frame there; None where unknown. Empty for a
             camera, whose number of images is unknown.
         times_s: time of each image in seconds: from names, video or bag, from the odometry, or its number.
-        remarks: what the user should know.
+        remarks: remarks for the user.
     """
 
     frames: Photos | Video | Bag | Camera
@@ -72,7 +72,7 @@ def open_drive(
         given: a folder of photos, a video, ``camera:0``, or a ROS bag, whose own odometry is used unless a file is
             given.
         odometry: a trajectory in TUM format or a table.
-        output: folder of the results, which are not taken for photos.
+        output: folder of the results, which are not read as photos.
         every: take every k-th image of a video, a bag or a camera.
         image_topic: image topic of a bag; by default its only one.
         odometry_topic: odometry topic of a bag; by default its only one.
@@ -94,7 +94,7 @@ def open_drive(
     else:
         for key, topic in (("image_topic", image_topic), ("odometry_topic", odometry_topic)):
             if topic is not None:
-                raise ArgumentError(f"{key}={topic} is of a ROS bag; input={given} is none", f"Leave out {key}=.")
+                raise ArgumentError(f"{key}={topic} is for a ROS bag; input={given} is not one", f"Leave out {key}=.")
         frames, moves, named = _frames(path, given, output, every), None, path
     if odometry is not None:
         moves, named = read_odometry(odometry), odometry

@@ -88,7 +88,7 @@ class PoseFolder:
     ========= ==========================================================================================================
 
     ``colmap`` (``images.bin`` or ``images.txt``), ``opensfm`` and ``nerfstudio`` give poses by image name, see
-    :mod:`sextant.data.reconstructions`; their lengths are metres only if the program knew the scale. ``gps`` takes
+    :mod:`sextant.data.reconstructions`; their lengths are metres only if that program knew the scale. ``gps`` takes
     positions from the EXIF block of each image, in metres east and north of the map's first image: see
     :mod:`~sextant.chapters.places.data.gps_poses`.
 
@@ -104,8 +104,8 @@ class PoseFolder:
         validation: likewise for fitting temperatures and noise; None takes them from the start of each test drive.
         poses: format of the pose files.
         pose_file: name of that file in each drive's folder; None for ``poses.csv`` or ``poses.txt``.
-        odometry: name of a file of the same format with odometry poses in their own frame of reference; None if nothing
-            is known about motion.
+        odometry: name of a file of the same format with odometry poses in their own frame of reference; None for no
+            odometry.
         times: ``names`` (seconds, or whole nano- or microseconds), ``order``, or a file with one line per image; None
             for ``names`` with TUM poses if all names contain a time, otherwise ``order``.
         plane: the world axes that the robot moves along.
@@ -191,7 +191,7 @@ class PoseFolder:
         return first_folder(
             self.looked,
             "folder",
-            "Give the folder around the drives: folder=/path/to/drives map=map "
+            "Give the folder that contains the drives: folder=/path/to/drives map=map "
             "test='{run: run}'. Without images of your own: dataset=office_walk",
         )
 
@@ -232,13 +232,13 @@ class PoseFolder:
             for name, folder in folders.items():
                 drives[split].append(self._drive(split, name, self.folder / folder, images[name], notes))
         if self.odometry is None:
-            notes.append("odometry=null: nothing is known about motion between images")
+            notes.append("odometry=null: the motion between images is unknown")
         (first,), test, validation = drives["map"], tuple(drives["test"]), tuple(drives["validation"])
         limit = {"office": OFFICE_LOCALIZATION, "town": TOWN_LOCALIZATION}[self.protocol].position
         if (spacing := map_spacing(torch.from_numpy(first.poses))) > limit:
             notes.append(
                 f"protocol={self.protocol}: the map's images are {spacing:.2g} m apart, further than the {limit:g} m "
-                "within which a pose counts as right"
+                "within which a pose counts as correct"
                 + ("; protocol=town allows 5 m" if self.protocol == "office" else "")
             )
         if not validation:
@@ -323,7 +323,7 @@ class PoseFolder:
         return _Frames(paths, poses, odometry, own if times is None else times)
 
     def _times(self, folder: Path, paths: list[Path], key: str) -> Float64[ndarray, "n"] | None:
-        """When the images were taken, if anything other than the poses says so."""
+        """Times of the images, from their names or a file; None if only the poses have times."""
         if self.times == "order" or (self.times is None and self.poses != "tum"):
             return None
         if self.times not in ("names", None):
@@ -365,7 +365,7 @@ class PoseFolder:
             raise ArgumentError(
                 f"{key}: {file.name} has {len(poses):,} poses for {len(paths):,} images, "
                 f"{paths[0].name} to {paths[-1].name}; without times they must be the same frames",
-                "Remove what has no partner, or give the times of TUM poses: times=names or a file.",
+                "Remove unmatched images or poses, or give the times of TUM poses: times=names or a file.",
             )
         return compose(poses, np.repeat(self.mounting, len(poses), axis=0)), told
 
@@ -387,7 +387,7 @@ class PoseFolder:
         if without := [name for name, row in zip(names, rows, strict=True) if row is None]:
             raise ArgumentError(
                 f"{key}: {len(without):,} of {len(names):,} images have no pose in {file}\n{problem_list(without)}",
-                "Move these images out of the folder, or have that program pose them.",
+                "Move these images out of the folder, or estimate their poses with that program.",
             )
         poses = to_plane(found.poses, self.plane, self.ahead, str(file))
         return poses[[row for row in rows if row is not None]]

@@ -55,10 +55,10 @@ def to_plane(
     if len(wrong):
         listed = problem_list([f"pose {i + 1}: {steep[i]:.0f} degrees" for i in wrong.tolist()])
         raise ArgumentError(
-            f"{what}: the {ahead} axis of {len(wrong):,} of {len(axis):,} poses looks nearly perpendicular to the "
+            f"{what}: the {ahead} axis of {len(wrong):,} of {len(axis):,} poses is nearly perpendicular to the "
             f"plane {plane}, so its heading is unknown\n{listed}",
             "Name the plane that the camera moves in (plane=xz where y is down, as in KITTI; xy where z is "
-            "up), and the axis\nof the poses that looks ahead (ahead=z for a camera, x for a robot).",
+            "up), and the axis\nof the poses that points ahead (ahead=z for a camera, x for a robot).",
         )
     position = world_from_body[:, :3, 3]
     return np.column_stack([position[:, u], position[:, v], np.arctan2(axis[:, v], axis[:, u])])

@@ -1,7 +1,7 @@
 """When images were taken, and where a trajectory was at that time.
 
 Times in names are read by these forms alone, anywhere in a name unless stated otherwise; other numbers, such as
-eastings, exposures, versions, counters and a clock time without a date, are no times:
+eastings, exposures, versions, counters and a clock time without a date, are not times:
 
 ============================ ========================================================================================
 seconds since 1970           ``1305031102.175304``, ``1305031102_175304000`` (9 or 6 digits after ``_`` or ``-``)
@@ -68,7 +68,7 @@ _DATE = re.compile(
     r"(?P<zone>(?(iso)Z|(?!))|(?(iso)[+-](?:0\d|1[0-4]):?[0-5]\d|(?!)))?"
 )
 _RECORDING = re.compile(r"^(?!\d{6}\.)(\d{1,5}|0\d{6,})\.(\d{2,9})$")
-#: forms of times, the surest first, with what makes nanoseconds of them
+#: forms of times, the most reliable first, each with its conversion to nanoseconds
 FORMS: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], int | None]], ...] = (
     (_DECIMALS, _decimal_ns),
     (_NANOSECONDS, _decimal_ns),

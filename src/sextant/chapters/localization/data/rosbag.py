@@ -30,7 +30,7 @@ from sextant.errors import ArgumentError, UserError, how_to_install
 
 #: suffix of a ROS 1 bag, and the file that makes a folder a ROS 2 bag
 FIRST, METADATA = ".bag", "metadata.yaml"
-#: how a ROS 1 bag begins
+#: first bytes of a ROS 1 bag
 MAGIC = b"#ROSBAG V2.0"
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 ODOMETRY = ("nav_msgs/msg/Odometry",)
@@ -61,7 +61,7 @@ class Bag:
         times_s: of the images, as read by :meth:`read`.
         odometry: from its odometry topic; None without one, or if none of its poses can be used.
         every: step from one image to the next.
-        remarks: what the user should know about the odometry.
+        remarks: remarks on the odometry for the user.
     """
 
     path: Path
@@ -91,7 +91,7 @@ class Bag:
                     picture = picture_of(bag.message(raw, kind), kind)
                     shape = size or (picture.height, picture.width, 3)
                     yield Frame(name, picture_bytes(picture, *shape, levels=levels))
-                except Exception as error:  # decoders raise whatever they come across in damaged bytes
+                except Exception as error:  # decoders raise errors of any kind on damaged bytes
                     yield Frame(
                         name, None, f"cannot be decoded: {str(error).splitlines()[0] if str(error) else error!r}"
                     )
@@ -137,7 +137,7 @@ def bag_summary(path: Path) -> str:
             if link.msgtype in kinds and link.msgcount
         }
     told = [
-        f"{topic} ({count:,} {'images' if images else 'of odometry'}"
+        f"{topic} ({count:,} {'images' if images else 'odometry poses'}"
         + (f", {count / seconds:.3g} Hz)" if seconds > 0 else ")")
         for (topic, images), count in sorted(counts.items())
     ]
@@ -199,13 +199,13 @@ def _remedy(path: Path) -> str:
     """What to do about a bag that cannot be read, by what it holds."""
     if path.is_dir():
         if any(file.suffix in (".db3", ".mcap") for file in path.iterdir()):
-            return f"Was its recording ended? ros2 bag reindex {path}"
-        return f"A ROS 2 bag is a folder with {METADATA} and a .db3 or .mcap file, which {path} has not."
+            return f"If its recording was not ended: ros2 bag reindex {path}"
+        return f"A ROS 2 bag is a folder with {METADATA} and a .db3 or .mcap file, which {path} lacks."
     with path.open("rb") as file:
         head = file.read(len(MAGIC))
     if head == MAGIC:
-        return f"Was its recording ended? rosbag reindex {path}"
-    return f"It begins with {head!r}, and a ROS 1 bag with {MAGIC!r}: give the bag itself."
+        return f"If its recording was not ended: rosbag reindex {path}"
+    return f"It begins with {head!r}, but a ROS 1 bag begins with {MAGIC!r}: give the bag itself."
 
 
 def _topic(bag: _Opened, kinds: tuple[str, ...], argument: str, chosen: str | None) -> str | None:
@@ -216,8 +216,8 @@ def _topic(bag: _Opened, kinds: tuple[str, ...], argument: str, chosen: str | No
         return there[0] if there else None
     if chosen not in there:
         raise ArgumentError(
-            f"{argument}={chosen}: no messages of {' or '.join(kinds)} there",
-            f"There are {', '.join(there) or 'none'}.",
+            f"{argument}={chosen} has no messages of type {' or '.join(kinds)}",
+            f"Topics with such messages: {', '.join(there) or 'none'}.",
         )
     return chosen
 
@@ -259,7 +259,7 @@ def picture_of(message: Any, kind: str) -> Image.Image:
         kind: which of the two, written as ``sensor_msgs/msg/Image``.
 
     Raises:
-        ValueError: its encoding is not read here, or its data do not fit its size.
+        ValueError: its encoding is not supported, or its data do not fit its size.
     """
     if kind == "sensor_msgs/msg/CompressedImage":
         return Image.open(io.BytesIO(bytes(message.data)), formats=("JPEG", "PNG", "WEBP"))

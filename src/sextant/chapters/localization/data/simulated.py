@@ -1,4 +1,4 @@
-"""Simulated odometry for drives that have none: of a car, and of a train that counts its frames."""
+"""Simulated odometry for drives that have none: of a car, and of a train along a railway."""
 
 import hashlib
 import json
@@ -59,7 +59,7 @@ class DriveSettings:
         return hashlib.sha256(json.dumps([fingerprint, asdict(self)]).encode()).hexdigest()
 
 
-#: A car with wheel encoders and a yaw-rate gyroscope. Assumed, not fitted: no drive here has measured wheels of a car.
+#: A car with wheel encoders and a yaw-rate gyroscope. Assumed, not fitted: no drive here has measured car odometry.
 #: Distances are 1 % too long (tyres worn or soft), with a further random error of 1.5 % (0.15 m) over 10 m. The heading
 #: has a random error of 0.5 degrees over 10 m, a bias of 0.1 degrees over 10 m, and an error of 1 degree per right
 #: angle turned. Sideways, a car slips 5 cm over 10 m. Variances are per metre and per radian, see
@@ -110,7 +110,7 @@ def _rng(seed: int, drive: str) -> np.random.Generator:
 
 
 class DrivenWorld(RenderedSource):
-    """The drives of a rendered world, as settings say."""
+    """The drives of a rendered world, made with given settings."""
 
     def __init__(self, dataset: Any, settings: DriveSettings | None = None):
         super().__init__(dataset)

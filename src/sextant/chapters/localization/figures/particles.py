@@ -1,4 +1,4 @@
-"""Particles over a map, still and moving."""
+"""Pictures and animations of particles over a map."""
 
 import io
 import struct
@@ -31,17 +31,17 @@ SEEN_WIDTH = 2.4
 
 @dataclass(frozen=True)
 class ParticleFrame:
-    """One moment of a filter.
+    """One step of a filter.
 
     Attributes:
         poses: poses of the particles, x, y in the unit of the map and heading in radians.
         log_weights: log weights up to a constant.
         estimate: estimated pose; None while lost.
-        truth: true pose; None where it is not known.
+        truth: true pose; None where it is unknown.
         title: title, such as the number of the frame.
         path: true positions so far.
         covariance: covariance of the estimate's x and y, drawn as an ellipse that holds 95 %; None draws none.
-        seen: what the camera sees, if it is to be shown.
+        seen: the camera's image; None shows none.
         there: the image of the map nearest to the estimate.
     """
 
@@ -57,13 +57,13 @@ class ParticleFrame:
 
 
 class ParticleView:
-    """Draws moments of a filter on one figure with a fixed layout.
+    """Draws steps of a filter on one figure with a fixed layout.
 
     Args:
         map_positions: positions of the map's images.
         width: width of the map in inches of 100 pixels.
         unit: unit of positions.
-        seen: leave room beside the map for what the camera sees and for the map's image nearest to the estimate.
+        seen: leave room beside the map for the camera's image and the map's image nearest to the estimate.
         walls: points on walls, if they are known.
 
     Raises:
@@ -105,7 +105,7 @@ class ParticleView:
         self._below: Any = None  # background shared by all pictures, once the first has placed the axes
 
     def draw(self, frame: ParticleFrame) -> UInt8[ndarray, "h w 3"]:
-        """Draw the picture of a moment; both sides have an even number of pixels, as video codecs require."""
+        """Draw the picture of one step; both sides have an even number of pixels, as video codecs require."""
         artists = draw_frame(self._axes, frame)
         for axes, image in zip(self._beside, (frame.seen, frame.there), strict=False):
             if image is not None:
@@ -141,7 +141,7 @@ class ParticleView:
 TRUTH, ESTIMATE, MAP, WALLS, WEIGHTS = COLOURS[2], COLOURS[1], "#a5a39c", "#55534c", "plasma_r"
 #: Number of orders of magnitude below the largest weight over which weights are coloured.
 DECADES = 4
-#: Largest number of map positions drawn, evenly chosen; more could not be told apart.
+#: Largest number of map positions drawn, evenly spaced; more could not be distinguished.
 MOST_POSITIONS = 20_000
 #: Largest number of particles whose headings are drawn, the heaviest ones.
 MOST_HEADINGS = 300
@@ -205,8 +205,8 @@ def draw_legend(figure: Figure, *, truth: bool) -> None:
 def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:
     """Draw what changes from frame to frame on axes with a map, and return its artists except for the title.
 
-    Particles are coloured by weight on a logarithmic scale down to 10⁻⁴ of the largest, light ones below. A stroke
-    points along the heading of each of the 300 heaviest, and an arrow along that of the estimate and of the truth.
+    Particles are coloured by weight on a logarithmic scale down to 10⁻⁴ of the largest, with light ones underneath. A
+    stroke points along the heading of each of the 300 heaviest, an arrow along those of the estimate and the truth.
 
     >>> from sextant.figures.style import new_figure
     >>> figure, (axes,) = new_figure(4.0, 3.0)
@@ -295,7 +295,7 @@ def particle_replay(
 
     Args:
         map_positions: positions of the map's images.
-        frames: the moments, in order.
+        frames: the steps, in order.
         path: path of the file to write; its folder is created.
         frames_per_second: speed of the animation.
         width: width of the map in inches of 100 pixels.
@@ -346,7 +346,7 @@ def particle_replay(
 class _Gif:
     """Appends each image to the file at once, with its own colour table.
 
-    An animation is a header, a block that asks for repetition, and images one after the other. Pillow writes each image
+    An animation is a header, a block that requests repetition, and images one after the other. Pillow writes each image
     as a separate GIF, whose global colour table becomes a local one here. (The animations of matplotlib and Pillow hold
     all frames until the end.) Format: CompuServe, "Graphics Interchange Format, version 89a", 1990.
     """

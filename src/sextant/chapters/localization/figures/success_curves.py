@@ -35,7 +35,7 @@ class SuccessCurve:
 
 
 def success_curves(curves: Mapping[str, SuccessCurve], title: str = "") -> Figure:
-    """Draw one curve with intervals for each method; the legend says how many particles it needs.
+    """Draw one curve with intervals for each method; the legend gives the number of particles it needs.
 
     Args:
         curves: curves by the name of the method.

@@ -37,11 +37,11 @@ class RunErrors:
 def trajectory_errors(runs: Mapping[str, RunErrors], protocol: LocalizationProtocol) -> Figure:
     """Draw position and heading errors over frames on logarithmic axes, with one curve for each run.
 
-    A dot marks where a run converged, a dotted line where it was kidnapped, and shading what is within the protocol.
+    A dot marks where a run converged, a dotted line where it was kidnapped, and shading the limits of the protocol.
 
     Args:
         runs: errors by name of the run.
-        protocol: the limits; without one for the heading there is one panel.
+        protocol: the limits; without a limit for the heading there is only one panel.
 
     Raises:
         ValueError: there is no run, or one has no headings where the protocol has a limit for them.
@@ -129,7 +129,7 @@ def trajectory_plan(reference: Float64[ndarray, "n 3"], estimate: Float64[ndarra
     figure.colorbar(lines, ax=above, label="error (m)")
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(reference, axis=0), axis=1))])
     plain(over).plot(along, errors, color="black", linewidth=1.0)
-    over.set_xlabel("way along the reference (m)")
+    over.set_xlabel("distance along the reference (m)")
     over.set_ylabel("error (m)")
     over.set_ylim(bottom=0)
     return figure
@@ -137,7 +137,7 @@ def trajectory_plan(reference: Float64[ndarray, "n 3"], estimate: Float64[ndarra
 
 #: letters of a title that fit above an image
 LONGEST = 26
-ROWS = ("as taken", "straightened", "map, where found")
+ROWS = ("as taken", "straightened", "nearest map image")
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class WalkedImage:
 
 
 def straightened_walk(images: Sequence[WalkedImage]) -> Figure:
-    """Draw one column for each image, and a row for each stage that it has gone through.
+    """Draw one column for each image, and a row for each stage of its processing.
 
     >>> import numpy as np
     >>> taken, straight = np.zeros((30, 40, 3), np.uint8), np.zeros((24, 32, 3), np.uint8)

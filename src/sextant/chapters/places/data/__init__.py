@@ -1,6 +1,6 @@
 """Images of places under changing conditions: their sources, which show the same place, and batches for training.
 
-What needs torch (batches, augmentation) is imported from its own module; sources do not need it.
+Parts that need torch (batches, augmentation) are imported from their own modules; sources do not need it.
 """
 
 from sextant.chapters.places.data.image_rows import ImageRows

@@ -113,6 +113,6 @@ def align_by_order(files: Mapping[str, Sequence[Path]], key: str) -> AlignedRide
         raise ArgumentError(
             f"{key}: places=order treats the i-th images of all traverses as one place, "
             f"but these differ in length\n{listed}",
-            "Remove what has no partner, or align them by equal names (places=name) or by poses (places=csv or utm).",
+            "Remove unpaired images, or align them by equal names (places=name) or by poses (places=csv or utm).",
         )
     return AlignedRides({name: dict(enumerate(paths)) for name, paths in files.items()}, max(counts.values()))

@@ -1,4 +1,4 @@
-r"""Training images with changed light and small shifts, which do not change the place that is seen.
+r"""Augmentation of training images by brightness, contrast and small shifts, none of which changes the place.
 
 An image with values x in [0, 1] and the mean μ becomes
 
@@ -10,7 +10,7 @@ and :math:`\pm` ``brightness``. A mirrored street is another place: ``mirror`` m
 which doubles their number. ``augmix`` then mixes the image with chains of simple operations, none of which is a
 corruption that models are tested under; see :class:`.AugMix`.
 
-What an image gets is a function of (seed, number of the image) alone, whatever the batch it is in.
+The augmentation of an image is a function of (seed, number of the image) alone, not of its batch.
 """
 
 from dataclasses import dataclass

@@ -18,7 +18,7 @@ from sextant.data.share import WHOLE, Share
 from sextant.errors import ArgumentError
 from sextant.retrieval import Places
 
-#: how many times the places of a batch are searched ahead for places that are far apart
+#: how far ahead places that are far apart are searched for, in batches of places
 LOOKAHEAD = 16
 
 
@@ -27,7 +27,7 @@ class PlaceBatch:
     """A batch of images with the place of each.
 
     Attributes:
-        images: bytes, ``(b, c, h, w)``, channels last in memory; if processes share a batch, only this one's share.
+        images: bytes, ``(b, c, h, w)``, channels last in memory; if processes share a batch, only this process's share.
         position_m: x and y in metres, float64 (UTM coordinates need it), or None.
         heading_deg: in degrees, float64, or None.
         frame: frame number along the traverse.
@@ -121,8 +121,8 @@ class PlaceBatches(Sampler[Tensor]):
     ignored.
 
     The images of a place are positives of one another: up to C images of different traverses. With ``jitter`` they are
-    chosen among all within the tolerance; otherwise the nearest to the place is taken. A place seen under fewer
-    traverses is filled up with further images; one with fewer than C images gives as many as it has.
+    chosen among all within the tolerance; otherwise the nearest to the place is taken. A place in fewer than C
+    traverses is filled up with further images of these; one with fewer than C images contributes all that fit.
 
     A batch is a function of (seed, epoch, its number). It yields the number ``row + epoch * n`` for each image.
 
@@ -150,7 +150,7 @@ class PlaceBatches(Sampler[Tensor]):
         jitter: bool = True,
     ):
         if batch_places < 1 or batch_conditions < 2:
-            raise ValueError(f"a batch needs a place and two images of it, got {batch_places} x {batch_conditions}")
+            raise ValueError(f"a batch needs a place with at least two images, got {batch_places} x {batch_conditions}")
         self.batch_places, self.batch_conditions = batch_places, batch_conditions
         self.seed, self.jitter = seed, jitter
         self.epoch = 0

@@ -1,4 +1,4 @@
-"""Corrupted queries: the test drives once more, with image corruptions."""
+"""Corrupted queries: copies of the test drives with image corruptions."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ def corrupted_name(condition: str) -> str:
 
 
 class CorruptedQueries:
-    """A source whose test has each drive but the map's twice: as it is, and corrupted, as ``<condition>_corrupted``.
+    """A source whose test split has each drive except the map twice: clean, and corrupted as ``<condition>_corrupted``.
 
     Image k of a corrupted drive, in frame order, gets condition k modulo n of the suite's n conditions (a corruption at
     a severity). If the drive is much longer than n, its recall estimates the mean over the suite at the cost of one

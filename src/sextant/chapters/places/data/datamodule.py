@@ -75,7 +75,7 @@ def check_training(batches: PlaceBatches) -> None:
     there = len(batches.anchors)
     if batches.batch_places > there:
         raise ArgumentError(
-            f"batch_places={batches.batch_places}, but the training split has {there:,} places seen twice or more",
+            f"batch_places={batches.batch_places}, but the training split has {there:,} places with two or more images",
             f"batch_places={there} at most, or add images.",
             of=batches,
         )
@@ -97,7 +97,7 @@ class PlaceData(pl.LightningDataModule):
         seed: of the training batches and their augmentation.
         workers: processes that read training batches; 0 reads them in the training process.
         augmentation: changes training images; None leaves them as they are.
-        jitter: show places from anywhere within the tolerance, instead of the nearest frame.
+        jitter: draw images from anywhere within the tolerance, instead of the nearest frame.
     """
 
     def __init__(
@@ -178,7 +178,7 @@ class PlaceData(pl.LightningDataModule):
         """New batches of places in every epoch, a function of (seed, epoch)."""
         places, batches, trainer = self._splits["train"], self._training_batches(), self.trainer
         if trainer is not None:
-            # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
+            # On resuming, Lightning creates the first iterator before it sets the sampler's epoch.
             batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
         images = PlaceBatchImages(places, self.augmentation, self.seed, Share.of_trainer(trainer))
         return self._loader(images, batches, self.workers)
@@ -192,7 +192,7 @@ class PlaceData(pl.LightningDataModule):
         return self.in_order("test")
 
     def in_order(self, name: str) -> DataLoader[PlaceBatch]:
-        """All images of a split in order, unchanged; those of training serve fitting and mining."""
+        """All images of a split in order, unchanged; for training images, used in fitting and mining."""
         places = self._splits[name]
         return self._loader(PlaceBatchImages(places), EpochBatches(len(places), self.eval_batch_size), 0)
 

@@ -1,4 +1,4 @@
-"""Decoded images, cached so that each file is decoded once; never more than a few hundred are in memory."""
+"""Decoded images. With a cache, each file is decoded once, and at most a few hundred images are in memory."""
 
 import hashlib
 import json
@@ -26,7 +26,7 @@ from sextant.data.rendered.lock import notify_every
 from sextant.errors import ArgumentError, UserError, problem_list
 from sextant.kept_array import keep_array, open_kept
 
-#: changes when the same files would be decoded into other pixels
+#: changes whenever the same files decode into other pixels
 DECODER = 1
 #: images in memory at a time
 CHUNK = 256
@@ -93,7 +93,7 @@ def read_images(
 def _kept(paths: Sequence[Path], size: ImageSize, cache: Path, what: str) -> tuple[ndarray, dict[int, str]]:
     """Decoded images from the cache, written there first if necessary."""
     files = [file_sha256(path) for path in paths]
-    deep = [LEVELS] if any(map(is_deep, paths)) else []  # 8-bit files keep the digest that they always had
+    deep = [LEVELS] if any(map(is_deep, paths)) else []  # so that the digest of 8-bit files does not change
     identity = [DECODER, size.height, size.width, size.channels, files, *deep]
     digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
     folder = cache / f"decoded_places-{digest[:16]}"

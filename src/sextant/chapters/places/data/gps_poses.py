@@ -4,7 +4,7 @@ Geocentric positions (`sextant.data.geodesy`) relative to the first image are re
 up; only east and north are kept. Heights are those of the EXIF block, 0 if it has none.
 
 A heading is the viewing direction in the block, taken as relative to true north even if it is a compass direction. If
-images lack it, headings are those of the course from image to image, which assumes that the camera looks ahead.
+images lack it, headings are those of the course from image to image, which assumes that the camera faces ahead.
 """
 
 import logging
@@ -37,7 +37,7 @@ def gps_poses(paths: Sequence[Path], key: str, notes: list[str] | None = None) -
     Args:
         paths: of the images.
         key: of the argument that names them, for messages.
-        notes: receives what was assumed for doubtful positions; None logs it.
+        notes: receives the assumptions about doubtful positions; None logs them.
 
     Raises:
         ArgumentError: images have no position; the message names them, each with the reason.
@@ -66,7 +66,7 @@ def _positions(paths: Sequence[Path], key: str, notes: list[str]) -> "list[GpsPo
 
 
 def doubtful(problems: Mapping[str, str], what: str = "doubtful") -> list[str]:
-    """Doubts about positions by image name, a line for each kind of doubt; ``what`` such positions are."""
+    """Doubts about positions by image name, one line per kind of doubt; ``what`` describes the positions."""
     kinds: dict[str, list[str]] = {}
     for name, problem in problems.items():
         if problem:
@@ -107,7 +107,7 @@ def drive_by_gps(paths: Sequence[Path], first: Path, key: str, notes: list[str])
         paths: of the images, in the order of the drive.
         first: the image whose position is the origin.
         key: as for :func:`gps_poses`.
-        notes: receives a note if headings are those of the course, and what was assumed for doubtful positions.
+        notes: receives a note if headings are those of the course, and the assumptions about doubtful positions.
 
     Raises:
         ArgumentError: images have no position, or no direction and the drive does not move.
@@ -118,11 +118,11 @@ def drive_by_gps(paths: Sequence[Path], first: Path, key: str, notes: list[str])
     headings = [row.heading_deg for row in rows if row.heading_deg is not None]
     if len(headings) == len(rows):
         return np.column_stack([places, np.radians(headings)])
-    lacking = f"{key}: {len(rows) - len(headings):,} of {len(rows):,} images do not say in EXIF which way they look"
+    lacking = f"{key}: {len(rows) - len(headings):,} of {len(rows):,} images have no viewing direction in EXIF"
     course = course_deg(places)
     if course is None:
         raise ArgumentError(f"{lacking}, and they lie within {STEP_M:g} m", "Give a table: file,x,y,heading.")
-    notes.append(f"{lacking}: headings of all are those of the way, as if the camera looked ahead")
+    notes.append(f"{lacking}: all headings are those of the course, assuming that the camera faces ahead")
     return np.column_stack([places, np.radians(course)])
 
 

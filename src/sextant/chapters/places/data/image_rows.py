@@ -26,7 +26,7 @@ class ImageRows:
 
     @property
     def store(self) -> UInt8[ndarray, "n h w c"]:
-        """The array that the images are some of."""
+        """The array that the images are rows of."""
         return self._images
 
     def __len__(self) -> int:

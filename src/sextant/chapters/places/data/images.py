@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-#: queries looked up at a time, and pairs that may be proposed for them, of 24 bytes each
+#: queries processed at a time, and pairs that may be proposed for them, of 24 bytes each
 CHUNK, PROPOSED = 512, 2_000_000
 
 
@@ -102,7 +102,7 @@ def heading_difference_deg(a: Float64[ndarray, "n"], b: Float64[ndarray, "n"]) -
 
 def _matrix(columns: ndarray, counts: ndarray, width: int) -> csr_array:
     starts = np.concatenate([[0], np.cumsum(counts)])
-    if len(columns) < 2**31:  # SciPy keeps indices in four bytes only if both arrays are
+    if len(columns) < 2**31:  # SciPy keeps 32-bit indices only if both arrays have them
         starts = starts.astype(np.int32)
     return csr_array((np.ones(len(columns), bool), columns, starts), shape=(len(counts), width))
 
@@ -169,9 +169,9 @@ class PlaceImages:
         aligned: equal frames of two traverses show one place.
         drives: the frames of a traverse follow one another, as sequence matching assumes.
         skipped: files left out because they cannot be used, each with the reason.
-        copies: conditions whose images are altered copies of another's: they count for their own recall, not for that
-            of pairs.
-        content: whether each image is flat and whether it is still, if not to be judged by its own pixels; or None.
+        copies: conditions whose images are altered copies of another's: they have their own recall, but are left out of
+            that of pairs.
+        content: whether each image is flat and whether it is still; None to compute both from the pixels.
     """
 
     images: ImageRows

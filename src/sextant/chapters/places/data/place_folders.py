@@ -198,7 +198,7 @@ class PlaceFolders:
         return traverses
 
     def _aligned(self, split: Split) -> tuple[list[_Entry], tuple[str, ...]]:
-        """Images with their frames, not yet placed, and the missing frames."""
+        """Images with their frames but without poses, and the missing frames."""
         traverses, key = self._traverses(split), split
         files = traverse_files(traverses, key)
         if self.places == "name":
@@ -233,7 +233,7 @@ class PlaceFolders:
     def _refuse_duplicates(self, split: Split, paths: Sequence[Path]) -> None:
         """Raise a ``UserError`` that names files of equal content, within the split or shared with an earlier one.
 
-        Finding a query that is also in the map takes no skill, nor does finding one that was trained on.
+        A query that is also in the map, or that was trained on, is found trivially.
         """
         earlier = [other for other in SPLITS[: SPLITS.index(split)] if self.splits[other]]
         first = {file_sha256(entry.path): entry.path for other in earlier for entry in self._aligned(other)[0]}
@@ -247,7 +247,7 @@ class PlaceFolders:
         if double:
             raise ArgumentError(
                 f"{split}: {len(double):,} files are duplicates of another\n{problem_list(double)}",
-                "Remove one of each pair, or, if that is meant, allow_duplicates=true",
+                "Remove one of each pair, or, if this is intended, allow_duplicates=true",
             )
 
     def _told(self, path: Path) -> str:
@@ -263,7 +263,7 @@ class PlaceFolders:
         raise MissingDataError(
             f"{key}: neither {folder} nor {self.folder} has a table {self.csv}",
             "Write one with the columns file,x,y or file,x,y,heading, give its name (csv=...), "
-            "or other places: places=utm, name or order.",
+            "or choose places=utm, name or order.",
         )
 
 

@@ -12,7 +12,7 @@ degrees. Other columns are ignored. ``file`` is the path relative to the table's
 Only the first two are required; the others may be empty. Source: README of gmberton/VPR-datasets-downloader; G. Berton
 et al., "Deep visual geo-localization benchmark", CVPR 2022. UTM coordinates are shifted :data:`ZONE_M` metres east per
 zone number, and those of the southern hemisphere (zone letters below N) by their false northing, so that images far
-apart stay far apart; distances across a zone's border are not true.
+apart stay far apart; distances across a zone's border are wrong.
 """
 
 import math

@@ -18,7 +18,7 @@ from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.data.source import ImageSource, ImageSpec, LabelledImages, Split, channels_first
 from sextant.errors import UserError
 
-#: a spacing is too small if more than this share of scenes lie too close to the one before
+#: a spacing is too small if more than this share of scenes lie too close to the previous one
 CROWDED = 0.1
 
 
@@ -71,7 +71,7 @@ class SceneDrive:
         self.centres = np.stack([self._counterparts(images.rows_of(name)) for name in self.names], 1)
 
     def lay_out(self, spacing: int) -> LaidScenes | None:
-        """Lay out scenes ``spacing`` frames apart; None if too many are too close to the one before."""
+        """Lay out scenes ``spacing`` frames apart; None if too many are too close to the previous one."""
         chosen = np.arange(self.neighbours, len(self.along) - self.neighbours, spacing)
         left_out, complete = [], []
         for index in chosen.tolist():
@@ -88,7 +88,7 @@ class SceneDrive:
         for i in range(len(complete)):
             earlier = [k for k in kept if near[i, k]]
             if earlier:
-                left_out.append(f"{self._name(complete[i])} is the place of {self._name(complete[earlier[0]])}")
+                left_out.append(f"{self._name(complete[i])} shows the same place as {self._name(complete[earlier[0]])}")
             else:
                 kept.append(i)
         rows = np.array([complete[i] for i in kept], np.int64)
@@ -148,10 +148,10 @@ class Scenes(ImageSource):
     with all its neighbours. Its training images are those of the place and of ``neighbours`` frames to either side,
     under each reference condition. Its test images are those of the place, one under each query condition.
 
-    No image of one scene lies within the positive tolerance of the place of another. So ``spacing`` must be large
-    enough. With frames it must exceed ``tolerance.positive + neighbours``; with metres at most a tenth of the scenes
-    may lie too close to the one before. These, where the car turned back or stopped, and places revisited later are not
-    new scenes: they are left out, as is a place without an image under a condition.
+    No image of one scene lies within the positive tolerance of the place of another, so ``spacing`` must be large
+    enough: with frames it must exceed ``tolerance.positive + neighbours``; with metres at most a tenth of the scenes
+    may lie too close to the previous one. Such scenes (where the car turned back or stopped), places revisited later,
+    and places without an image under some condition are left out.
 
     Args:
         source: of places.
@@ -196,7 +196,7 @@ class Scenes(ImageSource):
             )
 
     def of(self, split: PlaceSplit) -> "Scenes":
-        """Scenes of another split of the source, made in the same way; those of ``val`` serve to choose constants."""
+        """Scenes of another split of the source, made in the same way; those of ``val`` serve to tune constants."""
         return Scenes(
             self.source,
             references=self.references,
@@ -208,7 +208,7 @@ class Scenes(ImageSource):
         )
 
     def files(self, split: Split) -> list[Path]:
-        """The files of the source's split, whichever of them are scenes; nothing is rendered or decoded.
+        """All files of the source's split, also those of no scene; nothing is rendered or decoded.
 
         Raises:
             UserError: files are missing, or there is no such condition.
@@ -303,7 +303,7 @@ class Scenes(ImageSource):
             left_out = "".join(f"\n  {text}" for text in found.left_out[:5])
             raise UserError(
                 f"spacing={self.spacing}, neighbours={self.neighbours}: {len(found.examples)} scenes in "
-                f"{len(self._drive.along)} frames, and recognition needs two{left_out}",
+                f"{len(self._drive.along)} frames, but recognition needs two{left_out}",
                 "Use a smaller spacing, fewer neighbours, or a longer drive.",
             )
         return found

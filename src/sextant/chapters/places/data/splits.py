@@ -1,4 +1,4 @@
-"""What training and test may share: splits by place and by condition, as objects that refuse overlaps."""
+"""Splits by place and by condition, which refuse overlaps between training and test."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ class FrameRanges:
     """Disjoint splits of aligned traverses by frame number.
 
     Frames are counted from 0 in the order of their names. Adjacent ranges touch: the last frame of one and the first of
-    the next are as alike as any consecutive two, unless some frames are left out between them.
+    the next are as similar as any two consecutive frames, unless some frames are left out between them.
 
     Args:
         train: first frame, and the one after the last; None for the end.

@@ -1,4 +1,4 @@
-"""When two images count as the same place, and when as different places."""
+"""Criteria by which two images count as the same place or as different places."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -16,7 +16,7 @@ class PlaceTolerance:
     With the distance :math:`d` of two images, in metres or in frames along aligned traverses, and the angle α between
     their headings: a pair is *positive* if :math:`d \le` ``positive`` and :math:`\alpha \le` ``heading_deg``,
     *negative* if :math:`d \ge` ``negative``, and otherwise *ignored*: pairs in the ring between the two, and near pairs
-    that look in different directions.
+    with different headings.
 
     Args:
         unit: ``m`` or ``frames``.

@@ -42,7 +42,7 @@ class TownSeasonsSource(RenderedSource):
         )
 
 
-#: shares of the map's images that lie west of the border between two splits, and how wide a strip is left out there
+#: shares of the map's images that lie west of the border between two splits, and the width of the strip left out there
 BORDERS, STRIP_M = (0.7, 0.8), 40.0
 #: the traverse of the city's map
 MAP = "map"
@@ -51,11 +51,11 @@ MAP = "map"
 class TownCitySource(RenderedSource):
     """The map of :class:`~sextant.data.worlds.TownCity`, and a drive under each of its conditions.
 
-    An image of a drive is mostly within 7 m of an image of the map, along the street or across it, and looks up to half
-    the map's turn beside it: places seen from elsewhere, where the traverses of
+    Most images of a drive lie within 7 m of an image of the map, along the street or across it, and differ from it in
+    heading by up to half the map's angular step: viewpoints change, whereas the traverses of
     :class:`~sextant.data.worlds.TownSeasons` return to about the same poses. Parts of the city from west to east are
-    the training, validation and test split; a strip at each border is in none. The frames of the map go round at each
-    of its positions, and those of drives leave a split and come back: they are no sequences.
+    the training, validation and test split; a strip at each border is in none. The frames of the map turn on the
+    spot at each position, and drives leave a split and return: they do not form sequences.
     """
 
     place_unit: Literal["m", "frames"] = "m"
@@ -68,12 +68,12 @@ class TownCitySource(RenderedSource):
         """The images of a split, memory-mapped from their file, with positions and headings.
 
         Raises:
-            UserError: a split has no image of the map or of a drive, which is told before anything is rendered; or a
+            UserError: a split has no image of the map or of a drive, which is reported before any rendering; or a
                 condition is called ``map``.
         """
         names = self.conditions(split)
         if names.count(MAP) > 1:
-            raise ArgumentError(f"conditions: one is called {MAP!r}, as the map of the city is", "Give it another name")
+            raise ArgumentError(f"conditions: the name {MAP!r} is reserved for the city's map", "Give it another name")
         columns = self.dataset.plan().columns
         pose, traverse = columns["pose"], np.where(columns["split"] == 0, 0, 1 + columns["condition"]).astype(np.int64)
         for part in SPLITS:
@@ -99,7 +99,7 @@ class TownCitySource(RenderedSource):
         if missing:
             raise ArgumentError(
                 f"no image of {', '.join(missing)} lies in the {split} part of this city",
-                "Let the drives go everywhere, for example size_m=1000 images=20000 query_frames=2500 query_step_m=8.0",
+                "Let drives cover the city, for example size_m=1000 images=20000 query_frames=2500 query_step_m=8.0",
             )
 
 

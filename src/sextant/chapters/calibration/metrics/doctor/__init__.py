@@ -1,7 +1,7 @@
 """Numerical self-checks of calibration on this machine, run by ``sextant doctor calibration``.
 
 Every check computes a number in two ways that share no code where possible (a closed form, bisection, finite
-differences, a search along the picture, OpenCV), and gives figures with the limits that they must keep.
+differences, a search along the picture, OpenCV), and returns figures with their limits.
 """
 
 from sextant.chapters.calibration.metrics.doctor.checks import examine

@@ -16,7 +16,7 @@ DOUBLE = torch.float64
 
 @dataclass(frozen=True)
 class Finding:
-    """One figure and the limits that it must keep.
+    """One measured figure and its limits.
 
     Attributes:
         check: what is checked.
@@ -111,6 +111,6 @@ def edge_in_crop(crop: Crop, width: int = 256, height: int = 192, rows: int = 10
     rays = lens.bearings(pixels)
     ideal = height * camera.focal[0] * rays[:, :2] / rays[:, 2:]
     return [
-        Finding("crop", "straight edge as seen: bow, pixels", largest_bow(pixels[None]), math.inf, 2.0),
+        Finding("crop", "straight edge in the crop: bow, pixels", largest_bow(pixels[None]), math.inf, 2.0),
         Finding("crop", "straight edge undistorted: bow, pixels", largest_bow(ideal[None]), 0.25),
     ]

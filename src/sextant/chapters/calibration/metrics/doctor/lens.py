@@ -63,7 +63,7 @@ def _difference(inputs: tuple[Tensor, ...], which: int, step: float) -> Tensor:
 
 
 def fold_radius(step: float = 1e-4) -> list[Finding]:
-    """The fold radius against a walk outwards along the polynomial."""
+    """The fold radius against a search outwards along the polynomial."""
     radius = torch.arange(0, 6, step, dtype=DOUBLE)
     worst = 0.0
     for k1 in torch.tensor([-0.4, -0.2, -0.1, -0.05, -0.02], dtype=DOUBLE):
@@ -74,7 +74,7 @@ def fold_radius(step: float = 1e-4) -> list[Finding]:
     k1 = torch.linspace(-0.4, 0, 4001, dtype=DOUBLE)
     angle = math.degrees(torch.atan(max_radius(k1[0], torch.zeros(()))).item())
     return [
-        Finding("fold", "radius against a walk outwards", worst, step),
+        Finding("fold", "radius against a search outwards", worst, step),
         Finding("fold", "k1 = -0.4, k2 = 0: half-angle, deg", angle, 42.45, 42.35),
         Finding(
             "fold", "family lopez: smallest radius for k1 <= 0", max_radius(k1, k2_of_k1(k1)).min().item(), 3.3, 3.2
@@ -83,7 +83,7 @@ def fold_radius(step: float = 1e-4) -> list[Finding]:
 
 
 def straightness(count: int = 200) -> list[Finding]:
-    """Bow of straight edges in space, as seen through the lens and after undistortion, in image heights."""
+    """Bow of straight edges in space, with distortion and after undistortion, in image heights."""
     generator = torch.Generator().manual_seed(1)
     camera = random_cameras(count, 2)
     points = torch.randn(count, 2, 3, generator=generator, dtype=DOUBLE)
@@ -96,8 +96,8 @@ def straightness(count: int = 200) -> list[Finding]:
     rays = perspective_bearings(seen, *lens)
     ideal = camera.focal[:, None, None] * rays[..., :2] / rays[..., 2:]
     return [
-        Finding("straightness", "bow of straight edges as seen, at most", largest_bow(seen[whole]), math.inf, 0.01),
-        Finding("straightness", "bow of straight edges undistorted", largest_bow(ideal[whole]), 1e-12),
+        Finding("straightness", "largest bow of straight edges, distorted", largest_bow(seen[whole]), math.inf, 0.01),
+        Finding("straightness", "largest bow of straight edges, undistorted", largest_bow(ideal[whole]), 1e-12),
     ]
 
 
@@ -143,7 +143,7 @@ def round_trips(count: int = 20_000) -> list[Finding]:
 
 
 def horizon_feet(count: int = 60) -> list[Finding]:
-    """The foot of the distorted horizon against a search along the horizon as seen."""
+    """The foot of the distorted horizon against a search along the horizon in the image."""
     azimuths = torch.linspace(-1.5, 1.5, 4001, dtype=DOUBLE)
     truth = random_cameras(count, 3, max_tilt=1.0)
     worst = 0.0
@@ -172,5 +172,5 @@ def bow_test() -> list[Finding]:
     spread = 100 * (max(apparent) / min(apparent) - 1)
     return [
         Finding("bow", "k1_hat = -0.2, f = 0.5 to 1.4: spread, %", spread, 9.0),
-        Finding("bow", "k1 = -0.2, the same: largest by smallest", max(plain) / min(plain), math.inf, 4.0),
+        Finding("bow", "k1 = -0.2, the same: largest over smallest", max(plain) / min(plain), math.inf, 4.0),
     ]

@@ -25,13 +25,13 @@ WRONG = {
 
 @dataclass(frozen=True)
 class CrossTalk:
-    """How the other three numbers change when one is wrong and they minimise the loss.
+    """How the other three numbers compensate when one is wrong and they minimise the loss.
 
     Attributes:
         wrong: the number and its error.
         before_deg: root mean square bearing difference with the others true, degrees.
         after_deg: the same after the others minimise the joint loss.
-        joint: the changes that it makes to rho, roll, vfov and k1_hat, with 0 for the wrong one.
+        joint: the resulting changes of rho, roll, vfov and k1_hat, with 0 for the wrong one.
         disentangled: the same under the disentangled loss.
     """
 

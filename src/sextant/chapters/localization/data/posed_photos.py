@@ -1,0 +1,130 @@
+"""Photos with six-dimensional poses and cameras, from the files of several programs."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.chapters.localization.data.pose_formats import (
+    LENGTH_TOLERANCE,
+    pose_matrices,
+    read_kitti,
+    read_tum_matrices,
+)
+from sextant.data.image_files import natural_key
+from sextant.data.name_matching import match_names
+from sextant.data.photo_files import images_below
+from sextant.data.reconstructions.reading import named_format, read_reconstruction
+from sextant.errors import UserError, problem_list
+from sextant.tables import counted
+from sextant.user_files import absent, read_table
+
+#: files of named images, the first that exists is read; then files whose rows are in the order of the photos
+NAMED = (
+    *("poses.csv", "images.bin", "images.txt", "sparse/0/images.bin", "sparse/0/images.txt", "sparse/images.bin"),
+    *("sparse/images.txt", "transforms.json", "reconstruction.json"),
+)
+ORDERED = ("poses.tum", "trajectory.tum", "groundtruth.txt", "poses.txt")
+COLUMNS = ("file", "x", "y", "z", "qw", "qx", "qy", "qz")
+CAMERA_COLUMNS = ("fx", "fy", "cx", "cy")
+FIX = (
+    "Put one of these beside the photos: poses.csv (file,x,y,z,qw,qx,qy,qz and, if known, fx,fy,cx,cy), a model of "
+    "COLMAP, transforms.json (nerfstudio), reconstruction.json (OpenSfM), poses.tum or poses.txt (KITTI)."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PosedPhotos:
+    """Photos of a map.
+
+    Attributes:
+        paths: files of the photos.
+        poses: ``world_from_camera`` of each.
+        cameras: fx, fy, cx, cy of each, pixels; a missing principal point is nan: the centre; None: none is known.
+        source: the file of the poses.
+        without: photos below the folder that the file has no pose of.
+    """
+
+    paths: Sequence[Path]
+    poses: Float64[ndarray, "n 4 4"]
+    cameras: Float64[ndarray, "n 4"] | None
+    source: Path
+    without: int
+
+
+def posed_photos(folder: Path | str) -> PosedPhotos:
+    """Read the photos below a folder that have poses in one of the files of :data:`NAMED` or :data:`ORDERED`.
+
+    Raises:
+        UserError: the folder or such a file is missing, the file cannot be read, or it has poses of other photos.
+    """
+    folder = Path(folder).expanduser()
+    if not folder.is_dir():
+        raise UserError(f"map={absent(folder)}", "Give a folder of photos with poses, or a saved map of posed photos.")
+    photos = sorted(images_below(folder), key=lambda path: natural_key(path.relative_to(folder).as_posix()))
+    if not photos:
+        raise UserError(f"map={folder}: no photo there", FIX)
+    for name in (*NAMED, *ORDERED):
+        if (folder / name).is_file():
+            named = name in NAMED
+            return _of_names(folder, folder / name, photos) if named else _in_order(folder / name, photos)
+    raise UserError(f"map={folder}: no file of poses there", FIX)
+
+
+def _in_order(source: Path, photos: Sequence[Path]) -> PosedPhotos:
+    poses = read_kitti(source) if source.name == "poses.txt" else read_tum_matrices(source)[1]
+    if len(poses) != len(photos):
+        raise UserError(
+            f"{source} has {counted(len(poses), 'pose')} for {counted(len(photos), 'photo')}",
+            "One pose for each photo, in the order of their names; or name the photos: poses.csv.",
+        )
+    return PosedPhotos(photos, poses, None, source, 0)
+
+
+def _of_names(folder: Path, source: Path, photos: Sequence[Path]) -> PosedPhotos:
+    names, poses, cameras = _table(source) if source.suffix == ".csv" else _reconstruction(source)
+    found = match_names([path.relative_to(folder).as_posix() for path in photos], names)
+    rows = found.refuse_ambiguous(f"map={source}").rows
+    kept = [(path, row) for path, row in zip(photos, rows, strict=True) if row is not None]
+    if not kept:
+        raise UserError(f"{source} has poses of {len(names):,} images, but of none of the photos below {folder}", FIX)
+    numbers = [row for _, row in kept]
+    chosen = None if cameras is None else cameras[numbers]
+    return PosedPhotos([path for path, _ in kept], poses[numbers], chosen, source, len(photos) - len(kept))
+
+
+def _reconstruction(source: Path) -> tuple[list[str], ndarray, ndarray | None]:
+    kind = named_format(source)
+    if kind is None:
+        raise UserError(f"{source} is not a file of poses", FIX)
+    found = read_reconstruction(source, kind)
+    focal = [np.nan if each.lens is None or not each.lens.focal_px else each.lens.focal_px for each in found.images]
+    cameras = np.column_stack([focal, focal, np.full((len(focal), 2), np.nan)])
+    return found.names, found.poses, None if np.isnan(focal).any() else cameras
+
+
+def _table(source: Path) -> tuple[list[str], ndarray, ndarray | None]:
+    table = read_table(source, FIX)
+    missing = [name for name in COLUMNS if name not in table.header]
+    if missing:
+        raise UserError(f"{source}: the columns {', '.join(missing)} are missing", FIX)
+    wanted = [*COLUMNS[1:], *(CAMERA_COLUMNS if set(CAMERA_COLUMNS) <= set(table.header) else ())]
+    place, columns = table.header.index("file"), [table.header.index(name) for name in wanted]
+    names, rows, problems = [], [], []
+    for line, cells in table.rows:
+        row = [table.number(cells[column]) if len(cells) >= len(table.header) else None for column in columns]
+        if None in row or abs(math.hypot(*row[3:7]) - 1) > LENGTH_TOLERANCE:  # type: ignore[arg-type]
+            problems.append(f"line {line}: a number is missing, or the quaternion qw,qx,qy,qz has not length 1")
+        else:
+            names.append(cells[place])
+            rows.append(row)
+    if problems or not rows:
+        what = f"{len(problems)} rows cannot be used" if problems else "there are no rows"
+        raise UserError(f"{source}: {what}\n{problem_list(problems)}".rstrip(), FIX)
+    values = np.array(rows, np.float64)
+    quaternions = values[:, [4, 5, 6, 3]] / np.linalg.norm(values[:, 3:7], axis=1, keepdims=True)
+    return names, pose_matrices(values[:, :3], quaternions), values[:, 7:11] if len(wanted) > 7 else None

@@ -1,0 +1,205 @@
+"""What ``sextant locate`` does: photos or a video located in posed photos, and the results as files and pictures."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from sextant.atomic_files import write_atomically, write_csv
+from sextant.chapters.localization.data.frames import Photos, Video
+from sextant.chapters.localization.data.posed_photos import PosedPhotos, posed_photos
+from sextant.chapters.localization.pose_map import LocatedPhoto, PoseMap
+from sextant.chapters.localization.pose_map_files import FORMAT
+from sextant.correspondence import Pinhole
+from sextant.data.image_files import decode_image
+from sextant.data.photo_files import reason_alone
+from sextant.errors import UserError
+
+Advance = Callable[[int, int], None]
+COLUMNS = (
+    *("file", "verdict", "x", "y", "z", "qw", "qx", "qy", "qz", "sigma_position", "sigma_deg", "inliers", "matches"),
+    *("log10_false_alarms", "fx", "nearest", "error"),
+)
+#: photos whose matches are drawn
+DRAWN = 12
+
+
+@dataclass(frozen=True, eq=False)
+class LocatedFrame:
+    """A photo or frame: where it was taken, or why it could not be read."""
+
+    name: str
+    found: LocatedPhoto | None
+    width: int = 0
+    height: int = 0
+    problem: str = ""
+
+
+def map_of_folder(folder: Path, progress: Advance) -> tuple[PoseMap, Sequence[Path]]:
+    """A saved map, or one made of posed photos; and the files of its images, none of a saved map.
+
+    Raises:
+        UserError: the folder is neither.
+    """
+    if (folder / FORMAT.header).is_file():
+        return PoseMap.open(folder), []
+    photos = posed_photos(folder)
+    names = [path.relative_to(folder).as_posix() for path in photos.paths]
+    poses = PoseMap.from_images(photos.paths, photos.poses, _lenses(photos), names=names, progress=progress)
+    return poses, photos.paths
+
+
+def _lenses(photos: PosedPhotos) -> list[Pinhole] | None:
+    if photos.cameras is None:
+        return None
+    from sextant.chapters.places.describing import upright_size
+
+    lenses = []
+    for path, (fx, fy, cx, cy) in zip(photos.paths, photos.cameras.tolist(), strict=True):
+        width, height = upright_size(path)
+        centre = ((width - 1) / 2, (height - 1) / 2) if np.isnan(cx) else (cx, cy)
+        lenses.append(Pinhole(width, height, fx, fy, *centre))
+    return lenses
+
+
+def locate_frames(
+    poses: PoseMap, frames: Photos | Video, camera: object, output: Path, paths: Sequence[Path], progress: Advance
+) -> list[LocatedFrame]:
+    """Locate each frame; the matches of the first that are located are drawn to ``output/matches``."""
+    results: list[LocatedFrame] = []
+    drawn = 0
+    for frame in frames.read(None):
+        if frame.image is None:
+            results.append(LocatedFrame(frame.name, None, problem=frame.problem))
+            continue
+        image = np.repeat(frame.image, 3, 2) if frame.image.shape[2] == 1 else frame.image
+        found = poses.locate(image, camera)
+        results.append(LocatedFrame(frame.name, found, image.shape[1], image.shape[0]))
+        if found.verdict == "located" and paths and drawn < DRAWN:
+            draw_matches(image, found, paths, poses.names, output / "matches" / f"{Path(frame.name).stem}.jpg")
+            drawn += 1
+        progress(len(results), len(frames))
+    if not any(each.found for each in results):
+        raise UserError(f"none of {len(results)} images can be read: {results[0].problem}", "Give other photos.")
+    return results
+
+
+def write_located(results: Sequence[LocatedFrame], poses: PoseMap, output: Path) -> list[Path]:
+    """Write ``poses.csv``, ``trajectory.tum``, a COLMAP model of the located images, and the view from above."""
+    write_csv(output / "poses.csv", COLUMNS, [_row(each, poses) for each in results])
+    located = [each for each in results if each.found is not None and each.found.verdict == "located"]
+    lines = [" ".join(map(str, (k, *_values(each)))) for k, each in enumerate(results) if each in located]
+    _write(output / "trajectory.tum", ["# number tx ty tz qx qy qz qw: world_from_camera", *lines])
+    written = [output / "poses.csv", output / "trajectory.tum"]
+    if located:
+        written += [*_write_colmap(located, output / "colmap"), draw_from_above(located, poses, output)]
+    return written
+
+
+def _pose(frame: LocatedFrame) -> ndarray:
+    assert frame.found is not None
+    assert frame.found.world_from_camera is not None
+    return frame.found.world_from_camera
+
+
+def _values(frame: LocatedFrame) -> list[float]:
+    pose = _pose(frame)
+    return [*pose[:3, 3].round(6).tolist(), *Rotation.from_matrix(pose[:3, :3]).as_quat().round(8).tolist()]
+
+
+def _row(frame: LocatedFrame, poses: PoseMap) -> dict[str, object]:
+    found = frame.found
+    if found is None:
+        return {"file": frame.name, "verdict": "unreadable", "error": reason_alone(frame.name, frame.problem)}
+    row: dict[str, object] = {"file": frame.name, "verdict": found.verdict, "matches": found.matches}
+    if found.verdict != "located" or found.covariance is None:
+        return row
+    x, y, z, qx, qy, qz, qw = _values(frame)
+    spread = np.sqrt([np.linalg.eigvalsh(found.covariance[k : k + 3, k : k + 3])[-1] for k in (0, 3)])
+    return row | {
+        **{"x": x, "y": y, "z": z, "qw": qw, "qx": qx, "qy": qy, "qz": qz, "inliers": found.inliers},
+        **{"sigma_position": f"{spread[0]:.5f}", "sigma_deg": f"{np.degrees(spread[1]):.4f}"},
+        **{"log10_false_alarms": f"{found.log10_false_alarms:.1f}", "fx": f"{found.focal_px:.2f}"},
+        "nearest": poses.names[found.nearest or 0],
+    }
+
+
+def _write_colmap(located: Sequence[LocatedFrame], folder: Path) -> list[Path]:
+    """``cameras.txt``, ``images.txt`` and an empty ``points3D.txt``; COLMAP's first pixel is centred at (0.5, 0.5)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    cameras, images = [], []
+    for number, frame in enumerate(located, start=1):
+        inverse = np.linalg.inv(_pose(frame))
+        x, y, z, w = Rotation.from_matrix(inverse[:3, :3]).as_quat().tolist()
+        size = (frame.width, frame.height)
+        focal = frame.found.focal_px if frame.found is not None else None
+        cameras.append(" ".join(map(str, (number, "SIMPLE_PINHOLE", *size, focal, *(side / 2 for side in size)))))
+        images += [" ".join(map(str, (number, w, x, y, z, *inverse[:3, 3].tolist(), number, frame.name))), ""]
+    for name, lines in (("cameras.txt", cameras), ("images.txt", images), ("points3D.txt", [])):
+        _write(folder / name, lines)
+    return [folder]
+
+
+def _write(path: Path, lines: Sequence[str]) -> None:
+    text = "".join(f"{line}\n" for line in lines)
+    write_atomically(path, lambda file: file.write(text.encode()))
+
+
+def draw_matches(
+    image: ndarray, found: LocatedPhoto, paths: Sequence[Path], names: Sequence[str], path: Path, most: int = 80
+) -> None:
+    """Draw a photo beside the map's image with the most inliers, with lines between matches."""
+    from PIL import Image, ImageDraw
+
+    assert found.nearest is not None
+    scale = 480 / image.shape[0]
+    left = Image.fromarray(image).resize((round(image.shape[1] * scale), 480))
+    height, width = _size(paths[found.nearest])
+    right = Image.fromarray(decode_image(paths[found.nearest], height, width, 3))
+    right = right.resize((round(480 * width / height), 480))
+    page = Image.new("RGB", (left.width + right.width + 8, 480), "white")
+    page.paste(left, (0, 0))
+    page.paste(right, (left.width + 8, 0))
+    lines = ImageDraw.Draw(page)
+    step = max(1, len(found.map_pixels) // most)
+    pairs = zip(found.pixels_in_nearest[::step], found.map_pixels[::step], strict=True)
+    for (x1, y1), (x2, y2) in pairs:
+        there = (left.width + 8 + x2 * 480 / height, y2 * 480 / height)
+        lines.line([(x1 * scale, y1 * scale), there], fill=(0, 158, 115), width=1)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, lambda file: page.save(file, "JPEG", quality=88))
+
+
+def _size(path: Path) -> tuple[int, int]:
+    from sextant.chapters.places.describing import upright_size
+
+    width, height = upright_size(path)
+    return height, width
+
+
+def draw_from_above(located: Sequence[LocatedFrame], poses: PoseMap, output: Path) -> Path:
+    """Draw the map and where the photos were taken, along the axis in which the map's images vary least."""
+    from sextant.figures.style import new_figure, save_figure
+
+    there = poses.posed.poses[:, :3, 3]
+    flat = int(np.ptp(there, axis=0).argmin())
+    u, v = (axis for axis in range(3) if axis != flat)
+    figure, (axes,) = new_figure(6.0, 5.0)
+    low, high = np.quantile(poses.posed.points, [0.02, 0.98], axis=0)
+    inside = ((poses.posed.points >= low) & (poses.posed.points <= high)).all(1)
+    axes.plot(*poses.posed.points[inside][:, [u, v]].T, ".", color="0.7", markersize=1, label="points of the map")
+    axes.plot(there[:, u], there[:, v], "o", color="0.4", markersize=3, label="images of the map")
+    found = np.array([each.found.world_from_camera for each in located if each.found is not None])
+    ahead = found[:, :3, 2] * 0.05 * float(np.ptp(there[:, [u, v]], axis=0).max() or 1.0)
+    axes.quiver(
+        found[:, u, 3], found[:, v, 3], ahead[:, u], ahead[:, v], color="C1", angles="xy", scale_units="xy", scale=1,
+        label="located photos", width=0.004,
+    )  # fmt: skip
+    axes.set_aspect("equal")
+    axes.set_xlabel("xyz"[u])
+    axes.set_ylabel("xyz"[v])
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=7)
+    return save_figure(figure, output, "from_above")[0]

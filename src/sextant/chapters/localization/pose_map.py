@@ -1,0 +1,327 @@
+"""A map of photos at known poses, in which the pose of another photo is found by correspondences.
+
+Candidates are the map's images with the most similar global descriptors; local features that match points of the map
+give the pose (:mod:`sextant.correspondence`). The answer is *not in the map* where no more matches agree than chance
+allows.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Protocol, Self, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray
+
+from sextant.applications.pixels import AnyImage, as_pixels
+from sextant.chapters.localization.pose_map_files import SavedPoseMap, open_pose_map, save_pose_map
+from sextant.chapters.places.saved_descriptor import SavedDescriptor, kept_network
+from sextant.correspondence import (
+    EstimatedPose,
+    LocalFeatures,
+    Located,
+    Pinhole,
+    PosedMap,
+    XFeatures,
+    build_map,
+    focal_length_of,
+)
+from sextant.errors import ArgumentError, UserError
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import resolve_run
+
+#: describes whole images, to choose candidates
+DESCRIPTOR = "zoo:places"
+#: images that a photo is matched to
+CANDIDATES = 10
+#: matches that chance explains less often than once in a thousand photos are more than chance
+LOG10_FALSE_ALARMS = -3.0
+#: largest deviation of a rotation from an orthonormal matrix
+ROTATION_TOLERANCE = 1e-3
+
+
+@runtime_checkable
+class CameraPrior(Protocol):
+    """What :meth:`PoseMap.locate` needs to know of a camera; the answer of ``PhotoCalibrator`` is one."""
+
+    focal_px: float
+    focal_sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class LocatedPhoto:
+    """Where a photo was taken.
+
+    Attributes:
+        verdict: *located*, or *not in the map*: no more matches agree than chance allows.
+        world_from_camera: x right, y down, z forward; None if it is not in the map.
+        covariance: of a displacement (in units of the map) and a rotation (radians) in the axes of the camera.
+        inliers: matches that agree with the pose.
+        matches: matches with points of the map.
+        log10_false_alarms: decimal logarithm of the expected number of poses as well supported by chance.
+        focal_px: focal length, estimated where it was not known.
+        residual_px: standard deviation of an inlier's pixel coordinate.
+        nearest: index of the map's image with the most inliers.
+        pixels: of the photo, for each inlier.
+        map_pixels: of the nearest image, for those inliers that were matched in it, with ``pixels_in_nearest``.
+        pixels_in_nearest: their pixels of the photo.
+    """
+
+    verdict: Literal["located", "not in the map"]
+    world_from_camera: Float64[ndarray, "4 4"] | None = None
+    covariance: Float64[ndarray, "6 6"] | None = None
+    inliers: int = 0
+    matches: int = 0
+    log10_false_alarms: float = float("inf")
+    focal_px: float | None = None
+    residual_px: float | None = None
+    nearest: int | None = None
+    pixels: Float32[ndarray, "n 2"] = field(default_factory=lambda: np.empty((0, 2), np.float32))
+    pixels_in_nearest: Float32[ndarray, "m 2"] = field(default_factory=lambda: np.empty((0, 2), np.float32))
+    map_pixels: Float32[ndarray, "m 2"] = field(default_factory=lambda: np.empty((0, 2), np.float32))
+
+
+class PoseMap:
+    """Photos at known poses, in which other photos are located to a fraction of the distance between them.
+
+    >>> poses = PoseMap.from_images(images, world_from_camera, (fx, fy, cx, cy))  # doctest: +SKIP
+    >>> photo = poses.locate("photo.jpg")  # doctest: +SKIP
+    >>> print(photo.verdict, photo.world_from_camera, photo.inliers)  # doctest: +SKIP
+
+    Create one with :meth:`from_images` or :meth:`open`.
+
+    Attributes:
+        posed: features, poses, cameras and points.
+        names: of the images.
+    """
+
+    def __init__(
+        self,
+        posed: PosedMap,
+        names: Sequence[str],
+        descriptors: Float32[ndarray, "n d"],
+        described_by: SavedDescriptor,
+        features: XFeatures,
+    ):
+        self.posed, self.names = posed, list(names)
+        self._descriptors, self._described_by, self._features = descriptors, described_by, features
+
+    @classmethod
+    def from_images(
+        cls,
+        images: Sequence[AnyImage],
+        poses: Float64[ndarray, "n 4 4"] | Sequence[Any],
+        cameras: Any = None,
+        *,
+        names: Sequence[str] | None = None,
+        keypoints: int = 4096,
+        side: int | None = 1024,
+        progress: Callable[[int, int], None] = lambda done, total: None,
+    ) -> Self:
+        """Make a map of images at known poses.
+
+        Args:
+            images: at least two.
+            poses: ``world_from_camera`` of each, 4 x 4: x right, y down, z forward.
+            cameras: ``(fx, fy, cx, cy)`` or a :class:`~sextant.correspondence.Pinhole` of all images, or one of each;
+                None: square pixels, a centred principal point, and one focal length relative to the longer side, which
+                is estimated.
+            names: of the images; by default those of their files, or their numbers.
+            keypoints: largest number of keypoints of an image.
+            side: longer side to which images are scaled for their features; None keeps their size.
+            progress: is given the images done and their number.
+
+        Raises:
+            UserError: there are fewer than two images, numbers differ, a pose is no rigid motion, an image cannot be
+                read, no points agree with the poses, or a package of the extra ``local`` is missing.
+        """
+        matrices = _checked_poses(poses, len(images))
+        features = XFeatures(keypoints, side)
+        described_by = kept_network(resolve_run(DESCRIPTOR, default_outputs()).checkpoint)
+        found, descriptors = [], []
+        for number, image in enumerate(images):
+            pixels = _colour(image, number)
+            found += features.detect([pixels])
+            descriptors.append(_described(described_by, pixels))
+            progress(number + 1, len(images))
+        posed = build_map(found, matrices, _cameras(cameras, found, matrices))
+        if not len(posed.points):
+            raise UserError(*_without_points(found))
+        return cls(posed, names or _names(images), np.concatenate(descriptors), described_by, features)
+
+    def add(
+        self, images: Sequence[AnyImage], poses: Any, cameras: Any = None, names: Sequence[str] | None = None
+    ) -> None:
+        """Add images to the map, and triangulate all anew; arguments as for :meth:`from_images`."""
+        matrices = _checked_poses(poses, len(images), least=1)
+        pixels = [_colour(image, number) for number, image in enumerate(images)]
+        found = self._features.detect(pixels)
+        own = self.posed.cameras[0]
+        more = _cameras(cameras if cameras is not None else (own.fx, own.fy, own.cx, own.cy), found, matrices)
+        everything = [*self.posed.features, *found]
+        joined = np.concatenate([self.posed.poses, matrices])
+        self.posed = build_map(everything, joined, [*self.posed.cameras, *more])
+        self._descriptors = np.concatenate(
+            [self._descriptors, *(_described(self._described_by, each) for each in pixels)]
+        )
+        self.names += names or _names(images)
+
+    def locate(self, photo: AnyImage, camera: Any = None, candidates: int = CANDIDATES) -> LocatedPhoto:
+        """Find where a photo was taken.
+
+        Args:
+            photo: a file, bytes or a Pillow image.
+            camera: ``(fx, fy, cx, cy)`` or a :class:`~sextant.correspondence.Pinhole`: it is known; a
+                :class:`CameraPrior`, such as the answer of ``PhotoCalibrator``: its focal length is refined; None: the
+                focal length is unknown.
+            candidates: number of images of the map that are matched.
+
+        Raises:
+            UserError: the photo cannot be read, or the camera is not one of these.
+        """
+        pixels = _colour(photo, 0)
+        (features,) = self._features.detect([pixels])
+        similarity = self._descriptors @ _described(self._described_by, pixels)[0]
+        order = np.argsort(-similarity, kind="stable")[:candidates].tolist()
+        lens, sigma = _prior(camera, features)
+        return _answer(self.posed, features, self.posed.locate(features, order, lens, sigma))
+
+    def save(self, folder: Path | str) -> None:
+        """Write the map to a folder; photos are not kept.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        described = (self._described_by, self._descriptors)
+        save_pose_map(SavedPoseMap(self.posed, self.names, *described, self._features), Path(folder))
+
+    @classmethod
+    def open(cls, folder: Path | str) -> Self:
+        """Open a saved map.
+
+        Raises:
+            UserError: it is not one, or is damaged.
+        """
+        saved = open_pose_map(Path(folder))
+        return cls(saved.posed, saved.names, saved.descriptors, saved.described_by, saved.features)
+
+
+def _answer(posed: PosedMap, query: LocalFeatures, found: Located) -> LocatedPhoto:
+    pose = found.pose
+    if pose is None or found.log10_false_alarms > LOG10_FALSE_ALARMS:
+        return LocatedPhoto("not in the map", matches=len(found.points), log10_false_alarms=found.log10_false_alarms)
+    images, rows, points = (each[pose.inliers] for each in (found.images, found.features, found.points))
+    nearest = int(np.bincount(images).argmax())
+    theirs = {int(point): row for row, point in enumerate(posed.point_of[nearest].tolist()) if point >= 0}
+    shown = np.array([k for k, point in enumerate(points.tolist()) if point in theirs], np.int64)
+    there = [theirs[point] for point in points[shown].tolist()]
+    return LocatedPhoto(
+        "located", pose.world_from_camera, pose.covariance, len(points), len(found.points), found.log10_false_alarms,
+        pose.camera.fx, pose.residual_px, nearest, query.points[rows], query.points[rows[shown]],
+        posed.features[nearest].points[there],
+    )  # fmt: skip
+
+
+def _described(described_by: SavedDescriptor, pixels: ndarray) -> Float32[ndarray, "1 d"]:
+    """The global descriptor of an image, scaled to the network's size."""
+    network: Any = described_by.describer
+    size = (network.size.height, network.size.width, network.size.channels)
+    rows = np.asarray(network.describe(_resized(pixels, size)[None]), np.float32)
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True).clip(min=1e-12))
+
+
+def _resized(pixels: ndarray, size: tuple[int, int, int]) -> ndarray:
+    import cv2
+
+    return np.asarray(cv2.resize(pixels, (size[1], size[0]), interpolation=cv2.INTER_AREA))
+
+
+def _colour(image: AnyImage, number: int) -> ndarray:
+    try:
+        pixels = as_pixels(image)
+    except UserError as error:
+        raise UserError(f"image {number}: {error.problem}", error.fix) from None
+    return np.repeat(pixels, 3, 2) if pixels.shape[2] == 1 else pixels
+
+
+def _names(images: Sequence[AnyImage]) -> list[str]:
+    return [Path(each).name if isinstance(each, str | Path) else str(k) for k, each in enumerate(images)]
+
+
+def _checked_poses(poses: Any, images: int, least: int = 2) -> Float64[ndarray, "n 4 4"]:
+    try:
+        matrices = np.asarray(poses, np.float64)
+    except (TypeError, ValueError):
+        matrices = np.empty(0)
+    if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) != images:
+        raise ArgumentError(
+            f"poses have the shape {matrices.shape} for {images} images; they must be {images} x 4 x 4",
+            "world_from_camera of each image: x right, y down, z forward.",
+        )
+    if images < least:
+        raise ArgumentError(f"{images} images make no map: points need two images at least", "Give more images.")
+    turn = matrices[:, :3, :3]
+    wrong = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max((1, 2)) > ROTATION_TOLERANCE
+    wrong |= (np.linalg.det(turn) < 0) | ~np.isfinite(matrices).all((1, 2))
+    if wrong.any():
+        first = int(np.flatnonzero(wrong)[0])
+        mirrored = np.linalg.det(turn[first]) < 0
+        raise ArgumentError(
+            f"pose {first} of {wrong.sum()} such poses is no rigid motion"
+            + (": its axes are mirrored (determinant -1)" if mirrored else ""),
+            "The upper left 3 x 3 must be a rotation: x right, y down, z forward.",
+        )
+    return matrices
+
+
+def _pinhole(camera: Any, features: LocalFeatures) -> Pinhole:
+    if isinstance(camera, Pinhole):
+        return camera
+    try:
+        fx, fy, cx, cy = (float(value) for value in camera)
+    except (TypeError, ValueError):
+        raise ArgumentError(
+            f"camera={camera!r} must be (fx, fy, cx, cy) in pixels, a Pinhole, or the answer of PhotoCalibrator"
+        ) from None
+    return Pinhole(features.width, features.height, fx, fy, cx, cy)
+
+
+def _cameras(cameras: Any, found: Sequence[LocalFeatures], poses: ndarray) -> list[Pinhole]:
+    if cameras is None:
+        focal = focal_length_of(found, poses)
+        if focal is None:
+            raise UserError(*_without_points(found))
+        return [Pinhole.centred(each.width, each.height, focal * max(each.width, each.height)) for each in found]
+    single = isinstance(cameras, Pinhole) or (len(cameras) == 4 and all(np.isscalar(each) for each in cameras))
+    if single:
+        return [_pinhole(cameras, each) for each in found]
+    if len(cameras) != len(found):
+        raise ArgumentError(f"{len(cameras)} cameras for {len(found)} images: give one, or one for each image")
+    return [_pinhole(camera, each) for camera, each in zip(cameras, found, strict=True)]
+
+
+def _prior(camera: Any, features: LocalFeatures) -> tuple[Pinhole, float | None]:
+    """A camera, and the relative standard deviation of its focal length; None: unknown."""
+    if camera is None:
+        return Pinhole.centred(features.width, features.height, float(max(features.width, features.height))), None
+    if isinstance(camera, CameraPrior):
+        return Pinhole.centred(features.width, features.height, camera.focal_px), camera.focal_sigma
+    return _pinhole(camera, features), 0.0
+
+
+def _without_points(found: Sequence[LocalFeatures]) -> tuple[str, str]:
+    few = sum(len(each) < 50 for each in found)
+    if few > len(found) / 2:
+        return (
+            f"{few} of {len(found)} images have fewer than 50 keypoints: blank walls or dark pictures make no map",
+            "Give images with texture.",
+        )
+    return (
+        "no matches of the map's images agree with their poses",
+        "Check that images overlap, that each pose belongs to its image, and the axes: world_from_camera, x right, "
+        "y down, z forward (OpenGL and Blender have y up and z back; COLMAP's matrices are camera_from_world).",
+    )
+
+
+__all__ = ["CameraPrior", "EstimatedPose", "LocatedPhoto", "PoseMap"]

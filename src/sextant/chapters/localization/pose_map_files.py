@@ -1,0 +1,101 @@
+"""Saved maps of posed photos: a folder of arrays with a sealed header, and the descriptor that chooses candidates."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from sextant.array_folder import FolderFormat, file_sha256
+from sextant.atomic_files import write_atomically
+from sextant.chapters.places.saved_descriptor import SavedDescriptor, load_descriptor
+from sextant.correspondence import LocalFeatures, Pinhole, PosedMap, XFeatures
+
+FORMAT = FolderFormat("a map of posed photos", "sextant pose map", 1, "pose_map.json")
+DESCRIPTOR = "descriptor"
+
+
+@dataclass(frozen=True, eq=False)
+class SavedPoseMap:
+    """All that is needed to open a map again.
+
+    Attributes:
+        posed: features, poses, cameras and points.
+        names: of the images.
+        described_by: what describes whole images.
+        descriptors: of the images, of unit length.
+        features: the local features.
+    """
+
+    posed: PosedMap
+    names: Sequence[str]
+    described_by: SavedDescriptor
+    descriptors: Float32[ndarray, "n d"]
+    features: XFeatures
+
+
+def save_pose_map(saved: SavedPoseMap, folder: Path) -> None:
+    """Write a map; the header last, so that an interrupted write leaves none.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / FORMAT.header).unlink(missing_ok=True)
+    (folder / DESCRIPTOR).mkdir(exist_ok=True)
+    saved.described_by.save(folder / DESCRIPTOR)
+    posed = saved.posed
+    arrays = {
+        "poses": posed.poses,
+        "points": posed.points,
+        "covariances": posed.covariances.astype(np.float32),
+        "point_of": np.concatenate(posed.point_of).astype(np.int32),
+        "pixels": np.concatenate([each.points for each in posed.features]),
+        "local_descriptors": np.concatenate([each.descriptors for each in posed.features]),
+        "descriptors": saved.descriptors,
+    }
+    hashes = {}
+    for name, array in arrays.items():
+        path = folder / f"{name}.npy"
+        write_atomically(path, lambda file, array=array: np.save(file, array, allow_pickle=False))  # type: ignore[misc]
+        hashes[name] = file_sha256(path)
+    options = {"keypoints": saved.features.keypoints, "side": saved.features.side}
+    FORMAT.write_header(
+        folder,
+        {
+            "sha256": hashes,
+            "names": list(saved.names),
+            "features": {"name": saved.features.name, **options},
+            "keypoints_of": [len(each) for each in posed.features],
+            "pixel": [each.pixel for each in posed.features],
+            "cameras": [asdict(each) for each in posed.cameras],
+        },
+    )
+
+
+def open_pose_map(folder: Path) -> SavedPoseMap:
+    """Open a map that :func:`save_pose_map` wrote.
+
+    Raises:
+        UserError: it is not one, or is damaged.
+    """
+    header = FORMAT.read_header(folder)
+    arrays = {
+        name: np.asarray(FORMAT.open_array(folder, folder / f"{name}.npy", None, sha256=sha256))
+        for name, sha256 in header["sha256"].items()
+    }
+    ends = np.cumsum(header["keypoints_of"])[:-1]
+    cameras = [Pinhole(**camera) for camera in header["cameras"]]
+    pixels, described = (np.split(arrays[name], ends) for name in ("pixels", "local_descriptors"))
+    features = [
+        LocalFeatures(points, descriptors, camera.width, camera.height, pixel)
+        for points, descriptors, camera, pixel in zip(pixels, described, cameras, header["pixel"], strict=True)
+    ]
+    point_of = [each.astype(np.int64) for each in np.split(arrays["point_of"], ends)]
+    covariances = arrays["covariances"].astype(np.float64)
+    posed = PosedMap(features, arrays["poses"], cameras, arrays["points"], covariances, point_of)
+    options = {key: value for key, value in header["features"].items() if key != "name"}
+    described_by = load_descriptor(folder / DESCRIPTOR)
+    return SavedPoseMap(posed, header["names"], described_by, arrays["descriptors"], XFeatures(**options))

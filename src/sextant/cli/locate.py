@@ -1,0 +1,66 @@
+"""``sextant locate``: the poses of photos or a video, from correspondences with posed photos."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import Field
+
+from sextant.console.arguments import Options, UserPath
+from sextant.errors import UserError
+
+USAGE = "sextant locate map=<folder of photos with poses, or a saved map> input=<photos or video> [output=located]"
+
+
+class LocateOptions(Options):
+    """What the user chose."""
+
+    map: UserPath
+    """folder of photos with poses (COLMAP, OpenSfM, nerfstudio, TUM, KITTI or poses.csv), or a map saved by save="""
+    input: str
+    """a photo, a folder of photos, or a video"""
+    output: UserPath = Path("located")
+    """folder for poses.csv, trajectory.tum, a COLMAP model and pictures (default: located)"""
+    camera: str | None = Field(None, examples=["1034,1036,570,377"])
+    """fx,fy,cx,cy in pixels if the camera is known; without it the focal length is estimated"""
+    every: int = Field(1, ge=1, examples=[10])
+    """use every n-th frame of a video"""
+    save: UserPath | None = None
+    """folder to save the map to, so that it need not be made again"""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Make or open the map, locate the images, and print where the results are."""
+    options = LocateOptions.parse(arguments, USAGE)
+    from sextant.applications.arguments import check_apart
+    from sextant.chapters.localization import locating
+    from sextant.chapters.localization.data.frames import find_frames
+    from sextant.console.console import console
+    from sextant.console.work_progress import work_progress
+    from sextant.console.written import make_output, tell_written
+
+    check_apart(options.output, input=options.input, map=options.map)
+    camera = _camera(options.camera)
+    frames = find_frames(options.input, options.output, options.every)
+    make_output(options.output)
+    with work_progress("the map's features", "images") as progress:
+        poses, paths = locating.map_of_folder(options.map, progress)
+    if options.save is not None:
+        make_output(options.save, "save")
+        poses.save(options.save)
+    console.print(f"map: {len(poses.names):,} images, {len(poses.posed.points):,} points")
+    with work_progress("located", "images") as progress:
+        results = locating.locate_frames(poses, frames, camera, options.output, paths, progress)
+    written = locating.write_located(results, poses, options.output)
+    found = sum(each.found is not None and each.found.verdict == "located" for each in results)
+    tell_written(f"{found:,} of {len(results):,} images located", len(results) - found, written, "not in the map")
+
+
+def _camera(given: str | None) -> object:
+    """A known camera, or None."""
+    if given is None:
+        return None
+    try:
+        fx, fy, cx, cy = (float(value) for value in given.split(","))
+    except ValueError:
+        raise UserError(f"camera={given}: four numbers are expected", "camera=<fx>,<fy>,<cx>,<cy> in pixels") from None
+    return fx, fy, cx, cy

@@ -1,0 +1,37 @@
+"""Correspondences between images: local features, matches, and the geometry that they determine.
+
+Pixels have x to the right and y down, with (0, 0) at the centre of the first pixel. Cameras are pinholes; points of a
+camera with distortion are undistorted first. Poses are ``world_from_camera``, x right, y down, z forward.
+"""
+
+from sextant.correspondence.absolute_pose import EstimatedPose, absolute_pose
+from sextant.correspondence.features import LocalFeatures, XFeatures, local_features
+from sextant.correspondence.matching import epipolar_inliers, mutual_matches
+from sextant.correspondence.pinhole import Pinhole
+from sextant.correspondence.posed_map import Located, PosedMap, build_map, focal_length_of, log_false_alarms
+from sextant.correspondence.relative_pose import TwoViews, relative_pose, shared_focal_length
+from sextant.correspondence.reranking import count_inliers, reranked
+from sextant.correspondence.triangulation import Triangulated, triangulate
+
+__all__ = [
+    "EstimatedPose",
+    "LocalFeatures",
+    "Located",
+    "Pinhole",
+    "PosedMap",
+    "Triangulated",
+    "TwoViews",
+    "XFeatures",
+    "absolute_pose",
+    "build_map",
+    "count_inliers",
+    "epipolar_inliers",
+    "focal_length_of",
+    "local_features",
+    "log_false_alarms",
+    "mutual_matches",
+    "relative_pose",
+    "reranked",
+    "shared_focal_length",
+    "triangulate",
+]

@@ -1,0 +1,227 @@
+r"""A map of images at known poses whose matched features are points of the world, and the pose of another image in it.
+
+Features of neighbouring images are matched, and matches that contradict the known poses are discarded by their Sampson
+error. What remains is joined to tracks, and each track is triangulated once. A query's features are matched to those of
+candidate images that have points, and absolute pose follows.
+
+Whether the agreement of k of m matches is more than chance is decided a contrario (Moisan and Stival 2004): the number
+of false alarms of a pose is the expected number of poses that are as well supported by matches placed at random,
+
+.. math:: \mathrm{NFA} = 4 (m - 3) \binom{m}{k} \binom{k}{3} p^{k - 3}, \qquad p = \pi r^2 / (w h),
+
+for minimal samples of three points with up to four poses, and inliers within r pixels of an image of w x h.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy import ndarray
+from scipy.optimize import minimize_scalar
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from sextant.correspondence.absolute_pose import FOCAL_LENGTHS, EstimatedPose, absolute_pose
+from sextant.correspondence.features import LocalFeatures
+from sextant.correspondence.matching import mutual_matches
+from sextant.correspondence.pinhole import Pinhole, cross_matrices
+from sextant.correspondence.relative_pose import sampson_errors
+from sextant.correspondence.triangulation import triangulate
+
+#: images that each image of the map is matched to, and the largest angle between their viewing directions
+NEIGHBOURS, WIDEST_DEG = 8, 60.0
+#: errors of a correct match, in pixels of the image that the features were detected in
+ERROR_PX = 2.0
+#: least angle between two rays of a point: below it the depth is unknown
+LEAST_ANGLE_DEG = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class PosedMap:
+    """Features of images at known poses.
+
+    Attributes:
+        features: of each image.
+        poses: ``world_from_camera`` of each image.
+        cameras: of each image.
+        points: of the world.
+        covariances: of the points, for pixels of a standard deviation of 1.
+        point_of: for each image, the number of each feature's point, or -1.
+    """
+
+    features: Sequence[LocalFeatures]
+    poses: Float64[ndarray, "n 4 4"]
+    cameras: Sequence[Pinhole]
+    points: Float64[ndarray, "p 3"]
+    covariances: Float64[ndarray, "p 3 3"]
+    point_of: Sequence[Int64[ndarray, "_"]]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of features and points."""
+        return sum(each.nbytes for each in self.features) + self.points.nbytes + self.covariances.nbytes
+
+    def matches(
+        self, query: LocalFeatures, candidates: Sequence[int]
+    ) -> tuple[Int64[ndarray, "m"], Int64[ndarray, "m"], Int64[ndarray, "m"]]:
+        """Matches of a query with points: its features, the points, and the images that they were matched in."""
+        found = [np.empty((0, 3), np.int64)]
+        for image in candidates:
+            known = np.flatnonzero(self.point_of[image] >= 0)
+            theirs = self.features[image]
+            pairs = mutual_matches(
+                query, replace(theirs, points=theirs.points[known], descriptors=theirs.descriptors[known])
+            )
+            numbers = self.point_of[image][known[pairs[:, 1]]]
+            found.append(np.column_stack([pairs[:, 0], numbers, np.full(len(pairs), image)]))
+        table = np.concatenate(found)
+        _, first = np.unique(table[:, :2], axis=0, return_index=True)  # a point that several images match counts once
+        return tuple(table[np.sort(first)].T)
+
+    def locate(
+        self, query: LocalFeatures, candidates: Sequence[int], camera: Pinhole, focal_sigma: float | None = 0.0
+    ) -> "Located":
+        """The pose of a query among candidate images; arguments as for :func:`absolute_pose`."""
+        rows, numbers, images = self.matches(query, candidates)
+        unit = query.pixel
+        pose = absolute_pose(
+            query.points[rows].astype(np.float64),
+            self.points[numbers],
+            camera,
+            focal_sigma=focal_sigma,
+            covariances=self.covariances[numbers] * unit**2,
+            error_px=2 * ERROR_PX * unit,
+        )
+        inliers = 0 if pose is None else int(pose.inliers.sum())
+        alarms = log_false_alarms(len(rows), inliers, 2 * ERROR_PX * unit, query.width * query.height)
+        return Located(pose, rows, numbers, images, alarms)
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """A query in a map.
+
+    Attributes:
+        pose: None if no pose agrees with four matches.
+        features: the matched features of the query.
+        points: the points that they match.
+        images: the images of the map that they were matched in.
+        log10_false_alarms: decimal logarithm of the number of false alarms; below 0, more than chance.
+    """
+
+    pose: EstimatedPose | None
+    features: Int64[ndarray, "m"]
+    points: Int64[ndarray, "m"]
+    images: Int64[ndarray, "m"]
+    log10_false_alarms: float
+
+
+def build_map(
+    features: Sequence[LocalFeatures], poses: Float64[ndarray, "n 4 4"], cameras: Sequence[Pinhole]
+) -> PosedMap:
+    """Match the images of a map, and triangulate what agrees with their poses."""
+    offsets = np.cumsum([0, *(len(each) for each in features)])
+    links = [np.empty((0, 2), np.int64)]
+    for i, j in neighbouring(poses):
+        pairs = mutual_matches(features[i], features[j])
+        kept = pairs[_agree(features, poses, cameras, i, j, pairs)]
+        links.append(kept + offsets[[i, j]])
+    return _triangulated(features, poses, cameras, np.concatenate(links), offsets)
+
+
+def neighbouring(poses: Float64[ndarray, "n 4 4"]) -> list[tuple[int, int]]:
+    """Pairs of images that may show the same: the nearest of each that look in a similar direction."""
+    position, ahead = poses[:, :3, 3], poses[:, :3, 2]
+    pairs = set()
+    for i in range(len(poses)):
+        distance = np.linalg.norm(position - position[i], axis=1)
+        facing = ahead @ ahead[i] > math.cos(math.radians(WIDEST_DEG))
+        order = [j for j in np.argsort(distance, kind="stable").tolist() if j != i and facing[j]]
+        pairs |= {(min(i, j), max(i, j)) for j in order[:NEIGHBOURS]}
+    return sorted(pairs)
+
+
+def focal_length_of(features: Sequence[LocalFeatures], poses: Float64[ndarray, "n 4 4"]) -> float | None:
+    """The focal length, in longer sides of the images, under which most matches agree with the poses; None: too few."""
+    matched = []
+    for i, j in neighbouring(poses)[:: max(1, len(poses) // 8)]:
+        pairs = mutual_matches(features[i], features[j])
+        matched.append((i, j, pairs))
+    if sum(len(pairs) for _, _, pairs in matched) < 50:
+        return None
+
+    def loss(log_focal: float) -> float:
+        total = 0.0
+        for i, j, pairs in matched:
+            views = [Pinhole.centred(f.width, f.height, math.exp(log_focal) * max(f.width, f.height)) for f in features]
+            error = _contradiction(features, poses, views, i, j, pairs)
+            total += float(np.minimum(error / (ERROR_PX * features[i].pixel), 1.0).sum())
+        return total
+
+    start = min(np.log(FOCAL_LENGTHS).tolist(), key=loss)
+    return math.exp(minimize_scalar(loss, bounds=(start - 0.2, start + 0.2), method="bounded").x)
+
+
+def log_false_alarms(matches: int, inliers: int, radius_px: float, pixels: int) -> float:
+    """Decimal logarithm of the number of false alarms of the module's equation.
+
+    Example:
+        >>> round(log_false_alarms(100, 40, 4.0, 640 * 480), 1), log_false_alarms(100, 4, 4.0, 640 * 480) > 0
+        (-105.4, True)
+    """
+    if inliers < 4:
+        return math.inf
+    chance = min(1.0, math.pi * radius_px**2 / pixels)
+    ways = math.log(4 * (matches - 3)) + math.log(math.comb(matches, inliers)) + math.log(math.comb(inliers, 3))
+    return (ways + (inliers - 3) * math.log(chance)) / math.log(10)
+
+
+def _agree(
+    features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], i: int, j: int, pairs: ndarray
+) -> Bool[ndarray, "m"]:
+    """Which matches agree with the poses of both images."""
+    return _contradiction(features, poses, cameras, i, j, pairs) < ERROR_PX * max(features[i].pixel, features[j].pixel)
+
+
+def _contradiction(
+    features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], i: int, j: int, pairs: ndarray
+) -> Float64[ndarray, "m"]:
+    """Sampson errors of matches under the poses, pixels; infinite where the images have one position."""
+    relative = np.linalg.inv(poses[j]) @ poses[i]
+    baseline = float(np.linalg.norm(relative[:3, 3]))
+    if baseline < 1e-9:
+        return np.full(len(pairs), np.inf)
+    essential = cross_matrices(relative[None, :3, 3] / baseline)[0] @ relative[:3, :3]
+    one = cameras[i].rays(features[i].points[pairs[:, 0]].astype(np.float64))
+    two = cameras[j].rays(features[j].points[pairs[:, 1]].astype(np.float64))
+    error = np.abs(sampson_errors(one[:, :2], two[:, :2], essential))
+    return np.asarray(error * max(cameras[i].fx, cameras[j].fx))
+
+
+def _triangulated(
+    features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], links: ndarray, offsets: ndarray
+) -> PosedMap:
+    """Join links between features to tracks, and triangulate them."""
+    total = int(offsets[-1])
+    graph = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), (total, total))
+    _, label = connected_components(graph, directed=False)
+    image = np.repeat(np.arange(len(features)), np.diff(offsets))
+    size = np.bincount(label, minlength=label.max(initial=-1) + 1)
+    pixels = np.concatenate([each.points for each in features]).astype(np.float64)
+    distinct = np.bincount(np.unique(np.column_stack([label, image]), axis=0)[:, 0], minlength=len(size))
+    usable = (size >= 2) & (distinct == size)  # a track with two features of one image is of two things
+    rows = np.flatnonzero(usable[label])
+    _, tracks = np.unique(label[rows], return_inverse=True)
+    found = triangulate(pixels[rows], image[rows], tracks, poses, list(cameras))
+    unit = np.array([each.pixel for each in features])
+    largest = np.zeros(len(found.points))
+    np.maximum.at(largest, tracks, unit[image[rows]])
+    kept = found.valid & (found.errors_px < ERROR_PX * largest) & (found.angles_deg > LEAST_ANGLE_DEG)
+    number = np.where(kept, np.cumsum(kept) - 1, -1)
+    point_of = np.full(total, -1)
+    point_of[rows] = number[tracks]
+    each = [point_of[start:end] for start, end in pairwise(offsets)]
+    return PosedMap(features, poses, cameras, found.points[kept], found.covariances[kept], each)

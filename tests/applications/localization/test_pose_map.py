@@ -1,0 +1,141 @@
+"""Photos located in posed photos, through Python and by ``sextant locate``, on photos with laser-measured poses."""
+
+import csv
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+pytest.importorskip("kornia")
+pytest.importorskip("poselib")
+
+from sextant import PoseMap, cli
+from sextant.errors import UserError
+
+DATA = os.environ.get("SEXTANT_DATA")
+FOLDER = Path(DATA or ".") / "strecha_posed"
+real = pytest.mark.skipif(not DATA, reason="SEXTANT_DATA does not name a folder with real data")
+
+
+def fountain():
+    """Files, poses and the camera of the photos of one scene."""
+    with (FOLDER / "poses.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["scene"] == "fountain-P11"]
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    for pose, row in zip(poses, rows, strict=True):
+        pose[:3, :3] = [[float(row[f"r{i}{j}"]) for j in range(3)] for i in range(3)]
+        pose[:3, 3] = [float(row[key]) for key in ("cx_m", "cy_m", "cz_m")]
+    camera = tuple(float(rows[0][key]) for key in ("fx", "fy", "ppx", "ppy"))
+    return [FOLDER / row["file"] for row in rows], poses, camera
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    """A folder of five posed photos, one of another pose, and its truth."""
+    files, poses, camera = fountain()
+    folder = tmp_path_factory.mktemp("posed")
+    (folder / "map").mkdir()
+    (folder / "photos").mkdir()
+    lines = ["file,x,y,z,qw,qx,qy,qz,fx,fy,cx,cy"]
+    for k in (1, 2, 4, 5, 6):
+        shutil.copy(files[k], folder / "map")
+        x, y, z, w = Rotation.from_matrix(poses[k, :3, :3]).as_quat()
+        lines.append(",".join(map(str, (files[k].name, *poses[k, :3, 3], w, x, y, z, *camera))))
+    (folder / "map" / "poses.csv").write_text("\n".join(lines))
+    shutil.copy(files[3], folder / "photos" / "query.jpg")
+    Image.fromarray(np.full((300, 400, 3), 200, np.uint8)).save(folder / "photos" / "wall.png")
+    return folder, poses[3], camera
+
+
+@real
+@pytest.mark.slow
+def test_a_photo_is_located_within_centimetres(desk, capsys):
+    folder, truth, camera = desk
+    words = [
+        f"map={folder / 'map'}",
+        f"input={folder / 'photos'}",
+        f"output={folder / 'out'}",
+        f"save={folder / 'kept'}",
+    ]
+    cli.run("locate", words)
+    assert "1 of 2 images located, 1 not in the map" in capsys.readouterr().out
+    with (folder / "out" / "poses.csv").open() as file:
+        query, wall = csv.DictReader(file)
+    assert (query["verdict"], wall["verdict"]) == ("located", "not in the map")
+    assert np.linalg.norm([float(query[key]) - truth[k, 3] for k, key in enumerate("xyz")]) < 0.10  # camera unknown
+    assert (folder / "out" / "matches" / "query.jpg").stat().st_size > 10_000
+    assert (folder / "out" / "from_above.png").is_file()
+    kept = PoseMap.open(folder / "kept")
+    found = kept.locate(folder / "photos" / "query.jpg", camera)
+    assert np.linalg.norm(found.world_from_camera[:3, 3] - truth[:3, 3]) < 0.035
+    turn = Rotation.from_matrix(truth[:3, :3].T @ found.world_from_camera[:3, :3]).magnitude()
+    assert np.rad2deg(turn) < 0.1
+    pycolmap = pytest.importorskip("pycolmap")
+    model = pycolmap.Reconstruction(str(folder / "out" / "colmap"))
+    (image,) = model.images.values()
+    assert image.name == "query.jpg"
+    np.testing.assert_allclose(image.projection_center(), truth[:3, 3], atol=0.10)
+
+
+@real
+def test_axes_of_another_convention_are_named():
+    files, poses, camera = fountain()
+    flipped = poses @ np.diag([1.0, -1.0, -1.0, 1.0])
+    with pytest.raises(UserError, match="no matches of the map's images agree") as caught:
+        PoseMap.from_images(files[:3], flipped[:3], camera, side=320)
+    assert "OpenGL and Blender have y up" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("poses", "said"),
+    [
+        (np.eye(4), r"poses have the shape \(4, 4\) for 2 images"),
+        (np.tile(np.eye(3), (2, 1, 1)), r"poses have the shape \(2, 3, 3\)"),
+        (np.tile(np.diag([1.0, 1.0, -1.0, 1.0]), (2, 1, 1)), "its axes are mirrored"),
+        (np.tile(2 * np.eye(4), (2, 1, 1)), "no rigid motion"),
+        ("north", "poses have the shape"),
+    ],
+)
+def test_poses_that_are_none_are_refused(poses, said):
+    images = [np.zeros((64, 64, 3), np.uint8)] * 2
+    with pytest.raises(UserError, match=said):
+        PoseMap.from_images(images, poses)
+
+
+def test_blank_walls_make_no_map():
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, 0, 3] = 1
+    with pytest.raises(UserError, match="blank walls"):
+        PoseMap.from_images([np.full((96, 128, 3), 90, np.uint8)] * 2, poses, (100, 100, 64, 48))
+    with pytest.raises(UserError, match="make no map"):
+        PoseMap.from_images([np.zeros((96, 128, 3), np.uint8)], poses[:1])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("poses.csv", "file,x,y\na.png,1,2\n", "the columns z, qw, qx, qy, qz are missing"),
+        ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,0,0,0,2,0,0,0\n", "has not length 1"),
+        ("poses.csv", "file,x,y,z,qw,qx,qy,qz\nother.png,0,0,0,1,0,0,0\n", "but of none of the photos"),
+        ("poses.tum", "0 0 0 0 0 0 0 1\n", "1 pose for 2 photos"),
+        (None, "", "no file of poses there"),
+    ],
+)
+def test_a_folder_without_usable_poses_is_refused(tmp_path, name, text, said, capsys):
+    for k in "ab":
+        Image.fromarray(np.full((40, 60, 3), 90, np.uint8)).save(tmp_path / f"{k}.png")
+    if name:
+        (tmp_path / name).write_text(text)
+    (tmp_path.parent / "photo").mkdir(exist_ok=True)
+    Image.fromarray(np.full((40, 60, 3), 90, np.uint8)).save(tmp_path.parent / "photo" / "c.png")
+    with pytest.raises(SystemExit):
+        cli.run(
+            "locate", [f"map={tmp_path}", f"input={tmp_path.parent / 'photo'}", f"output={tmp_path.parent / 'out'}"]
+        )
+    told = capsys.readouterr().err
+    assert said in " ".join(told.split())
+    assert "Traceback" not in told

@@ -1,0 +1,104 @@
+"""Maps of made-up features at known poses: what is triangulated, found again, and not found."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("poselib")
+from sextant.correspondence import LocalFeatures, Pinhole, build_map, focal_length_of, log_false_alarms, mutual_matches
+
+CAMERA = Pinhole.centred(640, 480, 520.0)
+
+
+def views(poses, points, noise=0.3, seed=0):
+    """Features of points as each camera sees them, in another order in each image."""
+    rng = np.random.default_rng(seed)
+    described = rng.normal(size=(len(points), 64))
+    described /= np.linalg.norm(described, axis=1, keepdims=True)
+    found = []
+    for pose in poses:
+        pixels = CAMERA.project((points - pose[:3, 3]) @ pose[:3, :3])
+        seen = np.flatnonzero(((pixels >= 0) & (pixels < (640, 480))).all(1))
+        seen = rng.permutation(seen)
+        noisy = pixels[seen] + rng.normal(scale=noise, size=(len(seen), 2))
+        found.append(LocalFeatures(noisy.astype(np.float32), described[seen].astype(np.float16), 640, 480))
+    return found
+
+
+@pytest.fixture(scope="module")
+def world():
+    rng = np.random.default_rng(3)
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    poses[:, 0, 3] = np.linspace(0, 3, 6)
+    points = np.column_stack([rng.uniform(-2, 5, 400), rng.uniform(-2, 2, 400), rng.uniform(4, 9, 400)])
+    return poses, points
+
+
+def test_a_view_between_the_maps_images_is_located(world):
+    poses, points = world
+    between = np.eye(4)
+    between[:3, 3] = (1.23, 0.2, -0.4)
+    *mapped, query = views([*poses, between], points)
+    posed = build_map(mapped, poses, [CAMERA] * 6)
+    assert len(posed.points) > 250
+    found = posed.locate(query, range(6), CAMERA)
+    assert np.linalg.norm(found.pose.world_from_camera[:3, 3] - between[:3, 3]) < 0.02
+    assert found.log10_false_alarms < -100
+    unknown = posed.locate(query, range(6), CAMERA.of_focal_length(800.0), None)
+    assert unknown.pose.camera.fx == pytest.approx(520, rel=0.02)
+
+
+def test_a_view_of_another_world_is_no_more_than_chance(world):
+    poses, points = world
+    posed = build_map(views(poses, points), poses, [CAMERA] * 6)
+    (other,) = views(poses[:1], points, seed=1)
+    strangers = replace(
+        other, descriptors=posed.features[2].descriptors[: len(other)], points=other.points[: len(posed.features[2])]
+    )
+    found = posed.locate(strangers, range(6), CAMERA)
+    assert len(found.points) > 100  # all of them wrong
+    assert found.log10_false_alarms > -3
+
+
+def test_matches_that_contradict_the_poses_make_no_points(world):
+    poses, points = world
+    wrong = poses.copy()
+    wrong[:, 1, 3] += np.linspace(0, 3, 6) ** 2
+    assert len(build_map(views(poses, points), wrong, [CAMERA] * 6).points) < 60
+
+
+def test_the_focal_length_of_a_map_follows_from_its_poses(world):
+    poses, points = world
+    turned = poses.copy()
+    angle = np.linspace(-0.3, 0.3, 6)
+    turned[:, 0, 0], turned[:, 0, 2], turned[:, 2, 0], turned[:, 2, 2] = (
+        np.cos(angle),
+        np.sin(angle),
+        -np.sin(angle),
+        np.cos(angle),
+    )
+    assert focal_length_of(views(turned, points), turned) * 640 == pytest.approx(520, rel=0.02)
+    assert focal_length_of(views(turned, points[:5]), turned) is None
+
+
+def test_features_match_both_ways_or_not_at_all():
+    rng = np.random.default_rng(0)
+    unit = rng.normal(size=(30, 64))
+    unit = (unit / np.linalg.norm(unit, axis=1, keepdims=True)).astype(np.float16)
+    points = rng.uniform(0, 100, (30, 2)).astype(np.float32)
+    first = LocalFeatures(points, unit, 100, 100)
+    order = rng.permutation(30)
+    second = LocalFeatures(points, np.concatenate([unit[order], unit[:1]]), 100, 100)
+    pairs = mutual_matches(first, second)
+    assert len(pairs) == 30
+    assert (order[pairs[pairs[:, 1] < 30, 1]] == pairs[pairs[:, 1] < 30, 0]).all()
+    assert len(mutual_matches(first, replace(second, points=points[:0], descriptors=unit[:0]))) == 0
+    assert len(mutual_matches(first, replace(second, descriptors=-second.descriptors))) < 5
+
+
+def test_chance_explains_few_inliers_and_not_many():
+    assert log_false_alarms(500, 3, 4, 640 * 480) == math.inf
+    assert log_false_alarms(500, 6, 4, 640 * 480) > 0
+    assert log_false_alarms(500, 60, 4, 640 * 480) < -50
