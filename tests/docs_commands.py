@@ -20,6 +20,7 @@ from sextant.cli import (
     gallery,
     inspect,
     localize,
+    locate,
     predict,
     report,
     train,
@@ -229,6 +230,10 @@ def _localize(command: Command, words: list[str]) -> None:
     localize.LocalizeOptions.parse([word for word in words if not word.startswith("odometry=")], command.text)
 
 
+def _locate(command: Command, words: list[str]) -> None:
+    locate.LocateOptions.parse(words, command.text)
+
+
 def _walk(command: Command, words: list[str]) -> None:
     walk.WalkOptions.parse(words, command.text)
 
@@ -259,6 +264,7 @@ VERBS = {
     "trajectory": _trajectory,
     "benchmark": _benchmark,
     "inspect": _inspect,
+    "locate": _locate,
     "walk": _walk,
     "localize": _localize,
     "dashboard": _dashboard,

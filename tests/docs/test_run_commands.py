@@ -98,6 +98,7 @@ NOT_RUN = {
     r"^sextant compare": "needs two trained runs; tests/reports/test_run_comparison.py",
     r"^sextant inspect": "needs photos of one's own; tests/applications/inspection, tests/cli/test_inspect.py",
     r"^sextant localize": "needs a map; tests/cli/test_localize.py",
+    r"^sextant locate ": "needs posed photos; tests/applications/localization/test_pose_map.py",
     r"^sextant walk": "needs a walk and a map; tests/applications/walks runs it on rendered ones",
     r"^sextant trajectory": "needs two trajectories; tests/cli/test_trajectory.py runs it on files of that kind",
     r"^sextant sweep (status|attach|cancel)": "needs a submitted sweep; tests/lifecycle/test_launchers.py",

@@ -26,6 +26,8 @@ from sextant.errors import ArgumentError, naming_extras
 LEAST_MATCHES = 4
 #: focal lengths that are tried where it is unknown, in longer sides of the image: 10 to 100 degrees wide
 FOCAL_LENGTHS = np.geomspace(0.4, 5.7, 14)
+#: matches by which focal lengths are compared; the best is then estimated by all
+SEARCHED = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +106,8 @@ def absolute_pose(
         tried = [camera.of_focal_length(camera.fx * np.exp(focal_sigma * z)) for z in (-2, -1, 0, 1, 2)]
     else:
         tried = [camera]
-    results = [(_ransac(pixels, points, each, error_px), each) for each in tried]
-    (pose, info), best = max(results, key=lambda result: _support(result[0][1]))
+    best = tried[0] if len(tried) == 1 else _best_supported(pixels, points, tried, error_px)
+    pose, info = _ransac(pixels, points, best, error_px)
     inliers = np.asarray(info["inliers"], bool)
     if inliers.sum() < LEAST_MATCHES:
         return None
@@ -121,6 +123,12 @@ def _ransac(pixels: ndarray, points: ndarray, camera: Pinhole, error_px: float) 
     ransac = {"max_reproj_error": error_px, "max_iterations": 10_000, "min_iterations": 200}
     pose, info = poselib.estimate_absolute_pose(pixels, points, camera.poselib(), ransac, {})
     return pose, info
+
+
+def _best_supported(pixels: ndarray, points: ndarray, tried: list[Pinhole], error_px: float) -> Pinhole:
+    """The camera with which most of some of the matches agree."""
+    rows = np.linspace(0, len(pixels) - 1, min(len(pixels), SEARCHED)).astype(int)
+    return max(tried, key=lambda camera: _support(_ransac(pixels[rows], points[rows], camera, error_px)[1]))
 
 
 def _support(info: dict[str, Any]) -> tuple[int, float]:
