@@ -84,7 +84,8 @@ class Comparison:
 
     def strip(self) -> Strip:
         """The interval as it is drawn in the picture."""
-        return Strip(self.estimate.mean, *self._ends(), self.matters, not self.beside)
+        value = self.effect(with_unit=True)
+        return Strip(self.label, value, self.estimate.mean, *self._ends(), self.matters, not self.beside)
 
     def asked(self) -> str:
         """The requirement of the claim, in words."""
