@@ -40,9 +40,11 @@ def claim_strips(strips: Sequence[Strip]) -> str:
     """An SVG with a row per comparison: the right favours the claim; what does not count is grey.
 
     Each row has its label, its value with the unit, and its own scale, since comparisons may have different units. The
-    zero line is shared, and the band covers effects too small to matter. Coordinates have one decimal, so that the same figures give the same bytes.
+    zero line is shared, and the band covers effects too small to matter. Coordinates have one decimal, so that the same
+    figures give the same bytes.
 
-    >>> picture = claim_strips([Strip("day", "+1.0 m", 1.0, 0.5, 1.5, matters=0.2, counts=True)])
+    >>> strip = Strip("day", "+1.0 m", 1.0, 0.5, 1.5, matters=0.2, counts=True)
+    >>> picture = claim_strips([strip])
     >>> picture.count("<circle"), 'class="shown"' in picture
     (1, True)
     """
