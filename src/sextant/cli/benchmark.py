@@ -20,17 +20,17 @@ class BenchmarkOptions(Options):
     """What the user chose."""
 
     folder: UserPath
-    """photos of known cameras with a table, or panoramas: a path, or a name in SEXTANT_DATA such as york_urban"""
+    """photos with a table of their cameras, or panoramas: a path, or a name in SEXTANT_DATA such as york_urban"""
     run: str = "zoo:calibration"
-    """the network: a run of calibration or a checkpoint (default: the package's)"""
+    """the network: a calibration run or a checkpoint (default: the one included in the package)"""
     sampling: str = "lopez_4x3"
-    """distribution of the cameras of photos cut from panoramas"""
+    """camera distribution for the photos cut from panoramas (default: lopez_4x3)"""
     cuts: Annotated[int, Field(ge=1)] = 7
-    """photos cut from each panorama"""
+    """number of photos cut from each panorama (default: 7)"""
     leave_out: Annotated[tuple[str, ...], SPLIT] = ()
-    """files that are not measured, such as those trained on; names or patterns like polyhaven__*"""
+    """files to exclude, such as training data: names or patterns like polyhaven__*, separated by commas"""
     output: UserPath = Path("benchmark")
-    """folder for the tables and each photo's errors"""
+    """folder for the tables and the errors of each photo (default: benchmark)"""
 
 
 def main(arguments: Sequence[str]) -> None:

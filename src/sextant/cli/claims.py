@@ -23,17 +23,17 @@ class ClaimsOptions(Options):
     """What the user chose."""
 
     claim: str = "all"
-    """one of conf/claim (default: all)"""
+    """name of a claim in conf/claim (default: all)"""
     preset: Literal["stored", "quick", "full"] = "stored"
-    """run what is missing of the claims' sweeps, full or quick; without it, the stored results decide"""
+    """run the missing cells of the claims' sweeps, full or quick; without it, the stored results are used"""
     workers: int | None = Field(None, ge=1, examples=[2])
-    """processes on this machine for the sweeps of a preset; launcher.* and tracking.* are passed on to the sweeps"""
+    """parallel processes for a preset's sweeps; launcher.* and tracking.* are passed on to the sweeps"""
     output: UserPath | None = None
-    """folder for claims.md and its pictures (default for all claims: results, or outputs/claims/<preset>)"""
+    """folder for claims.md and its figures (default for all claims: results, or outputs/claims/<preset>)"""
     html: UserPath | None = None
-    """folder for claims.html: the board as one page with charts, without server or network"""
+    """folder for claims.html: the summary as a self-contained page with charts"""
     digests: Literal["check", "renew"] = "check"
-    """renew: accept the stored results as they are, after their sweeps were run again"""
+    """renew: accept the current stored results, for example after rerunning their sweeps"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -19,7 +19,7 @@ class CompareOptions(Options):
     run: str = ""
     """given twice: an MLflow run id, a run directory or its name, or a checkpoint"""
     outputs: str | None = None
-    """output folder, if not the default; other seeds of the same configs there show how much seeds matter"""
+    """output folder, if not the default; its runs with other seeds show the variation between seeds"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -20,9 +20,9 @@ class MakeOptions(Sharded):
     """What the user chose."""
 
     benchmark: str = Field(alias="set")
-    """whose parameters to use: cifar10_c, mnist_c or imagenet_c"""
+    """benchmark whose parameters are used: cifar10_c, mnist_c or imagenet_c"""
     input: str
-    """a dataset such as cifar10, of which the test split is taken, or a .npy file of uint8 (n, h, w[, c])"""
+    """a dataset such as cifar10, whose test split is used, or a .npy file of uint8 (n, h, w[, c])"""
     output: UserPath
     """folder for the files"""
     names: Annotated[tuple[str, ...], SPLIT] = ()
@@ -38,7 +38,7 @@ class MakeOptions(Sharded):
     labels: str | None = None
     """a .npy file of n labels to write beside the images (default: the dataset's)"""
     device: str = "cpu"
-    """where to compute (default: cpu)"""
+    """device to compute on (default: cpu)"""
 
 
 def run(arguments: Sequence[str]) -> None:

@@ -30,15 +30,15 @@ class DashboardOptions(Options):
     """What the user chose."""
 
     port: int = Field(5000, ge=1024, le=65535, examples=[5000])
-    """first port to try on the loopback interface; the next free one is taken"""
+    """first port to try on the loopback interface; the next free one is used"""
     serve: bool = Field(True, examples=["false"])
-    """false: only fill the store from the run directories"""
+    """false: only update the store from the run directories"""
     outputs: UserPath | None = None
     """output folder, if not the default"""
     tracking: Literal["sqlite", "server"] = Field("sqlite", examples=["server"])
-    """server: fill a server that runs elsewhere, and open none; sqlite: the embedded store"""
+    """server: update a running MLflow server and open none; sqlite: the embedded store (default)"""
     uri: str | None = Field(None, alias="tracking.uri")
-    """address of that server"""
+    """address of the server"""
 
 
 def main(arguments: Sequence[str]) -> None:

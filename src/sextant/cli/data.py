@@ -34,14 +34,14 @@ class RenderOptions(Sharded):
     """What the user chose for rendering, apart from the config of the dataset."""
 
     threads: int = Field(ge=1, le=256, examples=[2])
-    """number of threads that render"""
+    """number of rendering threads"""
 
 
 class VerifyOptions(Options):
     """What the user chose for a verification."""
 
     repair: bool = Field(False, examples=["true"])
-    """true: discard what is damaged, so that it is rendered again"""
+    """true: discard damaged parts, so that they can be rendered again"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -22,9 +22,9 @@ class Sharded(Options):
     """Options of work that can be divided into shards, each with its own process."""
 
     shards: int | None = Field(None, ge=1, le=10_000, examples=[3])
-    """number of parts to describe separately; without shard=, put the finished parts together"""
+    """number of shards to divide the work into; without shard=, complete the result from finished shards"""
     shard: int | None = Field(None, ge=0, examples=[0])
-    """number of the part to describe, from 0"""
+    """number of the shard to process, from 0"""
 
     @classmethod
     def of(cls, given: Mapping[str, str], usage: str | None = None) -> Self:

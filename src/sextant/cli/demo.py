@@ -1,4 +1,4 @@
-"""``sextant demo``: see in a browser what Sextant does with your own photos."""
+"""``sextant demo``: demonstrate Sextant in the browser on your own photos."""
 
 import webbrowser
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ class DemoOptions(Options):
     """What the user chose."""
 
     browser: bool = Field(True, examples=["false"])
-    """false: only print the address"""
+    """false: print the address without opening a browser"""
     port: int = Field(0, ge=0, le=65535, examples=[8000])
     """port on the loopback interface (default: a free one)"""
 

@@ -22,8 +22,8 @@ def main(arguments: Sequence[str]) -> None:
     """Check this machine, or run the checks of one chapter; exit status 1 if one fails."""
     if any(argument in ("-h", "--help") for argument in arguments):
         print(
-            f"{USAGE}\n\n  by itself    versions, data, runs and their store, threads, disk, GPU"
-            "\n  calibration  the geometry, losses and crops of single-image calibration, in seconds"
+            f"{USAGE}\n\n  no argument  check versions, data, runs and their store, threads, disk and GPU"
+            "\n  calibration  check the geometry, losses and crops of single-image calibration; takes seconds"
         )
     elif not arguments:
         _machine()

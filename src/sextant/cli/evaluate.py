@@ -18,7 +18,7 @@ def main(arguments: Sequence[str]) -> None:
     """Rebuild the model from its checkpoint alone and test it."""
     quiet_libraries()
     if any(argument in ("-h", "--help") for argument in arguments):
-        print(f"{USAGE}\n\n  what may change: {', '.join(FREE)}; keys as in train.py --cfg job")
+        print(f"{USAGE}\n\n  what may change: {', '.join(FREE)}; for their keys, see train.py --cfg job")
         return
     run, overrides = split_run(arguments, USAGE)
     show_result(evaluate_run(run, overrides, TERMINAL))

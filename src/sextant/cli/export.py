@@ -18,13 +18,13 @@ class ExportOptions(Options):
     run: str
     """an MLflow run id, a run directory or its name, or a checkpoint"""
     format: Literal["onnx", "torch_export"] = "onnx"
-    """onnx, or torch_export for torch.export.load"""
+    """onnx (default), or torch_export to be read by torch.export.load"""
     output: UserPath | None = None
-    """folder for the file and its model card (default: exported/<task>/<run> among the outputs)"""
+    """folder for the file and its model card (default: exported/<task>/<run> in the output folder)"""
     outputs: UserPath | None = None
     """output folder of runs, if not the default"""
     trust: bool = Field(False, examples=["true"])
-    """true: build the user's own parts that the checkpoint names"""
+    """true: build user-defined parts that the checkpoint names"""
 
 
 def main(arguments: Sequence[str]) -> None:

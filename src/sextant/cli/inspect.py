@@ -26,9 +26,9 @@ class InspectOptions(Options):
     """What the user chose."""
 
     input: UserPath
-    """what to look at; the key may be left out"""
+    """folder, photo, video or file of poses to inspect; input= may be omitted"""
     json_file: UserPath | None = Field(None, alias="json")
-    """a file for everything found, with every file named"""
+    """JSON file for the full results, which list every file"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -12,7 +12,7 @@ from sextant.console.console import console
 from sextant.errors import UserError
 
 USAGE = (
-    "sextant localize map=<run of localization, or a saved map> input=<folder of photos, video, ROS bag or camera:0> "
+    "sextant localize map=<localization run or saved map> input=<folder of photos, video, ROS bag or camera:0> "
     "[live=true] [odometry=<table>] [output=localization]"
 )
 
@@ -21,19 +21,19 @@ class LocalizeOptions(LocalizingOptions):
     """What the user chose."""
 
     map: str
-    """a run of localization, or a folder written by Localizer.save or sextant walk"""
+    """a localization run, or a folder written by Localizer.save or sextant walk"""
     input: str
-    """folder of photos in the order of their names, a video, a ROS bag, or camera:0 for this machine's first camera"""
+    """folder of photos in order of file name, a video, a ROS bag, or camera:0 for this machine's first camera"""
     output: UserPath = Path(OUTPUT)
     """folder for poses.csv, trajectory.tum and pictures (default: localization)"""
     live: bool = Field(False, examples=["true"])
-    """true: show each step in the browser during the drive"""
+    """true: show each step live in the browser"""
     browser: bool = Field(True, examples=["false"])
-    """with live=true: false only prints the address"""
+    """with live=true: false prints the address without opening a browser"""
     port: int = Field(0, ge=0, le=65535, examples=[8000])
     """with live=true: port on the loopback interface (default: a free one)"""
     trust: bool = Field(False, examples=["true"])
-    """true: build parts of your own that the map names"""
+    """true: build user-defined parts that the map names"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -1,5 +1,6 @@
 """``sextant locate``: the poses of photos or a video, from correspondences with posed photos."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,24 +9,24 @@ from pydantic import Field
 from sextant.console.arguments import Options, UserPath
 from sextant.errors import UserError
 
-USAGE = "sextant locate map=<folder of photos with poses, or a saved map> input=<photos or video> [output=located]"
+USAGE = "sextant locate map=<folder of photos with poses, or saved map> input=<photos or video> [output=located]"
 
 
 class LocateOptions(Options):
     """What the user chose."""
 
     map: UserPath
-    """folder of photos with poses (COLMAP, OpenSfM, nerfstudio, TUM, KITTI or poses.csv), or a map saved by save="""
+    """folder of photos with poses (COLMAP, OpenSfM, nerfstudio, TUM, KITTI or poses.csv), or a map saved with save="""
     input: str
     """a photo, a folder of photos, or a video"""
     output: UserPath = Path("located")
     """folder for poses.csv, trajectory.tum, a COLMAP model and pictures (default: located)"""
     camera: str | None = Field(None, examples=["1034,1036,570,377"])
-    """fx,fy,cx,cy in pixels if the camera is known; without it the focal length is estimated"""
+    """fx,fy,cx,cy in pixels if the camera is known; otherwise the focal length is estimated"""
     every: int = Field(1, ge=1, examples=[10])
-    """use every n-th frame of a video"""
+    """use every n-th frame of a video (default: 1)"""
     save: UserPath | None = None
-    """folder to save the map to, so that it need not be made again"""
+    """folder to save the map to for later use as map="""
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -39,13 +40,16 @@ def main(arguments: Sequence[str]) -> None:
     from sextant.console.written import make_output, tell_written
 
     check_apart(options.output, input=options.input, map=options.map)
+    if options.save is not None:
+        check_apart(options.save, key="save", input=options.input, map=options.map, output=options.output)
     camera = _camera(options.camera)
     frames = find_frames(options.input, options.output, options.every)
     make_output(options.output)
+    if options.save is not None:
+        make_output(options.save, "save")
     with work_progress("the map's features", "images") as progress:
         poses, paths = locating.map_of_folder(options.map, progress)
     if options.save is not None:
-        make_output(options.save, "save")
         poses.save(options.save)
     console.print(f"map: {len(poses.names):,} images, {len(poses.posed.points):,} points")
     with work_progress("located", "images") as progress:
@@ -62,5 +66,10 @@ def _camera(given: str | None) -> object:
     try:
         fx, fy, cx, cy = (float(value) for value in given.split(","))
     except ValueError:
-        raise UserError(f"camera={given}: four numbers are expected", "camera=<fx>,<fy>,<cx>,<cy> in pixels") from None
+        fx, fy, cx, cy = (math.nan,) * 4
+    if not (0 < fx < math.inf and 0 < fy < math.inf and math.isfinite(cx) and math.isfinite(cy)):
+        raise UserError(
+            f"camera={given}: four numbers are expected, the focal lengths above 0",
+            "camera=<fx>,<fy>,<cx>,<cy> in pixels",
+        )
     return fx, fy, cx, cy

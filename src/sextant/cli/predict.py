@@ -28,9 +28,9 @@ class SharedOptions(Options):
     """Options common to all tasks."""
 
     run: str | None = None
-    """the trained model (default: zoo:calibration of the package, which calibrates photos)"""
+    """the trained model (default: the package's zoo:calibration, which calibrates photos)"""
     task: str | None = None
-    """cosfire: detect what one example shows, with or without the features of run=; other tasks come with run="""
+    """cosfire: detect the pattern of one example, with or without features of run=; else run= sets the task"""
     input: str | None = None
     """an image, a folder to search for images, or a pattern such as 'photos/*.jpg'; for localization also a video"""
     output: str | None = None
@@ -39,7 +39,7 @@ class SharedOptions(Options):
     outputs: str | None = None
     """output folder of runs, if not the default"""
     trust: bool = Field(False, examples=["true"])
-    """true: build the user's own parts that the checkpoint names"""
+    """true: build user-defined parts that the checkpoint names"""
 
 
 KEYS = SharedOptions.meanings()

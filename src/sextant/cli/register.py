@@ -20,13 +20,13 @@ class RegisterOptions(Options):
     run: str
     """an MLflow run id, a run directory or its name, or a checkpoint"""
     name: str
-    """name of the model; an existing name gets a new version"""
+    """name of the model; if it exists, a new version is added"""
     outputs: UserPath | None = None
     """output folder of runs, if not the default"""
     tracking: Literal["sqlite", "server"] = Field("sqlite", examples=["server"])
-    """whose registry: the embedded store or a server"""
+    """sqlite: the registry of the embedded store (default); server: that of an MLflow server"""
     uri: str | None = Field(None, alias="tracking.uri")
-    """address of that server"""
+    """address of the server"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -33,15 +33,15 @@ class ReportOptions(Options):
     """What the user chose."""
 
     sweep: str
-    """the sweep's name, directory or MLflow parent run; or the folders of cells of its blocks, which are joined"""
+    """the sweep's name, directory or MLflow parent run; or the cell folders of its blocks, to be merged"""
     outputs: str | None = None
     """output folder, if not the default"""
     tracking: Literal["none"] | None = Field(None, title="none, which keeps the report off the parent run")
-    """none: do not log the report on the sweep's parent run"""
+    """none: do not log the report to the sweep's parent run"""
     cells: UserPath | None = None
-    """folder for the finished cells as CSV, config and digests, to be joined with those of other blocks"""
+    """folder for the finished cells as CSV, config and digests, to be merged with those of other blocks"""
     html: UserPath | None = None
-    """folder for <sweep>.html: the report as one page with charts, without server or network"""
+    """folder for <sweep>.html: the report as a self-contained page with charts"""
 
 
 def main(arguments: Sequence[str]) -> None:

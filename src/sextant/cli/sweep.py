@@ -26,9 +26,9 @@ def main(arguments: Sequence[str]) -> None:
     """Show, wait for or cancel a sweep that runs in another process or on a cluster."""
     if any(argument in ("-h", "--help") for argument in arguments):
         print(
-            f"{USAGE}\n\n  status  how many runs are finished, run, wait or failed\n"
-            "  attach  wait for the rest, and submit what got lost\n"
-            "  cancel  end what runs and waits; what is finished is kept"
+            f"{USAGE}\n\n  status  show how many runs are finished, running, waiting or failed\n"
+            "  attach  wait for the remaining runs, and resubmit those that were lost\n"
+            "  cancel  stop running and waiting runs; finished runs are kept"
         )
         return
     verb, names = (arguments[0], [word for word in arguments[1:] if "=" not in word]) if arguments else ("", [])

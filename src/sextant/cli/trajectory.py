@@ -25,13 +25,13 @@ class TrajectoryOptions(Options):
     """What the user chose, apart from the two files (TUM, KITTI, table, COLMAP, OpenSfM, nerfstudio)."""
 
     max_gap_s: float = Field(0.01, ge=0)
-    """largest difference of times, in seconds, for two poses of TUM files to be of one frame"""
+    """largest time difference, in seconds, at which poses of two TUM files correspond (default: 0.01)"""
     figure: UserPath | None = None
-    """a picture of both from above (.png, .svg or .pdf)"""
+    """file for a plan view of both trajectories (.png, .svg or .pdf)"""
     alignment: Literal["none", "rigid", "similarity"] = "none"
-    """how the estimate is aligned in the picture"""
+    """alignment of the estimate in the figure: none (default), rigid or similarity"""
     json_file: UserPath | None = Field(None, alias="json")
-    """a file for all statistics"""
+    """JSON file for all statistics"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""``sextant walk``: localize images of an unknown camera in a map of another season."""
+"""``sextant walk``: localize images from an uncalibrated camera in a map from another season."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ from sextant.chapters.localization.options import LocalizingOptions
 from sextant.console.arguments import UserPath
 
 USAGE = (
-    "sextant walk input=<folder of photos or video> map=<folder of images with poses, or a saved map> [output=walk] "
+    "sextant walk input=<folder of photos or video> map=<folder of images with poses, or saved map> [output=walk] "
     "[odometry=<table>]"
 )
 
@@ -20,26 +20,26 @@ class WalkOptions(LocalizingOptions, FocalOptions):
     """What the user chose."""
 
     input: str
-    """folder of photos in the order of their names, a video or a ROS bag, all of one camera"""
+    """folder of photos in order of file name, a video or a ROS bag, from a single camera"""
     map: str
-    """folder of images with poses of any format, the file of these, or a saved map, such as an earlier walk wrote"""
+    """folder of images with poses in any format, its pose file, or a saved map, such as a walk's"""
     output: UserPath = Path("walk")
     """folder for report.md, poses, cameras, the map and pictures (default: walk)"""
     run: str = "zoo:calibration"
-    """the network that calibrates (default: the package's)"""
+    """the calibration network: a run or a checkpoint (default: the one included in the package)"""
     descriptor: str | None = Field(None, examples=["Hog"])
-    """describes images: a run of place recognition, Hog, Pixels, PatchNormalised or WhitenedPCA (default: zoo:places,
+    """image descriptor: a place recognition run, Hog, Pixels, PatchNormalised or WhitenedPCA (default: zoo:places,
     unless images are small)"""
     held: Literal["mounted", "by_hand", "level"] = Field("mounted", examples=["by_hand"])
-    """mounted: tilt and roll are the same in all images (default); by_hand: each has its own; level: none"""
+    """mounted: same tilt and roll in all images (default); by_hand: different in each image; level: zero"""
     photos: int = Field(40, ge=1, examples=[40])
-    """images of each camera to calibrate it by, evenly spaced (default: 40)"""
+    """number of evenly spaced images to calibrate each camera from (default: 40)"""
     rows: int | None = Field(None, ge=8, le=1080, examples=[120])
-    """height of the straightened images, 8 to 1080 (default: 120)"""
+    """height of the straightened images in pixels, 8 to 1080 (default: 120)"""
     vfov_deg: float | None = Field(None, examples=[55])
-    """vertical field of view of these (default: the largest that both cameras cover)"""
+    """vertical field of view of the straightened images in degrees (default: the largest that both cameras cover)"""
     skip_bad: bool = Field(False, examples=["true"])
-    """true: leave out map images at the very pose of another; otherwise they are an error"""
+    """true: leave out map images whose pose duplicates another's; otherwise they are an error"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -96,10 +96,10 @@ class XFeatures:
     name: str = "xfeat"
 
     def __post_init__(self) -> None:
-        if self.keypoints < 1:
-            raise ArgumentError(f"keypoints={self.keypoints} must be at least 1", of=self)
-        if self.side is not None and not 64 <= self.side <= 4096:
-            raise ArgumentError(f"side={self.side} must be between 64 and 4096 pixels, or null", of=self)
+        if not isinstance(self.keypoints, int) or self.keypoints < 1:
+            raise ArgumentError(f"keypoints={self.keypoints!r} must be a whole number, at least 1", of=self)
+        if self.side is not None and (not isinstance(self.side, int) or not 64 <= self.side <= 4096):
+            raise ArgumentError(f"side={self.side!r} must be a whole number of pixels, 64 to 4096, or None", of=self)
 
     def detect(self, images: Sequence[UInt8[ndarray, "h w 3"]]) -> list[LocalFeatures]:
         """The features of each image; runs of images of one size are detected together."""

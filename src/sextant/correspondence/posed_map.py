@@ -13,7 +13,7 @@ for minimal samples of three points with up to four poses, and inliers within r 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -48,7 +48,7 @@ class PosedMap:
         poses: ``world_from_camera`` of each image.
         cameras: of each image.
         points: of the world.
-        covariances: of the points, for pixels of a standard deviation of 1.
+        covariances: of the points, for a standard deviation of one pixel of the pictures that they were detected in.
         point_of: for each image, the number of each feature's point, or -1.
     """
 
@@ -92,7 +92,7 @@ class PosedMap:
             self.points[numbers],
             camera,
             focal_sigma=focal_sigma,
-            covariances=self.covariances[numbers] * unit**2,
+            covariances=self.covariances[numbers],
             error_px=2 * ERROR_PX * unit,
         )
         inliers = 0 if pose is None else int(pose.inliers.sum())
@@ -156,13 +156,17 @@ def focal_length_of(features: Sequence[LocalFeatures], poses: Float64[ndarray, "
     def loss(log_focal: float) -> float:
         total = 0.0
         for i, j, pairs in matched:
-            views = [Pinhole.centred(f.width, f.height, math.exp(log_focal) * max(f.width, f.height)) for f in features]
+            views = {k: _of_focal_length(features[k], math.exp(log_focal)) for k in (i, j)}
             error = _contradiction(features, poses, views, i, j, pairs)
             total += float(np.minimum(error / (ERROR_PX * features[i].pixel), 1.0).sum())
         return total
 
     start = min(np.log(FOCAL_LENGTHS).tolist(), key=loss)
     return math.exp(minimize_scalar(loss, bounds=(start - 0.2, start + 0.2), method="bounded").x)
+
+
+def _of_focal_length(features: LocalFeatures, focal: float) -> Pinhole:
+    return Pinhole.centred(features.width, features.height, focal * max(features.width, features.height))
 
 
 def log_false_alarms(matches: int, inliers: int, radius_px: float, pixels: int) -> float:
@@ -187,7 +191,12 @@ def _agree(
 
 
 def _contradiction(
-    features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], i: int, j: int, pairs: ndarray
+    features: Sequence[LocalFeatures],
+    poses: ndarray,
+    cameras: Sequence[Pinhole] | Mapping[int, Pinhole],
+    i: int,
+    j: int,
+    pairs: ndarray,
 ) -> Float64[ndarray, "m"]:
     """Sampson errors of matches under the poses, pixels; infinite where the images have one position."""
     relative = np.linalg.inv(poses[j]) @ poses[i]
@@ -219,9 +228,11 @@ def _triangulated(
     unit = np.array([each.pixel for each in features])
     largest = np.zeros(len(found.points))
     np.maximum.at(largest, tracks, unit[image[rows]])
+    variance = np.bincount(tracks, unit[image[rows]] ** 2) / np.bincount(tracks)
+    covariances = found.covariances * variance[:, None, None]
     kept = found.valid & (found.errors_px < ERROR_PX * largest) & (found.angles_deg > LEAST_ANGLE_DEG)
     number = np.where(kept, np.cumsum(kept) - 1, -1)
     point_of = np.full(total, -1)
     point_of[rows] = number[tracks]
     each = [point_of[start:end] for start, end in pairwise(offsets)]
-    return PosedMap(features, poses, cameras, found.points[kept], found.covariances[kept], each)
+    return PosedMap(features, poses, cameras, found.points[kept], covariances[kept], each)

@@ -14,6 +14,8 @@ pytest.importorskip("kornia")
 pytest.importorskip("poselib")
 
 from sextant import PoseMap, cli
+from sextant.chapters.localization.data.posed_photos import PhotoLens
+from sextant.correspondence import Pinhole
 from sextant.errors import UserError
 
 DATA = os.environ.get("SEXTANT_DATA")
@@ -74,11 +76,16 @@ def test_a_photo_is_located_within_centimetres(desk, capsys):
     assert np.linalg.norm(found.world_from_camera[:3, 3] - truth[:3, 3]) < 0.035
     turn = Rotation.from_matrix(truth[:3, :3].T @ found.world_from_camera[:3, :3]).magnitude()
     assert np.rad2deg(turn) < 0.1
+    again = [f"map={folder / 'map'}", f"input={folder}", f"output={folder / 'out'}", "camera=1035,1037,570,377"]
+    cli.run("locate", again)  # which does not take the pictures that the first run wrote
+    assert "6 of 7 images located" in capsys.readouterr().out
+    cli.run("locate", words[:3])
     pycolmap = pytest.importorskip("pycolmap")
     model = pycolmap.Reconstruction(str(folder / "out" / "colmap"))
     (image,) = model.images.values()
     assert image.name == "query.jpg"
     np.testing.assert_allclose(image.projection_center(), truth[:3, 3], atol=0.10)
+    np.testing.assert_allclose(image.camera.params[2:], np.array(camera[2:]) + 0.5, atol=0.01)  # the map's
 
 
 @real
@@ -104,6 +111,34 @@ def test_poses_that_are_none_are_refused(poses, said):
     images = [np.zeros((64, 64, 3), np.uint8)] * 2
     with pytest.raises(UserError, match=said):
         PoseMap.from_images(images, poses)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"cameras": 500.0}, "must be .fx, fy, cx, cy., a Pinhole"),
+        ({"cameras": [(1, 1, 0, 0)] * 3}, "3 cameras for 2 images"),
+        ({"cameras": Pinhole.centred(100, 100, 90.0)}, "a camera of 100x100 pixels for an image of 64x64"),
+        ({"names": ["a"]}, "1 names for 2 images"),
+        ({"side": "320"}, "must be a whole number of pixels"),
+    ],
+)
+def test_arguments_that_do_not_fit_the_images_are_refused(arguments, said):
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, 0, 3] = 1
+    images = [np.random.default_rng(k).integers(0, 255, (64, 64, 3), np.uint8) for k in range(2)]
+    with pytest.raises(UserError, match=said):
+        PoseMap.from_images(images, poses, **({"cameras": (60, 60, 32, 32)} | arguments))
+
+
+def test_a_model_of_other_images_is_refused_and_of_smaller_ones_scaled():
+    lens = PhotoLens(640, 480, (500.0, 510.0, 319.5, 239.5, 0.1, 0.0, 0.0, 0.0))
+    half = lens.of_size(320, 240, "a.jpg")
+    assert half.opencv == (250.0, 255.0, 159.5, 119.5, 0.1, 0.0, 0.0, 0.0)
+    with pytest.raises(UserError, match="EXIF turns it upright"):
+        lens.of_size(480, 640, "a.jpg")
+    with pytest.raises(UserError, match=r"a\.jpg has 640x640 pixels"):
+        lens.of_size(640, 640, "a.jpg")
 
 
 def test_blank_walls_make_no_map():

@@ -93,7 +93,7 @@ def test_positions_further_away_than_any_camera_goes_are_named(kind, tmp_path):
     ("file", "content", "said"),
     [
         ("reconstruction.json", "[]", 'a list of reconstructions with "shots" is expected'),
-        ("reconstruction.json", "[" * 100_000, "is no JSON"),
+        ("reconstruction.json", "[" * 100_000, "is not JSON"),
         ("reconstruction.json", '[{"shots": {}}]', "it has no posed image"),
         ("reconstruction.json", '[{"shots": {"a.jpg": 3}}]', "a.jpg: its rotation and translation"),
         ("transforms.json", "{}", 'a list of "frames" is expected'),

@@ -102,7 +102,7 @@ def test_a_file_that_changed_is_read_again(tmp_path):
 
 
 BAD = {
-    "empty": (b"", "is no JSON"),
+    "empty": (b"", "is not JSON"),
     "picture": (b"\x89PNG\r\n\x1a\n\xff\xff", "byte 0 is not text in UTF-8"),
     "list": (b"[1, 2]", "is no GeoJSON: feature 1 has no geometry"),
     "overpass": (b'{"version": 0.6, "elements": []}', "is no GeoJSON: feature 1 has no geometry"),

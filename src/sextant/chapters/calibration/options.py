@@ -24,12 +24,12 @@ class CalibrationOptions(FocalOptions):
     """Options of the calibration of photos."""
 
     method: Literal["joint", "lines", "network"] = Field("joint", examples=["network"])
-    """joint (default: network, lines and a prior on cameras together), lines (no network) or network (alone)"""
+    """joint (default: network, lines and a prior on cameras), lines (no network) or network (no lines)"""
     undistort: Undistort = Field("crop", examples=["all"])
-    """crop (default: no borders), all (every pixel is kept, with borders) or none (no straightened photos)"""
+    """crop (default: no borders), all (keep every pixel, with borders) or none (no straightened photos)"""
     camera: Literal["each", "one"] = Field("each", examples=["one"])
-    """each (default), or one: all photos share one camera and lens setting, and are fused"""
+    """each (default), or one: all photos share one camera and lens setting, and their estimates are fused"""
     gravity_prior: Annotated[Literal["exif"] | None, NONE] = Field(None, title="none or exif", examples=["exif"])
-    """none (default), or exif: gravity from the phone's accelerometer, where a photo has it"""
+    """none (default), or exif: gravity from the phone's accelerometer, for photos that contain it"""
     colmap: bool = Field(False, examples=["true"])
-    """true: also write cameras and gravity as a COLMAP database, in <output>/colmap"""
+    """true: also write cameras and gravity to a COLMAP database in <output>/colmap"""

@@ -10,7 +10,7 @@ from sextant.kit.handler import Handler, Trained, find_run, outputs_of
 
 
 class Detection(Handler):
-    """Detects in images what one example shows."""
+    """Detects the pattern of one example in images."""
 
     task = topic = named_by = "task=cosfire"
     usage = (

@@ -16,7 +16,7 @@ from sextant.data.upright import upright_size
 from sextant.errors import UserError
 from sextant.user_files import absent
 
-PROTOTYPE = {"prototype": "the image that a filter is configured from"}
+PROTOTYPE = {"prototype": "the example image from which the filter is configured"}
 
 
 class DetectionOptions(Options):
@@ -25,26 +25,26 @@ class DetectionOptions(Options):
     point: Annotated[tuple[float, float], SPLIT] | None = Field(
         None, title="two numbers, x,y in pixels", examples=["120,80"]
     )
-    """x,y of what to look for, in pixels of the upright prototype (default: its middle)"""
+    """x,y of the pattern to detect, in pixels of the upright prototype (default: its centre)"""
     preset: Preset | None = Field(None, examples=["photo"])
-    """constants of the filter: photo (edges; default), bifurcation, symbol, digit, traffic_sign"""
+    """filter parameters: photo (edges; default), bifurcation, symbol, digit or traffic_sign"""
     layer: str | None = None
-    """with run=: the layer of its network whose features the filter looks at, instead of a preset's"""
+    """with run=: the network layer whose features the filter uses, instead of those of a preset"""
     rotations: int | None = Field(None, ge=1, le=360, examples=[8])
-    """number of rotations of the example to find too, evenly over the circle (default: the preset's, or 1)"""
+    """number of evenly spaced orientations to detect (default: the preset's, or 1)"""
     scales: Annotated[tuple[Annotated[float, Field(gt=0)], ...], SPLIT] | None = Field(
         None, min_length=1, title="numbers above 0, separated by commas", examples=["0.7,1,1.4"]
     )
-    """sizes of the example to find too, such as 0.7,1,1.4 (default: the preset's, or 1)"""
+    """sizes to detect, relative to the example, such as 0.7,1,1.4 (default: the preset's, or 1)"""
     reflection: bool | None = Field(None, examples=["true"])
-    """true: find mirror images of the example too"""
+    """true: also detect mirror images of the example"""
     threshold: float | None = Field(None, gt=0, le=1, examples=[0.7])
-    """least score of a detection, as a share of the filter's response to its own prototype (default: 0.7; 0.8 with
+    """minimum score of a detection, relative to the filter's response to its prototype (default: 0.7; 0.8 with
     run=)"""
     min_distance: float | None = Field(None, gt=0, examples=[20])
-    """distance in pixels within which two detections are one (default: the filter's radius)"""
+    """distance in pixels within which detections are merged (default: the filter's radius)"""
     max_detections: int = Field(MAX_DETECTIONS, ge=1, examples=[8])
-    """largest number of detections in an image; the strongest are kept (default: 100)"""
+    """maximum number of detections per image; the strongest are kept (default: 100)"""
     longest: int = Field(LONGEST, ge=16, examples=[1200])
     """longest side in pixels; larger images and prototypes are shrunk to it (default: 800)"""
 
@@ -94,7 +94,7 @@ def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
     prototype = Path(given["prototype"]).expanduser()
     if not prototype.is_file():
         what = f"{prototype} is a folder, not one image" if prototype.is_dir() else absent(prototype)
-        raise UserError(f"prototype={what}", "Give one image that shows what to look for.")
+        raise UserError(f"prototype={what}", "Give one image that shows the pattern to detect.")
     size = _upright_size(prototype)
     if options.point is not None and size is not None:
         check_point(options.point, size)

@@ -17,7 +17,7 @@ class Localization(Handler):
     task = "localization"
     topic = "localization"
     usage = (
-        "sextant predict run=<run of localization, or a saved map> input=<folder of photos, video, ROS bag> "
+        "sextant predict run=<localization run or saved map> input=<folder of photos, video, ROS bag> "
         "[odometry=<table>] [output=localization]"
     )
     keys = LocalizingOptions.meanings()

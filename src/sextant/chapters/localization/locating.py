@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -10,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sextant.atomic_files import write_atomically, write_csv
 from sextant.chapters.localization.data.frames import Photos, Video
-from sextant.chapters.localization.data.posed_photos import PosedPhotos, posed_photos
+from sextant.chapters.localization.data.posed_photos import PhotoLens, posed_photos
 from sextant.chapters.localization.pose_map import LocatedPhoto, PoseMap
 from sextant.chapters.localization.pose_map_files import FORMAT
 from sextant.correspondence import Pinhole
@@ -21,10 +22,10 @@ from sextant.errors import UserError
 Advance = Callable[[int, int], None]
 COLUMNS = (
     *("file", "verdict", "x", "y", "z", "qw", "qx", "qy", "qz", "sigma_position", "sigma_deg", "inliers", "matches"),
-    *("log10_false_alarms", "fx", "nearest", "error"),
+    *("log10_false_alarms", "fx", "fy", "cx", "cy", "nearest", "error"),
 )
-#: photos whose matches are drawn
-DRAWN = 12
+#: photos whose matches are drawn, and the folder of these pictures
+DRAWN, MATCHES = 12, "matches"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,21 +49,43 @@ def map_of_folder(folder: Path, progress: Advance) -> tuple[PoseMap, Sequence[Pa
         return PoseMap.open(folder), []
     photos = posed_photos(folder)
     names = [path.relative_to(folder).as_posix() for path in photos.paths]
-    poses = PoseMap.from_images(photos.paths, photos.poses, _lenses(photos), names=names, progress=progress)
+    if photos.cameras is None:
+        poses = PoseMap.from_images(photos.paths, photos.poses, names=names, progress=progress)
+    else:
+        images = _Straightened(photos.paths, photos.cameras)
+        poses = PoseMap.from_images(images, photos.poses, images.cameras, names=names, progress=progress)
     return poses, photos.paths
 
 
-def _lenses(photos: PosedPhotos) -> list[Pinhole] | None:
-    if photos.cameras is None:
-        return None
-    from sextant.chapters.places.describing import upright_size
+class _Straightened(Sequence[ndarray]):
+    """Photos without their lenses' distortion, decoded one by one; a sequence of arrays."""
 
-    lenses = []
-    for path, (fx, fy, cx, cy) in zip(photos.paths, photos.cameras.tolist(), strict=True):
-        width, height = upright_size(path)
-        centre = ((width - 1) / 2, (height - 1) / 2) if np.isnan(cx) else (cx, cy)
-        lenses.append(Pinhole(width, height, fx, fy, *centre))
-    return lenses
+    def __init__(self, paths: Sequence[Path], lenses: Sequence[PhotoLens]):
+        self._paths = paths
+        sizes = [_size(path) for path in paths]
+        self._lenses = [
+            lens.of_size(width, height, str(path))
+            for lens, path, (height, width) in zip(lenses, paths, sizes, strict=True)
+        ]
+
+    @property
+    def cameras(self) -> list[Pinhole]:
+        """The cameras of the pictures."""
+        return [Pinhole(lens.width, lens.height, *lens.opencv[:4]) for lens in self._lenses]
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    def __getitem__(self, index: Any) -> Any:
+        lens = self._lenses[index]
+        pixels = decode_image(self._paths[index], lens.height, lens.width, 3)
+        fx, fy, cx, cy, *bent = lens.opencv
+        if not any(bent):
+            return pixels
+        import cv2
+
+        matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        return np.asarray(cv2.undistort(pixels, matrix, np.array(bent)))
 
 
 def locate_frames(
@@ -71,6 +94,8 @@ def locate_frames(
     """Locate each frame; the matches of the first that are located are drawn to ``output/matches``."""
     results: list[LocatedFrame] = []
     drawn = 0
+    for old in [*(output / MATCHES).glob("*.jpg"), *(output / "colmap").glob("*.txt"), output / "from_above.png"]:
+        old.unlink(missing_ok=True)  # of a former run
     for frame in frames.read(None):
         if frame.image is None:
             results.append(LocatedFrame(frame.name, None, problem=frame.problem))
@@ -79,7 +104,7 @@ def locate_frames(
         found = poses.locate(image, camera)
         results.append(LocatedFrame(frame.name, found, image.shape[1], image.shape[0]))
         if found.verdict == "located" and paths and drawn < DRAWN:
-            draw_matches(image, found, paths, poses.names, output / "matches" / f"{Path(frame.name).stem}.jpg")
+            draw_matches(image, found, paths, poses.names, output / MATCHES / _picture(frame.name))
             drawn += 1
         progress(len(results), len(frames))
     if not any(each.found for each in results):
@@ -122,22 +147,30 @@ def _row(frame: LocatedFrame, poses: PoseMap) -> dict[str, object]:
     return row | {
         **{"x": x, "y": y, "z": z, "qw": qw, "qx": qx, "qy": qy, "qz": qz, "inliers": found.inliers},
         **{"sigma_position": f"{spread[0]:.5f}", "sigma_deg": f"{np.degrees(spread[1]):.4f}"},
-        **{"log10_false_alarms": f"{found.log10_false_alarms:.1f}", "fx": f"{found.focal_px:.2f}"},
+        "log10_false_alarms": f"{found.log10_false_alarms:.1f}",
+        **{key: f"{getattr(found.camera, key):.3f}" for key in ("fx", "fy", "cx", "cy")},
         "nearest": poses.names[found.nearest or 0],
     }
 
 
 def _write_colmap(located: Sequence[LocatedFrame], folder: Path) -> list[Path]:
-    """``cameras.txt``, ``images.txt`` and an empty ``points3D.txt``; COLMAP's first pixel is centred at (0.5, 0.5)."""
+    """``cameras.txt``, ``images.txt`` and an empty ``points3D.txt``; COLMAP's first pixel is centred at (0.5, 0.5).
+
+    A name ends at a space there, so that spaces are replaced.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     cameras, images = [], []
     for number, frame in enumerate(located, start=1):
         inverse = np.linalg.inv(_pose(frame))
         x, y, z, w = Rotation.from_matrix(inverse[:3, :3]).as_quat().tolist()
-        size = (frame.width, frame.height)
-        focal = frame.found.focal_px if frame.found is not None else None
-        cameras.append(" ".join(map(str, (number, "SIMPLE_PINHOLE", *size, focal, *(side / 2 for side in size)))))
-        images += [" ".join(map(str, (number, w, x, y, z, *inverse[:3, 3].tolist(), number, frame.name))), ""]
+        camera = frame.found.camera if frame.found is not None else None
+        assert camera is not None
+        model = (camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5)
+        cameras.append(" ".join(map(str, (number, "PINHOLE", frame.width, frame.height, *model))))
+        images += [
+            " ".join(map(str, (number, w, x, y, z, *inverse[:3, 3].tolist(), number, frame.name.replace(" ", "_")))),
+            "",
+        ]
     for name, lines in (("cameras.txt", cameras), ("images.txt", images), ("points3D.txt", [])):
         _write(folder / name, lines)
     return [folder]
@@ -171,6 +204,12 @@ def draw_matches(
         lines.line([(x1 * scale, y1 * scale), there], fill=(0, 158, 115), width=1)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, lambda file: page.save(file, "JPEG", quality=88))
+
+
+def _picture(name: str) -> str:
+    """The file name of the matches of a photo, folders included."""
+    flat = name.replace("/", "__").replace("\\", "__").replace(" ", "_")
+    return flat if flat.lower().endswith(".jpg") else f"{flat}.jpg"
 
 
 def _size(path: Path) -> tuple[int, int]:

@@ -16,15 +16,15 @@ class LocalizingOptions(Options):
     """Options for any drive that is localized."""
 
     odometry: UserPath | None = None
-    """TUM trajectory, or table x,y,theta (m, rad) with a row per image or times; without it the motion is unknown"""
+    """TUM trajectory, or table x,y,theta (m, rad) with times or one row per image; without it, motion is unknown"""
     particles: int | None = Field(None, ge=1, le=100_000, examples=[1000])
-    """number of particles, up to 100000 (default: as the map was tested with)"""
+    """number of particles, up to 100000 (default: the number used in the map's test)"""
     start: Literal["uniform", "appearance"] = Field("uniform", examples=["appearance"])
-    """where particles begin: uniform over the map (default), or appearance: where the first image is found"""
+    """initial particles: uniform over the map (default), or appearance: at map images similar to the first image"""
     seed: int = Field(0, ge=0, le=2**31 - 1, examples=[1])
-    """seed of all random numbers (default: 0)"""
+    """random seed (default: 0)"""
     every: int = Field(1, ge=1, examples=[10])
-    """take every so many images of a video or ROS bag (default: 1)"""
+    """use every n-th image of a video or ROS bag (default: 1)"""
     image_topic: str | None = Field(None, examples=["/camera/image_raw"])
     """topic of a ROS bag's images (default: the only such topic)"""
     odometry_topic: str | None = Field(None, examples=["/odom"])
@@ -32,7 +32,7 @@ class LocalizingOptions(Options):
     replay: Literal["mp4", "gif", "none"] = Field("mp4", examples=["gif"])
     """animation of the particles: mp4 (default), gif or none"""
     smooth: bool = Field(False, examples=["true"])
-    """true: also write smoothed.tum, in which each pose uses all images of the drive, later ones included"""
+    """true: also write smoothed.tum, whose poses are estimated from all images, including later ones"""
 
     @field_validator("odometry")
     @classmethod

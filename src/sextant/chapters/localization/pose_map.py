@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray
 
+from sextant.applications.arguments import check_several, check_whole, make_folder
 from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.chapters.localization.pose_map_files import SavedPoseMap, open_pose_map, save_pose_map
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, kept_network
@@ -62,7 +63,7 @@ class LocatedPhoto:
         inliers: matches that agree with the pose.
         matches: matches with points of the map.
         log10_false_alarms: decimal logarithm of the expected number of poses as well supported by chance.
-        focal_px: focal length, estimated where it was not known.
+        camera: the camera, with its estimated focal length where that was not known.
         residual_px: standard deviation of an inlier's pixel coordinate.
         nearest: index of the map's image with the most inliers.
         pixels: of the photo, for each inlier.
@@ -76,7 +77,7 @@ class LocatedPhoto:
     inliers: int = 0
     matches: int = 0
     log10_false_alarms: float = float("inf")
-    focal_px: float | None = None
+    camera: Pinhole | None = None
     residual_px: float | None = None
     nearest: int | None = None
     pixels: Float32[ndarray, "n 2"] = field(default_factory=lambda: np.empty((0, 2), np.float32))
@@ -138,36 +139,36 @@ class PoseMap:
             UserError: there are fewer than two images, numbers differ, a pose is no rigid motion, an image cannot be
                 read, no points agree with the poses, or a package of the extra ``local`` is missing.
         """
+        check_several("images", images)
+        images = images if hasattr(images, "__len__") else list(images)
         matrices = _checked_poses(poses, len(images))
         features = XFeatures(keypoints, side)
         described_by = kept_network(resolve_run(DESCRIPTOR, default_outputs()).checkpoint)
-        found, descriptors = [], []
-        for number, image in enumerate(images):
-            pixels = _colour(image, number)
-            found += features.detect([pixels])
-            descriptors.append(_described(described_by, pixels))
-            progress(number + 1, len(images))
+        found, descriptors = _features_of(images, features, described_by, progress)
         posed = build_map(found, matrices, _cameras(cameras, found, matrices))
         if not len(posed.points):
             raise UserError(*_without_points(found))
-        return cls(posed, names or _names(images), np.concatenate(descriptors), described_by, features)
+        return cls(posed, _checked_names(names, images), descriptors, described_by, features)
 
     def add(
         self, images: Sequence[AnyImage], poses: Any, cameras: Any = None, names: Sequence[str] | None = None
     ) -> None:
-        """Add images to the map, and triangulate all anew; arguments as for :meth:`from_images`."""
-        matrices = _checked_poses(poses, len(images), least=1)
-        pixels = [_colour(image, number) for number, image in enumerate(images)]
-        found = self._features.detect(pixels)
-        own = self.posed.cameras[0]
-        more = _cameras(cameras if cameras is not None else (own.fx, own.fy, own.cx, own.cy), found, matrices)
-        everything = [*self.posed.features, *found]
-        joined = np.concatenate([self.posed.poses, matrices])
-        self.posed = build_map(everything, joined, [*self.posed.cameras, *more])
-        self._descriptors = np.concatenate(
-            [self._descriptors, *(_described(self._described_by, each) for each in pixels)]
-        )
-        self.names += names or _names(images)
+        """Add images to the map, and triangulate all anew; arguments as for :meth:`from_images`.
+
+        Without ``cameras`` they are by the camera of the map's first image, and must have its shape.
+        """
+        check_several("images", images)
+        matrices, named = _checked_poses(poses, len(images), least=1), _checked_names(names, images)
+        found, descriptors = _features_of(images, self._features, self._described_by, lambda done, total: None)
+        more = [_scaled(self.posed.cameras[0], each) for each in found]
+        if cameras is not None:
+            more = _cameras(cameras, found, matrices)
+        everything, joined = [*self.posed.features, *found], np.concatenate([self.posed.poses, matrices])
+        posed = build_map(everything, joined, [*self.posed.cameras, *more])
+        if not len(posed.points):
+            raise UserError(*_without_points(found))
+        self.posed, self.names = posed, [*self.names, *named]
+        self._descriptors = np.concatenate([self._descriptors, descriptors])
 
     def locate(self, photo: AnyImage, camera: Any = None, candidates: int = CANDIDATES) -> LocatedPhoto:
         """Find where a photo was taken.
@@ -181,7 +182,8 @@ class PoseMap:
         Raises:
             UserError: the photo cannot be read, or the camera is not one of these.
         """
-        pixels = _colour(photo, 0)
+        check_whole("candidates", candidates, 1, "For example candidates=10.")
+        pixels = _colour(photo)
         (features,) = self._features.detect([pixels])
         similarity = self._descriptors @ _described(self._described_by, pixels)[0]
         order = np.argsort(-similarity, kind="stable")[:candidates].tolist()
@@ -192,10 +194,11 @@ class PoseMap:
         """Write the map to a folder; photos are not kept.
 
         Raises:
-            OSError: the folder cannot be written.
+            UserError: it is a file, or cannot be created.
+            OSError: it cannot be written to.
         """
         described = (self._described_by, self._descriptors)
-        save_pose_map(SavedPoseMap(self.posed, self.names, *described, self._features), Path(folder))
+        save_pose_map(SavedPoseMap(self.posed, self.names, *described, self._features), make_folder("folder", folder))
 
     @classmethod
     def open(cls, folder: Path | str) -> Self:
@@ -219,7 +222,7 @@ def _answer(posed: PosedMap, query: LocalFeatures, found: Located) -> LocatedPho
     there = [theirs[point] for point in points[shown].tolist()]
     return LocatedPhoto(
         "located", pose.world_from_camera, pose.covariance, len(points), len(found.points), found.log10_false_alarms,
-        pose.camera.fx, pose.residual_px, nearest, query.points[rows], query.points[rows[shown]],
+        pose.camera, pose.residual_px, nearest, query.points[rows], query.points[rows[shown]],
         posed.features[nearest].points[there],
     )  # fmt: skip
 
@@ -238,12 +241,31 @@ def _resized(pixels: ndarray, size: tuple[int, int, int]) -> ndarray:
     return np.asarray(cv2.resize(pixels, (size[1], size[0]), interpolation=cv2.INTER_AREA))
 
 
-def _colour(image: AnyImage, number: int) -> ndarray:
-    try:
-        pixels = as_pixels(image)
-    except UserError as error:
-        raise UserError(f"image {number}: {error.problem}", error.fix) from None
+def _features_of(
+    images: Sequence[AnyImage], features: XFeatures, described_by: SavedDescriptor, progress: Callable[[int, int], None]
+) -> tuple[list[LocalFeatures], Float32[ndarray, "n d"]]:
+    """Local features and global descriptors; one image is held at a time."""
+    found, descriptors = list[LocalFeatures](), []
+    for number, image in enumerate(images):
+        try:
+            pixels = _colour(image)
+        except UserError as error:
+            raise UserError(f"image {number}: {error.problem}", error.fix) from None
+        found += features.detect([pixels])
+        descriptors.append(_described(described_by, pixels))
+        progress(number + 1, len(images))
+    return found, np.concatenate(descriptors)
+
+
+def _colour(image: AnyImage) -> ndarray:
+    pixels = as_pixels(image)
     return np.repeat(pixels, 3, 2) if pixels.shape[2] == 1 else pixels
+
+
+def _checked_names(names: Sequence[str] | None, images: Sequence[AnyImage]) -> list[str]:
+    if names is not None and len(names) != len(images):
+        raise ArgumentError(f"{len(names)} names for {len(images)} images", "One name for each image, or none.")
+    return _names(images) if names is None else [str(name) for name in names]
 
 
 def _names(images: Sequence[AnyImage]) -> list[str]:
@@ -278,6 +300,11 @@ def _checked_poses(poses: Any, images: int, least: int = 2) -> Float64[ndarray, 
 
 def _pinhole(camera: Any, features: LocalFeatures) -> Pinhole:
     if isinstance(camera, Pinhole):
+        if (camera.width, camera.height) != (features.width, features.height):
+            raise ArgumentError(
+                f"a camera of {camera.width}x{camera.height} pixels for an image of {features.width}x{features.height}",
+                "Scale the camera with the image.",
+            )
         return camera
     try:
         fx, fy, cx, cy = (float(value) for value in camera)
@@ -294,12 +321,31 @@ def _cameras(cameras: Any, found: Sequence[LocalFeatures], poses: ndarray) -> li
         if focal is None:
             raise UserError(*_without_points(found))
         return [Pinhole.centred(each.width, each.height, focal * max(each.width, each.height)) for each in found]
-    single = isinstance(cameras, Pinhole) or (len(cameras) == 4 and all(np.isscalar(each) for each in cameras))
+    try:
+        single = isinstance(cameras, Pinhole) or np.shape(cameras) == (4,)
+        number = 1 if single else len(cameras)
+    except TypeError:
+        raise ArgumentError(
+            f"cameras={cameras!r:.60} must be (fx, fy, cx, cy), a Pinhole, or one of each image"
+        ) from None
     if single:
         return [_pinhole(cameras, each) for each in found]
-    if len(cameras) != len(found):
-        raise ArgumentError(f"{len(cameras)} cameras for {len(found)} images: give one, or one for each image")
+    if number != len(found):
+        raise ArgumentError(f"{number} cameras for {len(found)} images: give one, or one for each image")
     return [_pinhole(camera, each) for camera, each in zip(cameras, found, strict=True)]
+
+
+def _scaled(camera: Pinhole, features: LocalFeatures) -> Pinhole:
+    """The same camera for an image of another size, whose first pixel has its centre at (0, 0)."""
+    scale = features.width / camera.width
+    if abs(camera.height * scale - features.height) > 1:
+        raise ArgumentError(
+            f"an image of {features.width}x{features.height} pixels is not of the map's first camera, whose images "
+            f"have {camera.width}x{camera.height}",
+            "Give its camera.",
+        )
+    cx, cy = ((value + 0.5) * scale - 0.5 for value in (camera.cx, camera.cy))
+    return Pinhole(features.width, features.height, camera.fx * scale, camera.fy * scale, cx, cy)
 
 
 def _prior(camera: Any, features: LocalFeatures, similar: Pinhole) -> tuple[Pinhole, float | None]:

@@ -93,6 +93,8 @@ def open_pose_map(folder: Path) -> SavedPoseMap:
         LocalFeatures(points, descriptors, camera.width, camera.height, pixel)
         for points, descriptors, camera, pixel in zip(pixels, described, cameras, header["pixel"], strict=True)
     ]
+    if not len(header["names"]) == len(cameras) == len(arrays["poses"]) == len(arrays["descriptors"]):
+        raise FORMAT.damaged(folder, "its images, names and cameras differ in number")
     point_of = [each.astype(np.int64) for each in np.split(arrays["point_of"], ends)]
     covariances = arrays["covariances"].astype(np.float64)
     posed = PosedMap(features, arrays["poses"], cameras, arrays["points"], covariances, point_of)

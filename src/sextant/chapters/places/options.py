@@ -14,8 +14,8 @@ from sextant.console.arguments import Options
 from sextant.errors import UserError
 
 INPUTS = {
-    "map": "folder of photos whose places are known, or one that descriptors=true wrote: <output>/map",
-    "queries": "a photo, or a folder of photos, that are looked up in the map",
+    "map": "folder of photos of known places, or <output>/map as written with descriptors=true",
+    "queries": "a photo or folder of photos to look up in the map",
 }
 
 
@@ -25,21 +25,21 @@ class PlaceOptions(Options):
     matches: int = Field(5, ge=1, examples=[10])
     """number of matches to show for each query (default: 5)"""
     sequence: int | None = Field(None, ge=2, examples=[10])
-    """match by sequences of so many photos too; the queries are one traverse in the order of their names"""
+    """also match sequences of this length; the queries must be one traverse in order of file name"""
     rerank: int | None = Field(None, ge=1, examples=[15])
-    """re-rank so many best matches by the local features that they share with the query (default: none)"""
+    """number of best matches to re-rank by local features shared with the query (default: none)"""
     places: KnownBy = Field("none", examples=["csv"])
-    """how the ground truth is known, as in dataset=place_folders: none (default), csv, utm, gps, name or order"""
+    """source of the ground truth, as in dataset=place_folders: none (default), csv, utm, gps, name or order"""
     tolerance: float | None = Field(None, ge=0, examples=[5])
-    """largest distance within one place: metres for places=csv, utm and gps, else files (default: that of the run's
-    test, and 0 files for places=none)"""
+    """largest distance within one place: metres for places=csv, utm and gps, otherwise files (default: that of the
+    run's test, or 0 files for places=none)"""
     centring: Literal["none", "running", "all"] = Field("none", examples=["all"])
-    """subtract the mean descriptor of the map, and that of all queries (all) or of those so far (running): what light
-    and season add to one traverse (default: none)"""
+    """all or running: subtract the mean descriptor of the map, and that of all queries or of the queries up to now, to
+    remove the effect of light and season on a traverse (default: none)"""
     descriptors: bool = Field(False, examples=["true"])
-    """true: keep the descriptors, so that the map can be used again"""
+    """true: save the descriptors of the map for reuse"""
     colmap: bool = Field(False, examples=["true"])
-    """true: also write each query with its matches to <output>/pairs.txt, for COLMAP's matches_importer"""
+    """true: also write the pairs of queries and matches to <output>/pairs.txt, for COLMAP's matches_importer"""
 
 
 @dataclass(frozen=True)

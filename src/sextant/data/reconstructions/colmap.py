@@ -71,7 +71,7 @@ def _lenses(path: Path) -> dict[str, Lens]:
         if numbers is None:
             begins = " ".join(words)[:40]
             raise UserError(f"{path}, line {number}: not CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]: {begins}", FIX)
-        found[words[0]] = lens_of(words[1], int(numbers[0]), int(numbers[1]), float(numbers[2]))
+        found[words[0]] = lens_of(words[1], int(numbers[0]), int(numbers[1]), numbers[2:].tolist())
     return found
 
 
@@ -170,7 +170,7 @@ def _binary_lenses(path: Path) -> dict[int, Lens]:
                 BINARY_FIX,
             )
         name, count = MODELS[model]
-        found[number] = lens_of(name, width, height, float(file.take(f"{count}d")[0]))
+        found[number] = lens_of(name, width, height, file.take(f"{count}d"))
     return found
 
 
@@ -197,6 +197,21 @@ MODELS = {
 }
 
 
-def lens_of(model: str, width: int, height: int, first: float) -> Lens:
-    """The lens of a camera, whose first parameter is ``first``."""
-    return Lens(model, width, height, None if model == "EQUIRECTANGULAR" else first)
+#: models that OpenCV has too -> places of fx, fy, cx, cy, k1, k2, p1, p2 among the parameters; None: 0
+OPENCV: dict[str, tuple[int | None, ...]] = {
+    "SIMPLE_PINHOLE": (0, 0, 1, 2, None, None, None, None),
+    "PINHOLE": (0, 1, 2, 3, None, None, None, None),
+    "SIMPLE_RADIAL": (0, 0, 1, 2, 3, None, None, None),
+    "RADIAL": (0, 0, 1, 2, 3, 4, None, None),
+    "OPENCV": (0, 1, 2, 3, 4, 5, 6, 7),
+}
+
+
+def lens_of(model: str, width: int, height: int, params: Sequence[float]) -> Lens:
+    """The lens of a camera; COLMAP's first pixel has its centre at (0.5, 0.5)."""
+    places = OPENCV.get(model)
+    opencv = None
+    if places is not None and len(params) > max(each for each in places if each is not None):
+        values = [0.0 if each is None else float(params[each]) for each in places]
+        opencv = (*values[:2], values[2] - 0.5, values[3] - 0.5, *values[4:])
+    return Lens(model, width, height, None if model == "EQUIRECTANGULAR" else float(params[0]), opencv)

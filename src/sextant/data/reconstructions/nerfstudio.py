@@ -27,6 +27,8 @@ from sextant.errors import UserError
 
 FIX = "It is the transforms.json that ns-process-data or instant-ngp's colmap2nerf.py wrote."
 #: camera of OpenGL -> camera here
+#: camera models that OpenCV has with the same parameters
+SHARED = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE")
 DOWN_FORWARD = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -76,4 +78,14 @@ def _lens(camera: Mapping[str, Any]) -> Lens:
     focal_px = None if focal is None else float(focal)
     if focal_px is None and angle is not None and 0 < angle < math.pi and width:
         focal_px = width / 2 / math.tan(float(angle) / 2)
-    return Lens(str(camera.get("camera_model", "OPENCV")), width, height, focal_px)
+    model = str(camera.get("camera_model", "OPENCV"))
+    return Lens(model, width, height, focal_px, _opencv(camera, width, height, focal_px) if model in SHARED else None)
+
+
+def _opencv(camera: Mapping[str, Any], width: int, height: int, focal_px: float | None) -> tuple[float, ...] | None:
+    """Parameters of OpenCV; the file's first pixel has its centre at (0.5, 0.5)."""
+    if focal_px is None or not width:
+        return None
+    usual = {"fl_y": focal_px, "cx": width / 2, "cy": height / 2}
+    fy, cx, cy = (float(camera.get(key, value)) for key, value in usual.items())
+    return (focal_px, fy, cx - 0.5, cy - 0.5, *(float(camera.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2")))

@@ -75,4 +75,9 @@ def _lens(camera: Any) -> Lens | None:
     model = str(camera.get("projection_type", "perspective"))
     if size is None:
         return Lens(model, 0, 0, None)
-    return Lens(model, int(size[0]), int(size[1]), None if focal is None else float(focal * size.max()))
+    if focal is None:
+        return Lens(model, int(size[0]), int(size[1]), None)
+    focal_px, (width, height) = float(focal * size.max()), size.tolist()
+    bent = (float(camera.get("k1", 0.0)), float(camera.get("k2", 0.0)), 0.0, 0.0)
+    opencv = (focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, *bent) if model == "perspective" else None
+    return Lens(model, int(width), int(height), focal_px, opencv)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -29,12 +29,15 @@ class Lens:
         model: name of the camera model, as the program writes it.
         width, height: of the images, pixels; 0 if the file does not give them.
         focal_px: focal length in pixels, the first if there are two; None if the file gives none.
+        opencv: fx, fy, cx, cy, k1, k2, p1, p2 of OpenCV, whose first pixel has its centre at (0, 0); None if the model
+            is another one or incomplete.
     """
 
     model: str
     width: int
     height: int
     focal_px: float | None
+    opencv: tuple[float, ...] | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from sextant.errors import UserError
 
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
 #: files written into the output folder, which may be the folder of the photos
-WRITTEN = ("trajectory.png",)
+WRITTEN = ("trajectory.png", "from_above.png")
 Size = tuple[int, int, int]
 
 
@@ -151,7 +151,7 @@ def find_frames(given: str, output: Path, every: int) -> Photos | Video:
         raise UserError(f"every={every} applies to a video; input={given} is not one", "Leave out every=.")
     folder = path if path.is_dir() else path.parent
     mine = output.resolve()
-    found = [p for p in find_photos(given, output) if not (p.name in WRITTEN and _of_localizing(p.parent, mine))]
+    found = [p for p in find_photos(given, output) if not _is_written(p, mine)]
     if not found:
         raise UserError(f"input={given}: no photo there", "Give a folder of photos, a video, or a ROS bag.")
     if not path.is_dir() and not path.is_file():
@@ -163,6 +163,13 @@ def find_frames(given: str, output: Path, every: int) -> Photos | Video:
     if times is not None:
         check_rising(times, names, f"input={given}")
     return Photos(folder, tuple(names), times)
+
+
+def _is_written(photo: Path, output: Path) -> bool:
+    """Whether a picture is one that localizing or locating wrote."""
+    if photo.parent.name == "matches":
+        return _of_localizing(photo.parent.parent, output)
+    return photo.name in WRITTEN and _of_localizing(photo.parent, output)
 
 
 def _of_localizing(folder: Path, output: Path) -> bool:

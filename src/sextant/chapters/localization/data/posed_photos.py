@@ -37,6 +37,42 @@ FIX = (
 )
 
 
+@dataclass(frozen=True)
+class PhotoLens:
+    """The camera of a photo.
+
+    Attributes:
+        width, height: of the images that it was calibrated with; 0 if unknown.
+        opencv: fx, fy, cx, cy, k1, k2, p1, p2 of OpenCV, pixels of these images.
+    """
+
+    width: int
+    height: int
+    opencv: tuple[float, ...]
+
+    def of_size(self, width: int, height: int, what: str) -> "PhotoLens":
+        """The camera for an image of another size.
+
+        Raises:
+            UserError: the image has another shape.
+        """
+        if (width, height) == (self.width, self.height) or not self.width:
+            return PhotoLens(width, height, self.opencv)
+        scale = width / self.width
+        if abs(self.height * scale - height) > max(2.0, 0.01 * height):
+            turned = abs(width / self.height - height / self.width) < 0.01
+            raise UserError(
+                f"{what} has {width}x{height} pixels, but its camera in the file of poses {self.width}x{self.height}"
+                + (": EXIF turns it upright, but its pose is of the stored pixels" if turned else ""),
+                "Remove the orientation from EXIF (exiftool -Orientation= <file>)."
+                if turned
+                else "Use the same images.",
+            )
+        fx, fy, cx, cy, *bent = self.opencv
+        centre = ((cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5)
+        return PhotoLens(width, height, (fx * scale, fy * scale, *centre, *bent))
+
+
 @dataclass(frozen=True, eq=False)
 class PosedPhotos:
     """Photos of a map.
@@ -44,14 +80,14 @@ class PosedPhotos:
     Attributes:
         paths: files of the photos.
         poses: ``world_from_camera`` of each.
-        cameras: fx, fy, cx, cy of each, pixels; a missing principal point is nan: the centre; None: none is known.
+        cameras: of each; None: none is known.
         source: the file of the poses.
         without: photos below the folder that the file has no pose of.
     """
 
     paths: Sequence[Path]
     poses: Float64[ndarray, "n 4 4"]
-    cameras: Float64[ndarray, "n 4"] | None
+    cameras: Sequence["PhotoLens"] | None
     source: Path
     without: int
 
@@ -93,21 +129,29 @@ def _of_names(folder: Path, source: Path, photos: Sequence[Path]) -> PosedPhotos
     if not kept:
         raise UserError(f"{source} has poses of {len(names):,} images, but of none of the photos below {folder}", FIX)
     numbers = [row for _, row in kept]
-    chosen = None if cameras is None else cameras[numbers]
+    chosen = None if cameras is None else [cameras[row] for row in numbers]
     return PosedPhotos([path for path, _ in kept], poses[numbers], chosen, source, len(photos) - len(kept))
 
 
-def _reconstruction(source: Path) -> tuple[list[str], ndarray, ndarray | None]:
+def _reconstruction(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
     kind = named_format(source)
     if kind is None:
         raise UserError(f"{source} is not a file of poses", FIX)
     found = read_reconstruction(source, kind)
-    focal = [np.nan if each.lens is None or not each.lens.focal_px else each.lens.focal_px for each in found.images]
-    cameras = np.column_stack([focal, focal, np.full((len(focal), 2), np.nan)])
-    return found.names, found.poses, None if np.isnan(focal).any() else cameras
+    models = {each.lens.model for each in found.images if each.lens is not None and each.lens.opencv is None}
+    if models:
+        raise UserError(
+            f"{source}: the camera model {min(models)} is not supported here",
+            "Undistort the images first (colmap image_undistorter), or use PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV.",
+        )
+    lenses = [each.lens for each in found.images]
+    if any(lens is None for lens in lenses):
+        return found.names, found.poses, None
+    cameras = [PhotoLens(lens.width, lens.height, lens.opencv or ()) for lens in lenses if lens is not None]
+    return found.names, found.poses, cameras
 
 
-def _table(source: Path) -> tuple[list[str], ndarray, ndarray | None]:
+def _table(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
     table = read_table(source, FIX)
     missing = [name for name in COLUMNS if name not in table.header]
     if missing:
@@ -127,4 +171,5 @@ def _table(source: Path) -> tuple[list[str], ndarray, ndarray | None]:
         raise UserError(f"{source}: {what}\n{problem_list(problems)}".rstrip(), FIX)
     values = np.array(rows, np.float64)
     quaternions = values[:, [4, 5, 6, 3]] / np.linalg.norm(values[:, 3:7], axis=1, keepdims=True)
-    return names, pose_matrices(values[:, :3], quaternions), values[:, 7:11] if len(wanted) > 7 else None
+    cameras = [PhotoLens(0, 0, (*row[7:11], 0.0, 0.0, 0.0, 0.0)) for row in values.tolist()]
+    return names, pose_matrices(values[:, :3], quaternions), cameras if len(wanted) > 7 else None
