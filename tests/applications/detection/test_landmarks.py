@@ -88,7 +88,7 @@ def test_a_localizer_takes_them(example, tmp_path):
         ({"points": (310, 190)}, "must be pairs of finite numbers"),
         ({"points": "x"}, "points='x' must be pairs of finite numbers"),
         ({"points": [(float("nan"), 80)]}, r"points=\[\(nan, 80\)\] must be pairs of finite numbers"),
-        ({"points": [(400, 10)]}, r"points=400,10 lies outside example.png, which has 220x160 pixels pixels"),
+        ({"points": [(400, 10)]}, r"points=400,10 lies outside example.png of 220x160 pixels"),
         ({"points": [(2, 150)]}, "nothing in the prototype's neighbourhood"),
         ({"reach": 0.04}, r"reach=0.04 of 160 rows is 6.4 pixels, and a filter needs at least 8"),
         ({"columns": 0}, "columns=0 must be at least 1"),
