@@ -53,7 +53,12 @@ def test_an_example_may_be_of_the_second_photo(photos):
 
 @pytest.mark.parametrize(
     ("points", "said"),
-    [([], "0 given"), ([(0, 0.5, 0.5)] * 4, "4 given"), ([(2, 0.5, 0.5)], "lies outside the photos"), ([(0, 1.5, 0.5)], "lies outside the photos")],
+    [
+        ([], "0 given"),
+        ([(0, 0.5, 0.5)] * 4, "4 given"),
+        ([(2, 0.5, 0.5)], "lies outside the photos"),
+        ([(0, 1.5, 0.5)], "lies outside the photos"),
+    ],
 )
 def test_a_wrong_point_is_named(photos, points, said):
     with pytest.raises(UserError, match=said):

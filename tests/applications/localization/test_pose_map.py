@@ -1,8 +1,10 @@
 """Photos located in posed photos, through Python and by ``sextant locate``, on photos with laser-measured poses."""
 
 import csv
+import json
 import os
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ pytest.importorskip("kornia")
 pytest.importorskip("poselib")
 
 from sextant import PoseMap, cli
-from sextant.chapters.localization.data.posed_photos import PhotoLens
+from sextant.chapters.localization.data.posed_photos import PhotoLens, StraightPhotos, posed_photos
 from sextant.correspondence import Pinhole
 from sextant.errors import UserError
 
@@ -88,6 +90,26 @@ def test_a_photo_is_located_within_centimetres(desk, capsys):
     np.testing.assert_allclose(image.camera.params[2:], np.array(camera[2:]) + 0.5, atol=0.01)  # the map's
 
 
+@dataclass(frozen=True)
+class Rough:
+    """A camera whose focal length is known roughly."""
+
+    focal_px: float
+    focal_sigma: float | None
+
+
+@real
+@pytest.mark.slow
+def test_a_rough_focal_length_is_refined(desk):
+    folder, truth, camera = desk
+    poses = PoseMap.from_folder(folder / "map", side=512, keypoints=1500)
+    found = poses.locate(folder / "photos" / "query.jpg", Rough(1.1 * camera[0], 0.1))
+    assert found.camera.fx == pytest.approx(camera[0], rel=0.02)
+    assert np.linalg.norm(found.world_from_camera[:3, 3] - truth[:3, 3]) < 0.15
+    unbounded = Rough(1.1 * camera[0], None)
+    assert poses.locate(folder / "photos" / "query.jpg", unbounded).camera.fx == pytest.approx(camera[0], rel=0.02)
+
+
 @real
 def test_axes_of_another_convention_are_named():
     files, poses, camera = fountain()
@@ -129,6 +151,34 @@ def test_arguments_that_do_not_fit_the_images_are_refused(arguments, said):
     images = [np.random.default_rng(k).integers(0, 255, (64, 64, 3), np.uint8) for k in range(2)]
     with pytest.raises(UserError, match=said):
         PoseMap.from_images(images, poses, **({"cameras": (60, 60, 32, 32)} | arguments))
+
+
+@real
+def test_a_lens_of_a_model_is_straightened(desk, tmp_path):
+    """What the lens bent outwards comes from further out; a camera of turned images is refused."""
+    folder, _, (fx, fy, cx, cy) = desk
+    lines = (folder / "map" / "poses.csv").read_text().splitlines()[1:]
+    frames = []
+    for line in lines:
+        name, x, y, z, w, i, j, k, *_ = line.split(",")
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_quat([float(each) for each in (i, j, k, w)]).as_matrix()
+        pose[:3, 3] = [float(each) for each in (x, y, z)]
+        frames.append({"file_path": name, "transform_matrix": (pose @ np.diag([1, -1, -1, 1])).tolist()})
+        shutil.copy(folder / "map" / name, tmp_path)
+    lens = {"camera_model": "OPENCV", "fl_x": fx, "fl_y": fy, "cx": cx + 0.5, "cy": cy + 0.5, "w": 1152, "h": 768}
+    pictures = []
+    for k1 in (0.0, 0.2):
+        (tmp_path / "transforms.json").write_text(json.dumps(lens | {"k1": k1, "frames": frames}))
+        pictures.append(StraightPhotos(posed_photos(tmp_path))[0].astype(float).mean(2))
+    plain, straight = pictures
+    for share in (0.2, 0.4):  # of the focal length to the right of the axis: from where the lens bent it to
+        seen, there = (round(cx + fx * each) for each in (share, share * (1 + 0.2 * share**2)))
+        column, other = (image[200:560, k - 1 : k + 2].mean(1) for image, k in ((straight, seen), (plain, there)))
+        assert np.corrcoef(column[170:190], other[170:190])[0, 1] > 0.9
+    (tmp_path / "transforms.json").write_text(json.dumps(lens | {"w": 768, "h": 1152, "frames": frames}))
+    with pytest.raises(UserError, match="EXIF turns it upright"):
+        PoseMap.from_folder(tmp_path)
 
 
 def test_a_model_of_other_images_is_refused_and_of_smaller_ones_scaled():

@@ -85,6 +85,12 @@ class PhotoCamera:
         return math.degrees(2 * math.atan(self.height / 2 / self.focal_px))
 
     @property
+    def focal_sigma(self) -> float | None:
+        """Standard deviation of the focal length's logarithm, half its 68 % interval; None if that is unbounded."""
+        low, high = self.interval_68.focal_px
+        return math.log(high / low) / 2 if low > 0 and high < math.inf else None
+
+    @property
     def true_fov_deg(self) -> tuple[float, float]:
         """Horizontal and vertical angle between the rays at the middles of opposite edges, degrees."""
         ends = torch.tensor([self.width, self.height], dtype=torch.float64) / 2 / self.focal_px

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -11,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from sextant.atomic_files import write_atomically, write_csv
 from sextant.chapters.localization.data.frames import Photos, Video
-from sextant.chapters.localization.data.posed_photos import PhotoLens, posed_photos
+from sextant.chapters.localization.data.posed_photos import posed_photos
 from sextant.chapters.localization.pose_map import LocatedPhoto, PoseMap
 from sextant.chapters.localization.pose_map_files import FORMAT
-from sextant.correspondence import Pinhole
+from sextant.chapters.places.describing import upright_size
 from sextant.data.image_files import decode_image
 from sextant.data.photo_files import reason_alone
 from sextant.errors import UserError
@@ -47,45 +46,7 @@ def map_of_folder(folder: Path, progress: Advance) -> tuple[PoseMap, Sequence[Pa
     """
     if (folder / FORMAT.header).is_file():
         return PoseMap.open(folder), []
-    photos = posed_photos(folder)
-    names = [path.relative_to(folder).as_posix() for path in photos.paths]
-    if photos.cameras is None:
-        poses = PoseMap.from_images(photos.paths, photos.poses, names=names, progress=progress)
-    else:
-        images = _Straightened(photos.paths, photos.cameras)
-        poses = PoseMap.from_images(images, photos.poses, images.cameras, names=names, progress=progress)
-    return poses, photos.paths
-
-
-class _Straightened(Sequence[ndarray]):
-    """Photos without their lenses' distortion, decoded one by one; a sequence of arrays."""
-
-    def __init__(self, paths: Sequence[Path], lenses: Sequence[PhotoLens]):
-        self._paths = paths
-        sizes = [_size(path) for path in paths]
-        self._lenses = [
-            lens.of_size(width, height, str(path))
-            for lens, path, (height, width) in zip(lenses, paths, sizes, strict=True)
-        ]
-
-    @property
-    def cameras(self) -> list[Pinhole]:
-        """The cameras of the pictures."""
-        return [Pinhole(lens.width, lens.height, *lens.opencv[:4]) for lens in self._lenses]
-
-    def __len__(self) -> int:
-        return len(self._paths)
-
-    def __getitem__(self, index: Any) -> Any:
-        lens = self._lenses[index]
-        pixels = decode_image(self._paths[index], lens.height, lens.width, 3)
-        fx, fy, cx, cy, *bent = lens.opencv
-        if not any(bent):
-            return pixels
-        import cv2
-
-        matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        return np.asarray(cv2.undistort(pixels, matrix, np.array(bent)))
+    return PoseMap.from_folder(folder, progress=progress), posed_photos(folder).paths
 
 
 def locate_frames(
@@ -213,8 +174,6 @@ def _picture(name: str) -> str:
 
 
 def _size(path: Path) -> tuple[int, int]:
-    from sextant.chapters.places.describing import upright_size
-
     width, height = upright_size(path)
     return height, width
 

@@ -16,6 +16,7 @@ from numpy import ndarray
 
 from sextant.applications.arguments import check_several, check_whole, make_folder
 from sextant.applications.pixels import AnyImage, as_pixels
+from sextant.chapters.localization.data.posed_photos import StraightPhotos, posed_photos
 from sextant.chapters.localization.pose_map_files import SavedPoseMap, open_pose_map, save_pose_map
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, kept_network
 from sextant.correspondence import (
@@ -46,10 +47,17 @@ ROTATION_TOLERANCE = 1e-3
 
 @runtime_checkable
 class CameraPrior(Protocol):
-    """A camera whose focal length is known roughly: pixels, and its standard deviation relative to it."""
+    """A camera whose focal length is known roughly; the answer of ``PhotoCalibrator`` is one."""
 
-    focal_px: float
-    focal_sigma: float
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels."""
+        ...
+
+    @property
+    def focal_sigma(self) -> float | None:
+        """Its standard deviation relative to it; None: it is unknown."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +100,7 @@ class PoseMap:
     >>> photo = poses.locate("photo.jpg")  # doctest: +SKIP
     >>> print(photo.verdict, photo.world_from_camera, photo.inliers)  # doctest: +SKIP
 
-    Create one with :meth:`from_images` or :meth:`open`.
+    Create one with :meth:`from_images`, :meth:`from_folder` or :meth:`open`.
 
     Attributes:
         posed: features, poses, cameras and points.
@@ -150,6 +158,27 @@ class PoseMap:
             raise UserError(*_without_points(found))
         return cls(posed, _checked_names(names, images), descriptors, described_by, features)
 
+    @classmethod
+    def from_folder(cls, folder: Path | str, **options: Any) -> Self:
+        """Make a map of the photos below a folder, with the poses and cameras of a file there.
+
+        The file is a model of COLMAP, nerfstudio's or OpenSfM's, ``poses.csv``, or poses in the order of the photos in
+        the formats of TUM or KITTI. Photos are straightened by the distortion that it has.
+
+        Args:
+            folder: of photos, see :func:`~sextant.chapters.localization.data.posed_photos.posed_photos`.
+            options: ``keypoints``, ``side`` and ``progress`` of :meth:`from_images`.
+
+        Raises:
+            UserError: as there; or the file is missing, or of other photos.
+        """
+        photos = posed_photos(folder)
+        names = [path.relative_to(Path(folder).expanduser()).as_posix() for path in photos.paths]
+        if photos.cameras is None:
+            return cls.from_images(photos.paths, photos.poses, names=names, **options)
+        images = StraightPhotos(photos)
+        return cls.from_images(images, photos.poses, images.cameras, names=names, **options)
+
     def add(
         self, images: Sequence[AnyImage], poses: Any, cameras: Any = None, names: Sequence[str] | None = None
     ) -> None:
@@ -176,7 +205,8 @@ class PoseMap:
         Args:
             photo: a file, bytes or a Pillow image.
             camera: ``(fx, fy, cx, cy)`` or a :class:`~sextant.correspondence.Pinhole`: it is known; a
-                :class:`CameraPrior`: its focal length is refined; None: the focal length is unknown.
+                :class:`CameraPrior`, such as the answer of ``PhotoCalibrator``: its focal length is refined; None: the
+                focal length is unknown.
             candidates: number of images of the map that are matched.
 
         Raises:

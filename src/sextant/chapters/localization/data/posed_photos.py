@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -15,7 +16,9 @@ from sextant.chapters.localization.data.pose_formats import (
     read_kitti,
     read_tum_matrices,
 )
-from sextant.data.image_files import natural_key
+from sextant.chapters.places.describing import upright_size
+from sextant.correspondence import Pinhole
+from sextant.data.image_files import decode_image, natural_key
 from sextant.data.name_matching import match_names
 from sextant.data.photo_files import images_below
 from sextant.data.reconstructions.reading import named_format, read_reconstruction
@@ -90,6 +93,41 @@ class PosedPhotos:
     cameras: Sequence["PhotoLens"] | None
     source: Path
     without: int
+
+
+class StraightPhotos(Sequence[ndarray]):
+    """Photos as arrays without their lenses' distortion, decoded one by one.
+
+    Args:
+        photos: with cameras.
+
+    Raises:
+        UserError: a photo is not of the size, or at least the shape, of its camera's images.
+    """
+
+    def __init__(self, photos: PosedPhotos):
+        self._paths = photos.paths
+        both = zip(photos.cameras or (), photos.paths, strict=True)
+        self._lenses = [lens.of_size(*upright_size(path), str(path)) for lens, path in both]
+
+    @property
+    def cameras(self) -> list[Pinhole]:
+        """The cameras of the pictures."""
+        return [Pinhole(lens.width, lens.height, *lens.opencv[:4]) for lens in self._lenses]
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    def __getitem__(self, index: Any) -> Any:
+        lens = self._lenses[index]
+        pixels = decode_image(self._paths[index], lens.height, lens.width, 3)
+        fx, fy, cx, cy, *bent = lens.opencv
+        if not any(bent):
+            return pixels
+        import cv2
+
+        matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        return np.asarray(cv2.undistort(pixels, matrix, np.array(bent)))
 
 
 def posed_photos(folder: Path | str) -> PosedPhotos:
