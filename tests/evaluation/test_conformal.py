@@ -36,7 +36,7 @@ def test_levels_are_probabilities(level):
 
 
 def test_crops_must_be_spread_evenly():
-    with pytest.raises(ValueError, match="10 scores are not 3"):
+    with pytest.raises(ValueError, match="10 scores cannot be split into panoramas with 3 each"):
         conformal_rank(10, 0.5, 3)
 
 

@@ -167,7 +167,7 @@ def test_a_field_needs_a_backbone_that_shows_its_map():
         ("task.canvas=null", "task.perspective_field needs pictures on a canvas"),
         ("task.width=33", "squares of an even number of pixels"),
         ("task.height=48", "squares of an even number of pixels"),
-        ("task.geometric_baselines=true", "geometric methods"),
+        ("task.geometric_baselines=true", "the geometric baselines do not support"),
     ],
 )
 def test_a_canvas_is_an_even_square_without_geometric_methods(override, says):

@@ -104,8 +104,8 @@ def test_weights_of_a_file_of_torchvisions_see_standardised_images(tmp_path):
     [
         (lambda parts: parts["backbone"].update(_target_="os.system"), "os.system, which Sextant does not know"),
         (lambda parts: parts["inhibition"].update(_target_="subprocess.run"), "subprocess.run"),
-        (lambda parts: parts["backbone"].update(name=3), "backbone is none"),
-        (lambda parts: parts["descriptor"].update(grid=[0, 3]), "descriptor is none"),
+        (lambda parts: parts["backbone"].update(name=3), "backbone is invalid"),
+        (lambda parts: parts["descriptor"].update(grid=[0, 3]), "descriptor is invalid"),
         (lambda parts: parts.pop("backbone"), "backbone"),
     ],
     ids=["own code", "own inhibition", "wrong value", "no cell", "no backbone"],

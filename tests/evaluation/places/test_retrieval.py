@@ -126,5 +126,5 @@ def test_shuffled_traverses_are_recalled_by_chance(tolerance):
 
 
 def test_traverses_of_different_length_are_refused():
-    with pytest.raises(ValueError, match="as many frames each; got 4 and 3"):
+    with pytest.raises(ValueError, match="the same number of frames; got 4 and 3"):
         recall_within_frames(rows(4, 2), rows(3, 2))
