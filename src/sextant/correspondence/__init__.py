@@ -5,7 +5,7 @@ camera with distortion are undistorted first. Poses are ``world_from_camera``, x
 """
 
 from sextant.correspondence.absolute_pose import EstimatedPose, absolute_pose
-from sextant.correspondence.features import LocalFeatures, XFeatures, local_features
+from sextant.correspondence.features import LocalFeatures, XFeatures
 from sextant.correspondence.matching import epipolar_inliers, mutual_matches
 from sextant.correspondence.pinhole import Pinhole
 from sextant.correspondence.posed_map import Located, PosedMap, build_map, focal_length_of, log_false_alarms
@@ -27,7 +27,6 @@ __all__ = [
     "count_inliers",
     "epipolar_inliers",
     "focal_length_of",
-    "local_features",
     "log_false_alarms",
     "mutual_matches",
     "relative_pose",

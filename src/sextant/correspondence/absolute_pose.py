@@ -50,16 +50,6 @@ class EstimatedPose:
     focal_sigma: float
     residual_px: float
 
-    @property
-    def position_sigma(self) -> float:
-        """Standard deviation of the position along its least certain axis, in units of the world."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
-
-    @property
-    def angle_sigma_deg(self) -> float:
-        """Standard deviation of the rotation about its least certain axis, degrees."""
-        return float(np.rad2deg(np.sqrt(np.linalg.eigvalsh(self.covariance[3:, 3:])[-1])))
-
 
 def absolute_pose(
     pixels: Float64[ndarray, "n 2"],

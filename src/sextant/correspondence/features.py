@@ -11,7 +11,7 @@ from functools import cached_property
 from importlib.util import find_spec
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -57,19 +57,6 @@ class LocalFeatures:
     def strongest(self, n: int) -> "LocalFeatures":
         """The first ``n`` keypoints."""
         return replace(self, points=self.points[:n], descriptors=self.descriptors[:n])
-
-
-class Features(Protocol):
-    """Anything that detects and describes keypoints."""
-
-    @property
-    def name(self) -> str:
-        """Under which a map keeps them."""
-        ...
-
-    def detect(self, images: Sequence[UInt8[ndarray, "h w 3"]]) -> list[LocalFeatures]:
-        """The features of each image; images may differ in size."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -134,17 +121,6 @@ class XFeatures:
         network = XFeat(self.keypoints)
         network.net.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
         return network.eval()
-
-
-def local_features(name: str, **options: Any) -> Features:
-    """Local features by their name.
-
-    Raises:
-        ArgumentError: there are none of that name.
-    """
-    if name != "xfeat":
-        raise ArgumentError(f"features={name}: no such local features", "Choose xfeat.")
-    return XFeatures(**options)
 
 
 def published_weights() -> Path:

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from sextant.atomic_files import write_atomically, write_csv
 from sextant.chapters.localization.data.frames import Photos, Video
-from sextant.chapters.localization.data.posed_photos import posed_photos
 from sextant.chapters.localization.pose_map import LocatedPhoto, PoseMap
 from sextant.chapters.localization.pose_map_files import FORMAT
 from sextant.chapters.places.describing import upright_size
@@ -46,7 +45,8 @@ def map_of_folder(folder: Path, progress: Advance) -> tuple[PoseMap, Sequence[Pa
     """
     if (folder / FORMAT.header).is_file():
         return PoseMap.open(folder), []
-    return PoseMap.from_folder(folder, progress=progress), posed_photos(folder).paths
+    poses = PoseMap.from_folder(folder, progress=progress)
+    return poses, [folder / name for name in poses.names]
 
 
 def locate_frames(

@@ -20,7 +20,6 @@ from sextant.chapters.localization.data.posed_photos import StraightPhotos, pose
 from sextant.chapters.localization.pose_map_files import SavedPoseMap, open_pose_map, save_pose_map
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, kept_network
 from sextant.correspondence import (
-    EstimatedPose,
     LocalFeatures,
     Located,
     Pinhole,
@@ -404,6 +403,3 @@ def _without_points(found: Sequence[LocalFeatures]) -> tuple[str, str]:
         "Check that images overlap, that each pose belongs to its image, and the axes: world_from_camera, x right, "
         "y down, z forward (OpenGL and Blender have y up and z back; COLMAP's matrices are camera_from_world).",
     )
-
-
-__all__ = ["CameraPrior", "EstimatedPose", "LocatedPhoto", "PoseMap"]
