@@ -2,10 +2,12 @@
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 IMAGE, COMPRESSED, ODOMETRY = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "nav_msgs/msg/Odometry"
+CAMERA = "sensor_msgs/msg/CameraInfo"
 
 
 class Bags:
@@ -37,6 +39,25 @@ class Bags:
             data=rows.reshape(-1),
         )
 
+    def raw_image(self, seconds, data, height, width, encoding, step, is_bigendian=0):
+        """An image of given bytes."""
+        fields = {"height": height, "width": width, "encoding": encoding, "is_bigendian": is_bigendian, "step": step}
+        return self.new(IMAGE, header=self.header(seconds), data=np.frombuffer(data, np.uint8), **fields)
+
+    def camera(self, seconds, width, height, matrix, distortion=(), model="plumb_bob", projection=None, binning=0):
+        region = self.new(
+            "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        )
+        given = {
+            "k": np.array(matrix, float).reshape(-1),
+            "d": np.array(distortion, float),
+            "r": np.eye(3).reshape(-1),
+            "p": np.zeros(12) if projection is None else np.array(projection, float).reshape(-1),
+        }
+        given = {(name.upper() if self.version == 1 else name): value for name, value in given.items()}
+        size = {"width": width, "height": height, "binning_x": binning, "binning_y": binning, "roi": region}
+        return self.new(CAMERA, header=self.header(seconds), distortion_model=model, **size, **given)
+
     def compressed(self, seconds, data):
         return self.new(COMPRESSED, header=self.header(seconds), format="png", data=np.frombuffer(data, np.uint8))
 
@@ -59,10 +80,10 @@ class Bags:
             ),
         )
 
-    def write(self, path, messages):
+    def write(self, path, messages, storage=StoragePlugin.SQLITE3):
         """``messages``: topic, seconds of the recording, message."""
         path = path / ("drive.bag" if self.version == 1 else "drive")
-        writer = Writer1(path) if self.version == 1 else Writer2(path, version=9)
+        writer = Writer1(path) if self.version == 1 else Writer2(path, version=9, storage_plugin=storage)
         serialize = self.types.serialize_ros1 if self.version == 1 else self.types.serialize_cdr
         with writer:
             links = {}

@@ -1,4 +1,4 @@
-"""``sextant locate``: the poses of photos or a video, from correspondences with posed photos."""
+"""``sextant locate``: the poses of photos, a video or a ROS bag, from correspondences with posed photos."""
 
 import math
 from collections.abc import Sequence
@@ -18,13 +18,15 @@ class LocateOptions(Options):
     map: UserPath
     """folder of photos with poses (COLMAP, OpenSfM, nerfstudio, TUM, KITTI or poses.csv), or a map saved with save="""
     input: str
-    """a photo, a folder of photos, or a video"""
+    """a photo, a folder of photos, a video, or a ROS bag, whose CameraInfo gives the camera"""
     output: UserPath = Path("located")
     """folder for poses.csv, trajectory.tum, a COLMAP model and pictures (default: located)"""
     camera: str | None = Field(None, examples=["1034,1036,570,377"])
     """fx,fy,cx,cy in pixels if the camera is known; otherwise the focal length is estimated"""
     every: int = Field(1, ge=1, examples=[10])
-    """use every n-th frame of a video (default: 1)"""
+    """use every n-th image of a video or ROS bag (default: 1)"""
+    image_topic: str | None = Field(None, examples=["/camera/image_raw"])
+    """topic of a ROS bag's images (default: the only such topic)"""
     save: UserPath | None = None
     """folder to save the map to for later use as map="""
 
@@ -34,7 +36,8 @@ def main(arguments: Sequence[str]) -> None:
     options = LocateOptions.parse(arguments, USAGE)
     from sextant.applications.arguments import check_apart
     from sextant.chapters.localization import locating
-    from sextant.chapters.localization.data.frames import find_frames
+    from sextant.chapters.localization.data.own_drive import find_images
+    from sextant.chapters.localization.data.rosbag import Bag
     from sextant.console.console import console
     from sextant.console.work_progress import work_progress
     from sextant.console.written import make_output, tell_written
@@ -43,7 +46,7 @@ def main(arguments: Sequence[str]) -> None:
     if options.save is not None:
         check_apart(options.save, key="save", input=options.input, map=options.map, output=options.output)
     camera = _camera(options.camera)
-    frames = find_frames(options.input, options.output, options.every)
+    frames = find_images(options.input, options.output, options.every, options.image_topic)
     make_output(options.output)
     if options.save is not None:
         make_output(options.save, "save")
@@ -55,6 +58,8 @@ def main(arguments: Sequence[str]) -> None:
     with work_progress("located", "images") as progress:
         results = locating.locate_frames(poses, frames, camera, options.output, paths, progress)
     written = locating.write_located(results, poses, options.output)
+    if camera is None and isinstance(frames, Bag) and frames.camera is not None:
+        console.print(f"note: images were straightened, camera {frames.camera}", markup=False)
     found = sum(each.found is not None and each.found.verdict == "located" for each in results)
     tell_written(f"{found:,} of {len(results):,} images located", len(results) - found, written, "not in the map")
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up_bags import Bags
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -78,6 +79,15 @@ def test_a_photo_is_located_within_centimetres(desk, capsys):
     assert np.linalg.norm(found.world_from_camera[:3, 3] - truth[:3, 3]) < 0.035
     turn = Rotation.from_matrix(truth[:3, :3].T @ found.world_from_camera[:3, :3]).magnitude()
     assert np.rad2deg(turn) < 0.1
+    bags, pixels = Bags(2), np.asarray(Image.open(folder / "photos" / "query.jpg"))
+    info = bags.camera(1, pixels.shape[1], pixels.shape[0], [camera[0], 0, camera[2], 0, camera[1], camera[3], 0, 0, 1])
+    bag = bags.write(folder, [("/eye/camera_info", 1, info), ("/eye/image_raw", 1, bags.image(1, pixels))])
+    cli.run("locate", [f"map={folder / 'kept'}", f"input={bag}", f"output={folder / 'of_bag'}"])
+    assert "camera 1152x768" in capsys.readouterr().out.replace("\n", " ")
+    with (folder / "of_bag" / "poses.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert float(row["fx"]) == pytest.approx(camera[0], abs=1e-3)  # the camera is known
+    assert np.linalg.norm([float(row[key]) - truth[k, 3] for k, key in enumerate("xyz")]) < 0.035
     again = [f"map={folder / 'map'}", f"input={folder}", f"output={folder / 'out'}", "camera=1035,1037,570,377"]
     cli.run("locate", again)  # which does not take the pictures that the first run wrote
     assert "6 of 7 images located" in capsys.readouterr().out

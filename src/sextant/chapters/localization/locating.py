@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from sextant.atomic_files import write_atomically, write_csv
 from sextant.chapters.localization.data.frames import Photos, Video
+from sextant.chapters.localization.data.rosbag import Bag
 from sextant.chapters.localization.pose_map import LocatedPhoto, PoseMap
 from sextant.chapters.localization.pose_map_files import FORMAT
 from sextant.chapters.places.describing import upright_size
@@ -50,9 +51,15 @@ def map_of_folder(folder: Path, progress: Advance) -> tuple[PoseMap, Sequence[Pa
 
 
 def locate_frames(
-    poses: PoseMap, frames: Photos | Video, camera: object, output: Path, paths: Sequence[Path], progress: Advance
+    poses: PoseMap, frames: Photos | Video | Bag, camera: object, output: Path, paths: Sequence[Path], progress: Advance
 ) -> list[LocatedFrame]:
-    """Locate each frame; the matches of the first that are located are drawn to ``output/matches``."""
+    """Locate each frame; the matches of the first that are located are drawn to ``output/matches``.
+
+    Images of a bag with a camera are straightened by it, unless another ``camera`` is given.
+    """
+    recorded = frames.camera if isinstance(frames, Bag) and camera is None else None
+    if isinstance(frames, Bag) and camera is None and frames.camera_problem:
+        raise UserError(frames.camera_problem, "Give the camera of straight images: camera=<fx>,<fy>,<cx>,<cy>")
     results: list[LocatedFrame] = []
     drawn = 0
     for old in [*(output / MATCHES).glob("*.jpg"), *(output / "colmap").glob("*.txt"), output / "from_above.png"]:
@@ -62,6 +69,9 @@ def locate_frames(
             results.append(LocatedFrame(frame.name, None, problem=frame.problem))
             continue
         image = np.repeat(frame.image, 3, 2) if frame.image.shape[2] == 1 else frame.image
+        if recorded is not None:
+            camera = recorded.pinhole(image.shape[1], image.shape[0], frame.name)
+            image = recorded.straight(image, frame.name)
         found = poses.locate(image, camera)
         results.append(LocatedFrame(frame.name, found, image.shape[1], image.shape[0]))
         if found.verdict == "located" and paths and drawn < DRAWN:

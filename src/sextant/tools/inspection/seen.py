@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sextant.chapters.localization.data.frames import VIDEOS, open_video
-from sextant.chapters.localization.data.rosbag import FIRST, METADATA
+from sextant.chapters.localization.data.rosbag import MAGIC, METADATA
 from sextant.data.file_kinds import RAW, not_decoded
 from sextant.data.image_files import natural_key
 from sextant.data.photo_files import FOUND_IN_FOLDERS, FolderWalk, walk_folder
@@ -25,7 +25,7 @@ class FoundFiles:
     Attributes:
         images, videos: images and videos, by their suffixes.
         tables: files that may contain poses.
-        recordings: ROS bags: files of ROS 1, folders of ROS 2.
+        recordings: ROS bags: files of ROS 1, folders of ROS 2 or a file from there.
         others: number of files by any other suffix.
         unreadable: reasons by file or folder.
         links: links to folders, which are not followed.
@@ -48,11 +48,8 @@ def found_files(path: Path) -> FoundFiles:
     images, videos, tables, raw = (tuple(file for file in files if file.suffix.lower() in kind) for kind in kinds)
     for file in raw:
         unreadable[file.as_posix()] = str(not_decoded(walked.folder / file))
-    bags = {
-        file.parent if file.name == METADATA else file
-        for file in files
-        if file.name == METADATA or file.suffix.lower() == FIRST
-    }
+    folders = {file.parent for file in files if file.name == METADATA}
+    bags = folders | {file for file in files if file.suffix.lower() in MAGIC and file.parent not in folders}
     known = {*images, *videos, *tables, *raw, *bags}
     others = Counter(file.suffix.lower() or file.name for file in files if file not in known)
     return FoundFiles(images, videos, tables, tuple(sorted(bags)), dict(others), unreadable, tuple(walked.links))

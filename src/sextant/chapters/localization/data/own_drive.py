@@ -85,17 +85,9 @@ def open_drive(
             if value is not None:
                 raise ArgumentError(f"{key}={value} does not go with input={given}, a camera", f"Leave out {key}=.")
         return OwnDrive(camera, [], np.zeros(0), [NO_ODOMETRY])
-    path = Path(given).expanduser()
-    frames: Photos | Video | Bag
+    frames = find_images(given, output, every, image_topic, odometry_topic)
     motions: list[Float64[ndarray, "3"] | None]
-    if is_rosbag(path):
-        frames = open_rosbag(path, image_topic, odometry_topic, every)
-        moves, named = frames.odometry, path
-    else:
-        for key, topic in (("image_topic", image_topic), ("odometry_topic", odometry_topic)):
-            if topic is not None:
-                raise ArgumentError(f"{key}={topic} is for a ROS bag; input={given} is not one", f"Leave out {key}=.")
-        frames, moves, named = _frames(path, given, output, every), None, path
+    moves, named = frames.odometry if isinstance(frames, Bag) else None, Path(given).expanduser()
     if odometry is not None:
         moves, named = read_odometry(odometry), odometry
         if moves.names is not None and isinstance(frames, Photos):
@@ -107,13 +99,28 @@ def open_drive(
         count = frames.frames if isinstance(frames, Video) else None
         motions, remarks = motions_of(moves, frames.names, frames.times_s, named, every, count)
         remarks = [*told, *remarks]
+    if isinstance(frames, Bag) and (camera_told := frames.camera or frames.camera_problem):
+        remarks = [*remarks, f"camera of {frames.topic}, whose images are used as they are: {camera_told}"]
     times = frames.times_s
     if times is None and moves is not None and moves.times_s is not None and len(moves.times_s) == len(frames):
         times = moves.times_s
     return OwnDrive(frames, motions, np.arange(len(frames), dtype=np.float64) if times is None else times, remarks)
 
 
-def _frames(path: Path, given: str, output: Path, every: int) -> Photos | Video:
+def find_images(
+    given: str, output: Path, every: int, image_topic: str | None = None, odometry_topic: str | None = None
+) -> Photos | Video | Bag:
+    """The photos, the video or the ROS bag that ``input=`` names; arguments as for :func:`open_drive`.
+
+    Raises:
+        UserError: there are no images, or a topic is given and it is no bag.
+    """
+    path = Path(given).expanduser()
+    if is_rosbag(path):
+        return open_rosbag(path, image_topic, odometry_topic, every)
+    for key, topic in (("image_topic", image_topic), ("odometry_topic", odometry_topic)):
+        if topic is not None:
+            raise ArgumentError(f"{key}={topic} is for a ROS bag; input={given} is not one", f"Leave out {key}=.")
     there = [each for each in path.glob("*") if not is_hidden(each.name)]
     streams = [each for each in there if is_rosbag(each) or each.suffix.lower() in VIDEOS]
     if streams and not images_below(path) and not any(each.suffix.lower() in FOUND_IN_FOLDERS for each in there):

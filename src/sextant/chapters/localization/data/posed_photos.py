@@ -65,7 +65,7 @@ class PhotoLens:
         if abs(self.height * scale - height) > max(2.0, 0.01 * height):
             turned = abs(width / self.height - height / self.width) < 0.01
             raise UserError(
-                f"{what} has {width}x{height} pixels, but its camera in the file of poses {self.width}x{self.height}"
+                f"{what} has {width}x{height} pixels, but its camera is of {self.width}x{self.height}"
                 + (": EXIF turns it upright, but its pose is of the stored pixels" if turned else ""),
                 "Remove the orientation from EXIF (exiftool -Orientation= <file>)."
                 if turned

@@ -2,11 +2,11 @@
 
 Messages are read by the definitions that come with ``rosbags``, never by those stored in a bag. Images are
 ``sensor_msgs/Image`` or ``sensor_msgs/CompressedImage``, odometry is ``nav_msgs/Odometry``: REP 105's base in its
-odometry frame, x ahead. Times are those of the headers; if a header of the topic has none, or they do not increase,
-those of the recording.
+odometry frame, x ahead. The camera is the first ``sensor_msgs/CameraInfo`` of the topic ``camera_info`` beside the
+images. Times are those of the headers; if a header of the topic has none, or they do not increase, those of the
+recording.
 """
 
-import io
 import os
 import struct
 from collections.abc import Callable, Iterator
@@ -19,36 +19,31 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
-from PIL import Image
 
 from sextant.chapters.localization.data.frames import Frame, Size
 from sextant.chapters.localization.data.odometry_file import OdometryFile
 from sextant.chapters.localization.data.pose_formats import LENGTH_TOLERANCE, pose_matrices, to_plane
+from sextant.chapters.localization.data.ros_messages import RosCamera, camera_of, picture_of
 from sextant.data.image_files import picture_bytes
 from sextant.data.pixel_values import WhiteLevels
 from sextant.errors import ArgumentError, UserError, how_to_install
 
-#: suffix of a ROS 1 bag, and the file that makes a folder a ROS 2 bag
-FIRST, METADATA = ".bag", "metadata.yaml"
-#: first bytes of a ROS 1 bag
-MAGIC = b"#ROSBAG V2.0"
+#: suffix of a ROS 1 bag, the file that makes a folder a ROS 2 bag, and suffixes of what it holds
+FIRST, METADATA, STORED = ".bag", "metadata.yaml", (".mcap", ".db3")
+#: suffix -> first bytes of a bag of one file, and what it is
+MAGIC = {
+    FIRST: (b"#ROSBAG V2.0", "a ROS 1 bag"),
+    ".mcap": (b"\x89MCAP0\r\n", "an MCAP file"),
+    ".db3": (b"SQLite format 3\0", "a ROS 2 bag of SQLite"),
+}
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 ODOMETRY = ("nav_msgs/msg/Odometry",)
-#: encoding of sensor_msgs/Image -> channels, and their order as RGB (None: grey)
-ENCODINGS: dict[str, tuple[int, tuple[int, ...] | None]] = {
-    "mono8": (1, None),
-    "8UC1": (1, None),
-    "rgb8": (3, (0, 1, 2)),
-    "bgr8": (3, (2, 1, 0)),
-    "8UC3": (3, (2, 1, 0)),
-    "rgba8": (4, (0, 1, 2)),
-    "bgra8": (4, (2, 1, 0)),
-}
+CAMERA = ("sensor_msgs/msg/CameraInfo",)
 
 
 def is_rosbag(path: Path) -> bool:
-    """Whether a path is a bag by its name: a ROS 1 file, or a folder recorded by ROS 2."""
-    return (path.suffix.lower() == FIRST and path.is_file()) or os.path.isfile(path / METADATA)
+    """Whether a path is a bag by its name: a file of ROS 1, or a folder recorded by ROS 2 or a file from there."""
+    return (path.suffix.lower() in MAGIC and path.is_file()) or os.path.isfile(path / METADATA)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +57,8 @@ class Bag:
         odometry: from its odometry topic; None without one, or if none of its poses can be used.
         every: step from one image to the next.
         remarks: remarks on the odometry for the user.
+        camera: of the images; None if none is recorded, or it cannot be used.
+        camera_problem: why a recorded camera cannot be used.
     """
 
     path: Path
@@ -70,6 +67,8 @@ class Bag:
     odometry: OdometryFile | None
     every: int = 1
     remarks: tuple[str, ...] = ()
+    camera: RosCamera | None = None
+    camera_problem: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -98,10 +97,10 @@ class Bag:
 
 
 def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str | None = None, every: int = 1) -> Bag:
-    """Open a bag and find its images and odometry.
+    """Open a bag and find its images, camera and odometry.
 
     Args:
-        path: a ROS 1 file, or a ROS 2 folder.
+        path: a file of ROS 1, or a folder of ROS 2 or an ``.mcap`` or ``.db3`` file from there.
         image_topic: topic of the images; by default the only one.
         odometry_topic: topic of the odometry; by default the only one.
         every: take every k-th image.
@@ -117,13 +116,14 @@ def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str 
         moves = _topic(bag, ODOMETRY, "odometry_topic", odometry_topic)
         times = _times([(stamp, taken) for _, _, taken, stamp in bag.stamps(images)])
         odometry, problem = (None, "") if moves is None else _odometry(bag, moves)
+        camera, wrong = _camera(bag, images)
     if odometry is None and odometry_topic is not None:
         raise ArgumentError(f"odometry_topic={odometry_topic}: {problem}", "Leave it out, or give odometry=<table>.")
-    return Bag(path, images, times[::every], odometry, every, (problem,) if problem else ())
+    return Bag(path, images, times[::every], odometry, every, (problem,) if problem else (), camera, wrong)
 
 
 def bag_summary(path: Path) -> str:
-    """Duration of a bag, and the number and rate of messages of each topic of images or odometry.
+    """Duration of a bag, the number and rate of messages of each topic of images or odometry, and the cameras.
 
     Raises:
         UserError: the bag cannot be read.
@@ -136,12 +136,17 @@ def bag_summary(path: Path) -> str:
             for kinds in (IMAGES, ODOMETRY)
             if link.msgtype in kinds and link.msgcount
         }
+        cameras = [
+            f"camera of {topic}: {camera}"
+            for topic, images in sorted(counts)
+            if images and (camera := _camera(bag, topic)[0]) is not None
+        ]
     told = [
         f"{topic} ({count:,} {'images' if images else 'odometry poses'}"
         + (f", {count / seconds:.3g} Hz)" if seconds > 0 else ")")
         for (topic, images), count in sorted(counts.items())
     ]
-    return f"{seconds:,.1f} s; {', '.join(told) or 'neither images nor odometry'}"
+    return f"{seconds:,.1f} s; {', '.join([*told, *cameras]) or 'neither images nor odometry'}"
 
 
 class _Opened:
@@ -151,7 +156,7 @@ class _Opened:
         from rosbags import rosbag1, rosbag2
         from rosbags.typesys import Stores, get_typestore
 
-        first = path.is_file()
+        first = path.is_file() and path.suffix.lower() not in STORED
         types = get_typestore(Stores.ROS1_NOETIC if first else Stores.LATEST)
         self.reader: Any = (rosbag1 if first else rosbag2).Reader(path)
         self.message: Callable[[bytes, str], Any] = types.deserialize_ros1 if first else types.deserialize_cdr
@@ -198,14 +203,33 @@ def _opened(path: Path) -> Iterator[_Opened]:
 def _remedy(path: Path) -> str:
     """What to do about a bag that cannot be read, by what it holds."""
     if path.is_dir():
-        if any(file.suffix in (".db3", ".mcap") for file in path.iterdir()):
+        if any(file.suffix in STORED for file in path.iterdir()):
             return f"If its recording was not ended: ros2 bag reindex {path}"
         return f"A ROS 2 bag is a folder with {METADATA} and a .db3 or .mcap file, which {path} lacks."
+    magic, what = MAGIC.get(path.suffix.lower(), MAGIC[FIRST])
     with path.open("rb") as file:
-        head = file.read(len(MAGIC))
-    if head == MAGIC:
-        return f"If its recording was not ended: rosbag reindex {path}"
-    return f"It begins with {head!r}, but a ROS 1 bag begins with {MAGIC!r}: give the bag itself."
+        head = file.read(len(magic))
+    if head != magic:
+        return f"It begins with {head!r}, but {what} begins with {magic!r}: give the bag itself."
+    if path.suffix.lower() in STORED:
+        return "It must be written by ROS 2, in CDR. If its recording was not ended: ros2 bag reindex <its folder>"
+    return f"If its recording was not ended: rosbag reindex {path}"
+
+
+def _camera(bag: _Opened, topic: str) -> tuple[RosCamera | None, str]:
+    """The camera of a topic, by ``camera_info`` beside it or the only such topic, and what is wrong with it."""
+    there = bag.topics(CAMERA)
+    base = topic.removesuffix("/compressed")
+    beside = [f"{base.rpartition('/')[0]}/camera_info", f"{base}/camera_info"]
+    chosen = next((each for each in beside if each in there), there[0] if len(there) == 1 else None)
+    if chosen is None:
+        return None, ""
+    kind, _, raw = next(bag.messages(chosen))
+    try:
+        camera = camera_of(bag.message(raw, kind), base)
+    except UserError as error:
+        return None, error.problem
+    return camera, "" if camera else f"{chosen} is of a camera that is not calibrated: its matrix K is zero"
 
 
 def _topic(bag: _Opened, kinds: tuple[str, ...], argument: str, chosen: str | None) -> str | None:
@@ -249,23 +273,3 @@ def _odometry(bag: _Opened, topic: str) -> tuple[OdometryFile | None, str]:
         return None, f"{problem}: motion is unknown"
     poses = to_plane(pose_matrices(position[fine], turned[fine]), "xy", "x", f"odometry of {topic}")
     return OdometryFile(poses, times[fine]), problem
-
-
-def picture_of(message: Any, kind: str) -> Image.Image:
-    """The picture in a ROS message, whichever library read it.
-
-    Args:
-        message: ``sensor_msgs/Image`` or ``sensor_msgs/CompressedImage``.
-        kind: which of the two, written as ``sensor_msgs/msg/Image``.
-
-    Raises:
-        ValueError: its encoding is not supported, or its data do not fit its size.
-    """
-    if kind == "sensor_msgs/msg/CompressedImage":
-        return Image.open(io.BytesIO(bytes(message.data)), formats=("JPEG", "PNG", "WEBP"))
-    if message.encoding not in ENCODINGS:
-        raise ValueError(f"encoding {message.encoding} is not one of {', '.join(ENCODINGS)}")
-    channels, order = ENCODINGS[message.encoding]
-    rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)
-    pixels = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
-    return Image.fromarray(pixels[..., 0] if order is None else np.ascontiguousarray(pixels[..., order]))
