@@ -9,7 +9,9 @@ from pydantic import Field
 from sextant.console.arguments import Options, UserPath
 from sextant.errors import UserError
 
-USAGE = "sextant locate map=<folder of photos with poses, or saved map> input=<photos or video> [output=located]"
+USAGE = (
+    "sextant locate map=<folder of photos with poses, or saved map> input=<photos, video or ROS bag> [output=located]"
+)
 
 
 class LocateOptions(Options):

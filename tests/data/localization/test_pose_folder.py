@@ -341,3 +341,39 @@ def test_the_config_builds_the_usual_folder(tmp_path):
 def test_configs_with_mistakes_are_refused(override):
     with pytest.raises(UserError):
         validate(config(override))
+
+
+@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("poses", ["csv", "tum"])
+def test_an_odometry_table_is_taken_at_its_own_times_or_by_rows(tmp_path, poses, timed):
+    seconds = 1_700_000_000.25 + np.arange(N)
+    stamps = [f"{second:.6f}.png" for second in seconds]
+    for drive in ("map", "run"):
+        write_pictures(tmp_path / drive, stamps, first=0)
+        if poses == "csv":
+            lines = [f"{name},{x},{y},{np.degrees(turn)}" for name, (x, y, turn) in zip(stamps, POSES, strict=True)]
+            (tmp_path / drive / "poses.csv").write_text("\n".join(["file,x,y,heading", *lines]))
+        else:
+            write_tum(tmp_path / drive / "poses.txt", seconds, POSES)
+    late = np.arange(-1, 3 * N) / 3 if timed else np.arange(N)  # at other times than the images
+    turned = 0.2 * late
+    rows = np.column_stack([2 * late, -late, turned])
+    table = ["x,y,theta", *(",".join(map(repr, row)) for row in rows.tolist())]
+    if timed:
+        table = [
+            "x,y,theta,time_ms",
+            *(f"{line},{float(1000 * (seconds[0] + t))!r}" for line, t in zip(table[1:], late.tolist(), strict=True)),
+        ]
+    (tmp_path / "run" / "odometry.csv").write_text("\n".join(table))
+    late_drive = source(tmp_path, poses, odometry="odometry.csv").read().test[0]
+    at = np.arange(2, N)
+    expected = motions_along(np.column_stack([2.0 * at, -1.0 * at, 0.2 * at]))
+    np.testing.assert_allclose(late_drive.motion, expected, atol=1e-5)
+    assert (late_drive.times_s is not None) == (timed or poses == "tum")
+
+
+def test_an_odometry_table_of_another_length_needs_times(tmp_path):
+    write(tmp_path, "csv")
+    (tmp_path / "run" / "odometry.csv").write_text("x,y,theta\n0,0,0\n1,0,0")
+    with pytest.raises(UserError, match=f"odometry.csv has 2 rows for {N} images"):
+        source(tmp_path, "csv").read()

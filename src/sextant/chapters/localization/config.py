@@ -23,7 +23,7 @@ class PoseFolder(Drives):
     map: str = Field(examples=["map"])
     test: Traverses | None = Field(min_length=1, examples=["{run: run}"])
     validation: Traverses | None = Field(min_length=1, examples=["{first: first}"])
-    poses: Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps"]
+    poses: Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "euroc", "robotcar", "nclt"]
     pose_file: str | None = Field(examples=["poses.csv"])
     odometry: str | None = Field(examples=["odometry.csv"])
     times: str | None = Field(examples=["names"])

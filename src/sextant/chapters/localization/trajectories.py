@@ -9,6 +9,7 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from sextant.chapters.localization.data.pose_formats import read_kitti, read_tum_matrices
+from sextant.chapters.localization.data.recorded_poses import RECORDED, read_recorded, recorded_format
 from sextant.chapters.places.data.pose_files import read_pose_table
 from sextant.data.reconstructions import (
     NAMED_FORMATS,
@@ -30,12 +31,14 @@ from sextant.evaluation.trajectory_error import (
 )
 from sextant.user_files import read_lines, table_header
 
-Format = Literal["TUM", "KITTI", "table"] | NamedFormat
+Format = Literal["TUM", "KITTI", "table", "euroc", "robotcar", "nclt"] | NamedFormat
 #: numbers in a line -> format
 COLUMNS: dict[int, Format] = {8: "TUM", 12: "KITTI"}
 BY_NAME: tuple[Format, ...] = (*NAMED_FORMATS, "table")
 #: how poses of two files are matched, by format
-JOINED_BY: dict[str, str] = {"TUM": "times", "KITTI": "lines", **dict.fromkeys(BY_NAME, "names of images")}
+JOINED_BY: dict[str, str] = {
+    **dict.fromkeys(("TUM", *RECORDED), "times"), "KITTI": "lines", **dict.fromkeys(BY_NAME, "names of images"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ class TrajectoryComparison:
 def compare_trajectories(
     reference: Path | str, estimate: Path | str, *, max_gap_s: float = 0.01
 ) -> TrajectoryComparison:
-    """Compare two files of poses, both in TUM's format (matched by nearest time) or both in KITTI's (by line).
+    """Compare two files of poses, both of TUM, EuRoC, RobotCar or NCLT (by nearest time) or both of KITTI (by line).
 
     Files of COLMAP, OpenSfM and nerfstudio and tables ``file,x,y,heading`` (degrees; also the ``poses.csv`` that
     localization writes) can be compared with each other; they are matched by image names. A table's cameras look along
@@ -157,7 +160,9 @@ def compare_trajectories(
                 "Give TUM's format, which has times, or complete the shorter file.",
             )
         return _compare(truth, guess, len(truth), len(guess))
-    (times, truth), (own_times, guess) = read_tum_matrices(reference), read_tum_matrices(estimate)
+    (times, truth), (own_times, guess) = (
+        read_tum_matrices(path) if form == "TUM" else read_recorded(path) for path, form in formats.items()
+    )
     rows, own_rows = _joined(times, own_times, max_gap_s)
     if not len(rows):
         raise ArgumentError(
@@ -177,6 +182,8 @@ def pose_format(path: Path | str) -> Format:
     if (named := named_format(Path(path))) is not None:
         return named
     lines = read_lines(path, "A file of poses, one per line.")
+    if (recorded := recorded_format(table_header(Path(path)))) is not None:
+        return recorded
     if {"file", "x", "y"} <= set(table_header(Path(path))):
         return "table"
     first = lines[0][1] if lines else []

@@ -8,6 +8,7 @@ import numpy as np
 
 from sextant.chapters.localization.data.pose_folder import FILES, PoseFormat
 from sextant.chapters.localization.data.pose_formats import AHEAD, PLANES, Ahead, to_plane
+from sextant.chapters.localization.data.recorded_poses import RECORDED
 from sextant.chapters.places.data.gps_poses import local_poses
 from sextant.chapters.places.data.pose_files import read_pose_table
 from sextant.config.override_words import override, overrides_of, plain_name
@@ -104,6 +105,8 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
     drives: dict[tuple[PoseFormat, str], dict[Path, FoundPoses]] = {}
     for poses, form, images in _usable(seen):
         file = os.path.relpath(poses.file, images)
+        if form == "nclt" and Path(file).match(Path(FILES[form]).name):  # its name has the date
+            file = os.path.join(os.path.dirname(file), Path(FILES[form]).name)
         drives.setdefault((form, file), {}).setdefault(images, poses)
     for (form, file), all_found in drives.items():
         found = _on_one_ground(seen, all_found) if form == "gps" else all_found
@@ -203,8 +206,10 @@ def axes(found: FoundPoses) -> dict[str, str] | None:
 
     The normal of the plane is the world axis that is closest to the body's upright axis.
     """
-    if found.poses is None:
+    if found.poses is None or found.format == "euroc":
         return {}
+    if found.format in RECORDED:
+        return {"ahead": "x"}
     choices: list[tuple[float, str, Ahead]] = []
     order: tuple[Ahead, ...] = AHEAD if found.format == "tum" else ("z",)
     for ahead in order:

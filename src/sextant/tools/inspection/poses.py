@@ -12,8 +12,10 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.chapters.localization.data.odometry_file import FRACTION, TIME, read_odometry
+from sextant.chapters.localization.data.pose_folder import PoseFormat
 from sextant.chapters.localization.data.pose_formats import read_kitti, read_tum_matrices
 from sextant.chapters.localization.data.pose_times import times_of_names
+from sextant.chapters.localization.data.recorded_poses import RECORDED, read_recorded, recorded_format
 from sextant.chapters.places.data.pose_files import read_pose_table
 from sextant.data.name_matching import match_names
 from sextant.data.photo_files import reason_alone
@@ -23,7 +25,7 @@ from sextant.errors import UserError
 from sextant.user_files import table_header
 from sextant.worlds.trajectories import load_cold
 
-PosesFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "cold"]
+PosesFormat = PoseFormat | Literal["cold"]
 #: number of first bytes from which a format is detected
 HEAD = 65536
 #: larger JSON is read only if its name is that of a reconstruction
@@ -32,6 +34,8 @@ LARGEST_JSON = 64 * 2**20
 NEAR_S = 5.0
 #: columns of a pose in a table of odometry, one of the last two
 POSE = ("x", "y", "theta", "heading_deg")
+#: beginnings of names of files whose poses are odometry
+ODOMETRY = ("odom", "vo.")
 UNIT = 0.05  # a quaternion or a row of a rotation has length 1 to within this
 
 
@@ -100,6 +104,8 @@ def found_poses(folder: Path, file: Path, images: Sequence[Path]) -> FoundPoses 
         if kind is None:
             return None
         around = _images_around(file, images)
+        if around is not None and kind in RECORDED:  # of several cameras, the first
+            around = min(path.parent for path in images if path.is_relative_to(around))
         own = [] if around is None else [path for path in images if path.is_relative_to(around)]
         try:
             return _read(folder, file, kind, around, own)
@@ -116,7 +122,7 @@ def odometry_tables(folder: Path, files: Sequence[Path]) -> dict[Path, int]:
     for file in files:
         columns = set(table_header(folder / file))
         bare = all(TIME.fullmatch(each) or each in (*POSE, *FRACTION) for each in columns)
-        if file.name.lower().startswith("odom") or (bare and len(columns & set(POSE)) >= 3):
+        if file.name.lower().startswith(ODOMETRY) or (bare and len(columns & set(POSE)) >= 3):
             with suppress(UserError):
                 found[file] = len(read_odometry(folder / file).poses)
     return found
@@ -129,7 +135,10 @@ def _format(path: Path) -> PosesFormat | None:
         return _format_of_json(path)
     lines = [] if suffix == ".bin" else _first_lines(path)
     if suffix == ".csv":
-        header = set(table_header(path))
+        names = table_header(path)
+        if (recorded := recorded_format(names)) is not None:
+            return None if path.name.lower().startswith(ODOMETRY) else recorded
+        header = set(names)
         return "csv" if {"file", "x", "y"} <= header or path.name == "poses.csv" else None
     numbers = [_float(word) for word in lines[0].split()] if lines else []
     if None in numbers or len(numbers) not in (8, 12):
@@ -208,10 +217,11 @@ def _read(folder: Path, file: Path, kind: PosesFormat, around: Path | None, imag
         )  # fmt: skip
     if kind == "cold":
         return FoundPoses(file, kind, len(load_cold(path).poses))
+    times = None
     if kind == "kitti":
-        poses, times = read_kitti(path), None
+        poses = read_kitti(path)
     else:
-        times, poses = read_tum_matrices(path)
+        times, poses = read_tum_matrices(path) if kind == "tum" else read_recorded(path)
     span = None if times is None else (float(times[0]), float(times[-1]))
     posed, without, remarks = _by_time_or_number(len(poses), times, images)
     return FoundPoses(

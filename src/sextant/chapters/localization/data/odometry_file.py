@@ -1,4 +1,4 @@
-"""Odometry of the user's own images: a trajectory in TUM format, or a table.
+"""Odometry of the user's own images: a trajectory of TUM, EuRoC, RobotCar (``vo.csv``) or NCLT, or a table.
 
 A table has the columns ``x,y,theta`` (metres, rad) or ``x,y,heading_deg``, and a row for each image in order; or with
 ``file`` a row for the named image; or with a time (``t``, ``time``, ``timestamp``, ``stamp``, ``sec`` with ``nsec``,
@@ -17,11 +17,12 @@ from jaxtyping import Bool, Float64
 from numpy import ndarray
 
 from sextant.chapters.localization.data.drive import between
-from sextant.chapters.localization.data.pose_formats import read_tum
+from sextant.chapters.localization.data.pose_formats import read_tum, to_plane
 from sextant.chapters.localization.data.pose_times import EPOCH_UNITS, SAME_S, SECOND, no_times
+from sextant.chapters.localization.data.recorded_poses import read_recorded, recorded_format
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
-from sextant.user_files import TextTable, read_table
+from sextant.user_files import TextTable, read_table, table_header
 
 T = TypeVar("T")
 
@@ -61,13 +62,16 @@ class OdometryFile:
 
 
 def read_odometry(path: Path | str) -> OdometryFile:
-    """Read a table if the first line that is not a comment has commas, otherwise TUM.
+    """Read a recording's poses or a table if the first line that is not a comment has commas, otherwise TUM.
 
     Raises:
         UserError: it is neither; the message names the file and the line.
     """
     path = Path(path)
     table = _telling(read_table, path)
+    if (form := recorded_format(table.header)) is not None:
+        times, in_space = _telling(read_recorded, path)
+        return OdometryFile(to_plane(in_space, "xy", "z" if form == "euroc" else "x", f"odometry={path}"), times)
     first = " ".join(table.header)
     if len(first.split()) == 8 and table.separator != ";" and (len(table.header) == 1 or table.separator == "\t"):
         times, poses = _telling(read_tum, path)
@@ -75,6 +79,17 @@ def read_odometry(path: Path | str) -> OdometryFile:
     if len(table.header) == 1:
         raise UserError(f"odometry={path} is neither a table with commas nor TUM; it begins with {first[:40]!r}", FIX)
     return _of_table(table)
+
+
+def is_odometry_table(path: Path) -> bool:
+    """Whether a file is a table of odometry: with a heading, and without names of files."""
+    header = table_header(path)
+    return {"x", "y"} <= set(header) and bool({"theta", "heading_deg"} & set(header)) and "file" not in header
+
+
+def is_timed(path: Path) -> bool:
+    """Whether a file is a table of odometry with times."""
+    return is_odometry_table(path) and any(TIME.fullmatch(name) for name in table_header(path))
 
 
 def _telling(read: Callable[[Path], T], path: Path) -> T:

@@ -22,6 +22,7 @@ from sextant.chapters.localization.data.drive import (
     first_share,
     motions_along,
 )
+from sextant.chapters.localization.data.odometry_file import is_odometry_table, is_timed, read_odometry
 from sextant.chapters.localization.data.pose_formats import (
     AHEAD,
     PLANES,
@@ -40,6 +41,7 @@ from sextant.chapters.localization.data.pose_times import (
     times_of_file,
     times_of_names,
 )
+from sextant.chapters.localization.data.recorded_poses import RECORDED, read_recorded
 from sextant.chapters.localization.data.simulated import DriveSettings, Split
 from sextant.chapters.places.data.aligned import traverse_files
 from sextant.chapters.places.data.decoded_images import ImageSize, read_images
@@ -51,7 +53,7 @@ from sextant.errors import ArgumentError, problem_list
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
 from sextant.localization.map_support import map_spacing
 
-PoseFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps"]
+PoseFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "euroc", "robotcar", "nclt"]
 POSE_FORMATS: tuple[PoseFormat, ...] = get_args(PoseFormat)
 PROTOCOLS = ("office", "town")
 FILES: dict[PoseFormat, str] = {
@@ -62,7 +64,12 @@ FILES: dict[PoseFormat, str] = {
     "opensfm": "reconstruction.json",
     "nerfstudio": "transforms.json",
     "gps": ".",  # the images
+    "euroc": "../../state_groundtruth_estimate0/data.csv",  # from mav0/cam0/data
+    "robotcar": "../../gps/ins.csv",  # from stereo/centre
+    "nclt": "../../groundtruth_*.csv",  # from lb3/Cam5; the only such file
 }
+#: formats whose poses have times
+TIMED = ("tum", *RECORDED)
 #: of each test drive, if there are no drives for validation
 VALIDATION_SHARE = 0.25
 
@@ -90,7 +97,8 @@ class PoseFolder:
     ``colmap`` (``images.bin`` or ``images.txt``), ``opensfm`` and ``nerfstudio`` give poses by image name, see
     :mod:`sextant.data.reconstructions`; their lengths are metres only if that program knew the scale. ``gps`` takes
     positions from the EXIF block of each image, in metres east and north of the map's first image: see
-    :mod:`~sextant.chapters.places.data.gps_poses`.
+    :mod:`~sextant.chapters.places.data.gps_poses`. ``euroc``, ``robotcar`` and ``nclt`` are matched by times as ``tum``
+    is: see :mod:`~sextant.chapters.localization.data.recorded_poses`.
 
     Images are in the natural order of their names. Poses in space are projected to a plane by
     :func:`~sextant.chapters.localization.data.pose_formats.to_plane`. The *camera* is localized: its pose is that of
@@ -103,11 +111,11 @@ class PoseFolder:
         test: folder of each drive to localize, by name; None for the folder ``run``.
         validation: likewise for fitting temperatures and noise; None takes them from the start of each test drive.
         poses: format of the pose files.
-        pose_file: name of that file in each drive's folder; None for ``poses.csv`` or ``poses.txt``.
-        odometry: name of a file of the same format with odometry poses in their own frame of reference; None for no
-            odometry.
+        pose_file: name of that file, from each drive's folder, with ``*`` for what differs; None for the usual name.
+        odometry: name of a file of the same format with odometry poses in their own frame of reference, or of a table
+            ``x,y,theta`` with times or a row for each image; None for no odometry.
         times: ``names`` (seconds, or whole nano- or microseconds), ``order``, or a file with one line per image; None
-            for ``names`` with TUM poses if all names contain a time, otherwise ``order``.
+            for ``names`` with poses or odometry that have times if all names contain a time, otherwise ``order``.
         plane: the world axes that the robot moves along.
         ahead: the axis of the posed body that points ahead, ``z`` for a camera and ``x`` for a robot.
         mounting: where the camera is on the posed body: metres ahead, metres to the left, degrees to the left.
@@ -274,14 +282,15 @@ class PoseFolder:
             wanted += [name for name in (self.odometry,) if name]
         if self.times not in (None, "names", "order"):
             wanted.append(str(self.times))
-        for name in wanted:
-            if not (folder / name).is_file():
+        files = [_only(folder, name) for name in wanted]
+        for name, file in zip(wanted, files, strict=True):
+            if not file.is_file():
                 what = "poses" if name == self.pose_file else "odometry" if name == self.odometry else "times"
                 raise MissingDataError(
                     f"{key}: {folder} has no {what}, the file {name}",
                     f"Put it there, or give its name: {'pose_file' if what == 'poses' else what}=<name>",
                 )
-        return [folder / name for name in wanted]
+        return files
 
     def _drive(self, split: Split, name: str, folder: Path, paths: list[Path], notes: list[str]) -> Drive:
         key = f"{split}" if split == "map" else f"{split}.{name.removeprefix('validation/')}"
@@ -316,15 +325,16 @@ class PoseFolder:
             check_rising(times, names, key)
             if split != "map" and self.max_gap_s is not None:
                 check_gaps(times, names, self.max_gap_s, key)
-        poses, own = self._trajectory(folder / self.pose_file, folder, paths, times, key, notes)
+        poses, own = self._trajectory(_only(folder, self.pose_file), folder, paths, times, key, notes)
         odometry = None
         if self.odometry is not None and split != "map":
-            odometry, _ = self._trajectory(folder / self.odometry, folder, paths, times, key, notes)
+            odometry = self._odometry(_only(folder, self.odometry), folder, paths, times, key, notes)
         return _Frames(paths, poses, odometry, own if times is None else times)
 
     def _times(self, folder: Path, paths: list[Path], key: str) -> Float64[ndarray, "n"] | None:
         """Times of the images, from their names or a file; None if only the poses have times."""
-        if self.times == "order" or (self.times is None and self.poses != "tum"):
+        timed = self.poses in TIMED or (self.odometry is not None and is_timed(_only(folder, self.odometry)))
+        if self.times == "order" or (self.times is None and not timed):
             return None
         if self.times not in ("names", None):
             return times_of_file(folder / self.times, len(paths))
@@ -335,6 +345,30 @@ class PoseFolder:
                 "Names such as 1305031102.175304.png, or times=order, or a file with one line per image.",
             )
         return times
+
+    def _odometry(
+        self,
+        file: Path,
+        folder: Path,
+        paths: list[Path],
+        times: Float64[ndarray, "n"] | None,
+        key: str,
+        notes: list[str],
+    ) -> Float64[ndarray, "n 3"]:
+        """Odometry of the camera at the images, of the format of the poses or of a table of odometry."""
+        if not is_odometry_table(file):
+            return self._trajectory(file, folder, paths, times, key, notes)[0]
+        table = read_odometry(file)
+        names = [path.name for path in paths]
+        poses = table.poses
+        if table.times_s is not None and times is not None:
+            poses = poses_at(table.times_s, poses, times, names, self.max_gap_s, f"{key}, {file.name}")
+        if len(poses) != len(paths):
+            raise ArgumentError(
+                f"{key}: {file.name} has {len(poses):,} rows for {len(paths):,} images, {names[0]} to {names[-1]}",
+                "One row per image, in order; or a column time, and images whose names contain times.",
+            )
+        return compose(poses, np.repeat(self.mounting, len(poses), axis=0))
 
     def _trajectory(
         self,
@@ -353,10 +387,11 @@ class PoseFolder:
             poses = drive_by_gps(paths, self._of_map()[0], key, notes)
         elif self.poses == "kitti":
             poses = to_plane(read_kitti(file), self.plane, self.ahead, str(file))
-        elif self.poses != "tum":
+        elif self.poses in NAMED_FORMATS:
             poses = self._named(file, folder, paths, key)
         else:
-            told, in_space = read_tum_matrices(file)
+            form = next((each for each in RECORDED if each == self.poses), None)
+            told, in_space = read_tum_matrices(file) if form is None else read_recorded(file, form)
             poses = to_plane(in_space, self.plane, self.ahead, str(file))
             if times is not None:
                 names = [path.name for path in paths]
@@ -404,3 +439,14 @@ class PoseFolder:
             )
         notes += [f"left out {name}" for name in named]
         return np.sort(first)
+
+
+def _only(folder: Path, name: str) -> Path:
+    """A file from a folder; with ``*`` in its name, the only one that matches."""
+    found = sorted(folder.glob(name)) if "*" in name else []
+    if len(found) > 1:
+        raise ArgumentError(
+            f"{folder / name} are {len(found)} files: {', '.join(each.name for each in found[:5])}",
+            f"Name one: pose_file={name.replace('*', found[0].stem.split('_')[-1])}",
+        )
+    return found[0] if found else folder / name
