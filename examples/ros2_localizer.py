@@ -1,86 +1,160 @@
-"""A ROS 2 node that localizes a robot by its camera and odometry.
+"""A ROS 2 node that localizes a robot by its camera and odometry, and publishes map -> odom (REP 105).
 
     python3 examples/ros2_localizer.py --ros-args -p map:=outputs/runs/localization/<run> -r image:=/camera/image_raw
 
-It needs rclpy, and Sextant in the same Python. ``map`` is the folder of a run of ``task=localization``, or one that
-``Localizer.save`` wrote. For each image on ``image`` (``sensor_msgs/Image``) it publishes
-``geometry_msgs/PoseWithCovarianceStamped`` on ``pose``, in the frame ``map``; motion comes from ``odom``
-(``nav_msgs/Odometry``), and is unknown until the first message. While the robot is lost, a warning is
-logged and no pose is published.
+It needs rclpy, and Sextant in the same Python. It subscribes to ``image`` (``sensor_msgs/Image``) or
+``image/compressed``, ``camera_info``, ``odom`` (``nav_msgs/Odometry``) and ``initialpose``; it publishes ``pose``
+(``geometry_msgs/PoseWithCovarianceStamped``), ``particlecloud`` (``geometry_msgs/PoseArray``), ``/diagnostics``
+(``diagnostic_msgs/DiagnosticArray``) and ``/tf``. While the robot is lost, neither the pose nor the transform is
+published. Parameters:
+
+======================= =============== ==========================================================================
+``map``                                 a run of ``task=localization``, or a folder that ``Localizer.save`` wrote
+``mounting``            [0.0, 0.0, 0.0] the camera on the base: metres ahead, metres to the left, degrees to the left
+``image_transport``     raw             ``compressed`` subscribes to ``image/compressed``
+``rectify``             false           straighten images by ``camera_info``, for a map of images without distortion
+``particles``           0               number of particles; 0: that of the map's test
+``start``               uniform         first particles: ``uniform``, or ``appearance``, at similar map images
+``seed``                0               of random numbers
+``odometry_timeout``    0.5             seconds that an image waits for odometry of its time
+``map_frame``           map             frame of the map
+``odom_frame``                          frame of the odometry; empty: that of its messages
+``publish_tf``          true            false publishes no transform
+``transform_tolerance`` 0.1             seconds that a transform is dated ahead, so that it is valid until the next
+======================= =============== ==========================================================================
 """
 
-import math
 from typing import Any
 
-import numpy as np
 import rclpy
-import torch
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Pose, PoseArray, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import Image
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.time import Time
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from tf2_msgs.msg import TFMessage
 
 from sextant import Localizer
-from sextant.chapters.localization.data.rosbag import picture_of
-from sextant.geometry import se2_between
+from sextant.chapters.localization.data.ros_messages import camera_of, planar_pose, set_planar
+from sextant.chapters.localization.robot_localizer import Report, RobotLocalizer
+from sextant.errors import UserError
 
-#: rows of x, y and yaw in the covariance of x, y, z and the rotations about them
-PLANE = np.ix_([0, 1, 5], [0, 1, 5])
+
+def nanoseconds(stamp: Any) -> int:
+    """Of a ``builtin_interfaces/Time``."""
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 class LocalizerNode(Node):  # type: ignore[misc]
-    """Steps a localizer with each image and the motion that odometry reports since the last one."""
+    """Passes messages to a robot localizer, and publishes what it reports."""
 
     def __init__(self) -> None:
         super().__init__("sextant_localizer")
-        folder = self.declare_parameter("map", "").value
+        get = lambda name, default: self.declare_parameter(name, default).value  # noqa: E731
+        folder = get("map", "")
         if not folder:
-            raise SystemExit("map is missing: --ros-args -p map:=<folder of a run or of a saved localizer>")
-        self.localizer = Localizer.load(folder)
-        self.odometry: torch.Tensor | None = None  # x, y and heading, the newest
-        self.before: torch.Tensor | None = None  # the same at the last image
+            raise UserError("map is missing", "--ros-args -p map:=<folder of a run or of a saved localizer>")
+        particles = get("particles", 0) or None
+        self.core = RobotLocalizer(
+            Localizer.load(folder, particles=particles, start=get("start", "uniform"), seed=get("seed", 0)),
+            mounting=tuple(get("mounting", [0.0, 0.0, 0.0])),
+            odometry_timeout_s=get("odometry_timeout", 0.5),
+            rectify=get("rectify", False),
+        )
+        self.map_frame, self.odom_frame = get("map_frame", "map"), get("odom_frame", "")
+        self.broadcasts, self.tolerance = get("publish_tf", True), round(get("transform_tolerance", 0.1) * 1e9)
         self.poses = self.create_publisher(PoseWithCovarianceStamped, "pose", 10)
-        self.create_subscription(Odometry, "odom", self.on_odometry, qos_profile_sensor_data)
-        self.create_subscription(Image, "image", self.on_image, qos_profile_sensor_data)
+        self.clouds = self.create_publisher(PoseArray, "particlecloud", 2)
+        self.states = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.transforms = self.create_publisher(TFMessage, "/tf", 100)
+        compressed = get("image_transport", "raw") == "compressed"
+        topic, self.kind = ("image/compressed", CompressedImage) if compressed else ("image", Image)
+        newest = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
+        every = QoSProfile(depth=1000, reliability=qos_profile_sensor_data.reliability)
+        self.create_subscription(CameraInfo, "camera_info", self.on_camera, newest)
+        self.create_subscription(Odometry, "odom", self.on_odometry, every)
+        self.create_subscription(PoseWithCovarianceStamped, "initialpose", self.on_initial_pose, 1)
+        self.create_subscription(self.kind, topic, self.on_image, newest)
+
+    def on_camera(self, message: Any) -> None:
+        """Keep the camera."""
+        try:
+            self.core.on_camera(camera_of(message, self.resolve_topic_name("image")))
+        except UserError as error:
+            self.warn(str(error))
 
     def on_odometry(self, message: Any) -> None:
-        """Keep the newest odometry."""
-        at, turned = message.pose.pose.position, message.pose.pose.orientation
-        heading = 2 * math.atan2(turned.z, turned.w)  # on the ground it turns about z alone
-        self.odometry = torch.tensor([at.x, at.y, heading], dtype=torch.float64)
+        """Pass odometry on; broadcast the transform at its time."""
+        try:
+            pose = planar_pose(message.pose.pose)
+        except ValueError as error:
+            self.warn(f"odometry was left out: {error}")
+            return
+        self.odom_frame = self.odom_frame or message.header.frame_id
+        stamp_ns = nanoseconds(message.header.stamp)
+        for report in self.core.on_odometry(stamp_ns, pose):
+            self.publish(report)
+        self.broadcast(stamp_ns)
 
     def on_image(self, message: Any) -> None:
-        """Step the localizer and publish the pose."""
-        unknown = self.before is None or self.odometry is None
-        motion = None if unknown else se2_between(self.before, self.odometry).numpy()
-        self.before = self.odometry
+        """Localize by an image, once its odometry is known."""
+        kind = f"sensor_msgs/msg/{self.kind.__name__}"
+        for report in self.core.on_image(nanoseconds(message.header.stamp), message, kind):
+            self.publish(report)
+
+    def on_initial_pose(self, message: Any) -> None:
+        """Start again around a pose, as RViz sends it."""
         try:
-            image = np.asarray(picture_of(message, "sensor_msgs/msg/Image").convert("RGB"))
-        except ValueError as error:  # an unsupported encoding, or a damaged message
-            self.get_logger().warning(f"an image was left out: {error}", throttle_duration_sec=5.0)
-            image = None
-        told = self.localizer.step(motion, image)
-        if told.lost:
-            self.get_logger().warning(
-                f"lost: the likeliest place has weight {told.mass:.0%}", throttle_duration_sec=5.0
-            )
-            return
-        pose = PoseWithCovarianceStamped()
-        pose.header.stamp, pose.header.frame_id = message.header.stamp, "map"
-        x, y, heading = map(float, told.pose)
-        pose.pose.pose.position.x, pose.pose.pose.position.y = x, y
-        pose.pose.pose.orientation.z, pose.pose.pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
-        covariance = np.zeros((6, 6))
-        covariance[PLANE] = told.covariance
-        pose.pose.covariance = covariance.ravel().tolist()
-        self.poses.publish(pose)
+            pose, stamp_ns = planar_pose(message.pose.pose), nanoseconds(message.header.stamp)
+            self.core.on_initial_pose(stamp_ns, pose, message.pose.covariance)
+        except (UserError, ValueError) as error:
+            self.warn(f"initialpose was ignored: {error}")
+
+    def publish(self, report: Report) -> None:
+        """Publish the pose unless the robot is lost, the particles and the state."""
+        stamp, state = Time(nanoseconds=report.stamp_ns).to_msg(), report.diagnostics
+        if not report.lost:
+            pose = PoseWithCovarianceStamped()
+            pose.header.stamp, pose.header.frame_id = stamp, self.map_frame
+            set_planar(pose.pose.pose, report.pose)
+            pose.pose.covariance = report.covariance.ravel().tolist()
+            self.poses.publish(pose)
+        cloud = PoseArray()
+        cloud.header.stamp, cloud.header.frame_id = stamp, self.map_frame
+        cloud.poses = [set_planar(Pose(), each) for each in report.particles]
+        self.clouds.publish(cloud)
+        status = DiagnosticStatus(level=getattr(DiagnosticStatus, state.level), message=state.message)
+        status.name, status.hardware_id = f"{self.get_name()}: localization", "camera"
+        status.values = [KeyValue(key=key, value=value) for key, value in state.values.items()]
+        states = DiagnosticArray(status=[status])
+        states.header.stamp = stamp
+        self.states.publish(states)
+        if state.level != "OK":
+            self.warn(state.message)
+
+    def broadcast(self, stamp_ns: int) -> None:
+        """Broadcast map -> odom, valid for a while after the odometry."""
+        if self.broadcasts and self.core.map_from_odom is not None:
+            transform = TransformStamped(child_frame_id=self.odom_frame)
+            transform.header.stamp = Time(nanoseconds=stamp_ns + self.tolerance).to_msg()
+            transform.header.frame_id = self.map_frame
+            set_planar(transform.transform, self.core.map_from_odom)
+            self.transforms.publish(TFMessage(transforms=[transform]))
+
+    def warn(self, text: str) -> None:
+        """Warn, at most every five seconds."""
+        self.get_logger().warning(text, throttle_duration_sec=5.0)
 
 
 def main() -> None:
     """Run until interrupted."""
     rclpy.init()
-    node = LocalizerNode()
+    try:
+        node = LocalizerNode()
+    except UserError as error:
+        raise SystemExit(str(error)) from None
     try:
         rclpy.spin(node)
     except KeyboardInterrupt:

@@ -187,7 +187,7 @@ class Localizer:
         self.descriptor, self.image_size, self.unit = descriptor or SavedDescriptor(), image_size, unit
         self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
         self.lag, self.pictures, self.odds, self.region_scale = lag, pictures, odds, region_scale
-        self._start = start if isinstance(start, Initialisation) else STARTS[start]()
+        self._start = _start_of(start)
         self._spacing = map_spacing(filter.prior.poses)
         self.reset()
 
@@ -200,14 +200,20 @@ class Localizer:
 
     # -- live use ------------------------------------------------------------------------------------------------------
 
-    def reset(self, seed: int | None = None) -> None:
+    def reset(self, seed: int | None = None, start: Start | None = None) -> None:
         """Discard the belief and all that was learned; the next step is the first. The seed determines the results.
 
+        Args:
+            seed: of all random numbers; None keeps it.
+            start: where the particles are before the first image, until the next reset; None for the class's.
+
         Raises:
-            UserError: the seed is not a whole number of at least 0.
+            UserError: the seed is not a whole number of at least 0, or there is no such start.
         """
         self.seed = self.seed if seed is None else seed
         check_whole("seed", self.seed, 0, "For example seed=1")
+        _check_start(start or self._start)
+        self._begins = self._start if start is None else _start_of(start)
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
         self._past: list[tuple[Belief, Tensor, MotionModel, InnovationTest, float]] = []
@@ -258,8 +264,8 @@ class Localizer:
         recognised = math.nan if bool(moved.isfinite().all()) else self._recognise(seen, new)
         moves = self._paced()
         if self._state is None:
-            state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
-            weighed = self._start.uses_evidence and evidence is not None  # then the belief includes the first image
+            state = self.filter.start(self._begins, 1, self.particles, self._generator, evidence, looked)
+            weighed = self._begins.uses_evidence and evidence is not None  # then the belief includes the first image
             state, told = self.filter.step(state, None, None if weighed else evidence, looked, self._generator)
         else:
             paced = replace(self.filter, motion=moves)
@@ -652,6 +658,14 @@ def _check_settings(radius: float, particles: int, start: Start, lag: int, regio
     ):
         if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < math.inf:
             raise UserError(f"{name}={value!r} must be a number above 0 and finite", fix)
+    _check_start(start)
+
+
+def _start_of(start: Start) -> Initialisation:
+    return start if isinstance(start, Initialisation) else STARTS[start]()
+
+
+def _check_start(start: Start) -> None:
     if not isinstance(start, Initialisation) and not (isinstance(start, str) and start in STARTS):
         raise UserError(f"start={start} must be one of {', '.join(STARTS)}", "start=uniform")
 

@@ -1,19 +1,21 @@
-"""Pictures and cameras in messages of ROS 1 and 2, whichever library read them.
+"""Pictures, cameras and poses in messages of ROS 1 and 2, whichever library read them.
 
 Encodings are those of ``sensor_msgs/image_encodings``: grey and colour of 8 bits, ``mono16``, Bayer patterns, and YUV
 as ``uyvy`` (formerly ``yuv422``), ``yuyv`` (``yuv422_yuy2``), ``nv12`` and ``nv21``, by BT.601 in video range.
 """
 
 import io
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 from PIL import Image
 
+from sextant.chapters.localization.data.pose_formats import LENGTH_TOLERANCE
 from sextant.chapters.localization.data.posed_photos import PhotoLens
 from sextant.correspondence import Pinhole
 from sextant.errors import UserError
@@ -183,3 +185,26 @@ def camera_of(message: Any, image_topic: str) -> RosCamera | None:
 
 def _binned(focal: float, centre: float, pixels: int) -> tuple[float, float]:
     return float(focal / pixels), float((centre + 0.5) / pixels - 0.5)
+
+
+def planar_pose(pose: Any) -> Float64[ndarray, "3"]:
+    """x, y and the heading of a ``geometry_msgs/Pose``: the direction of its x axis in the plane.
+
+    Raises:
+        ValueError: a number is not finite, or the orientation is no unit quaternion.
+    """
+    at, turned = pose.position, pose.orientation
+    x, y, z, w = quaternion = np.array([turned.x, turned.y, turned.z, turned.w], np.float64)
+    if not np.isfinite([at.x, at.y, *quaternion]).all() or abs(np.linalg.norm(quaternion) - 1) > LENGTH_TOLERANCE:
+        raise ValueError(f"a pose at {at.x}, {at.y} with the quaternion {quaternion.tolist()} is none")
+    return np.array([at.x, at.y, np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))])
+
+
+def set_planar(pose: Any, found: Float64[ndarray, "3"]) -> Any:
+    """Write x, y and a heading into a ``geometry_msgs/Pose``, or a ``Transform``, on the ground."""
+    x, y, heading = map(float, found)
+    at = pose.position if hasattr(pose, "position") else pose.translation
+    turned = pose.orientation if hasattr(pose, "orientation") else pose.rotation
+    at.x, at.y, at.z = x, y, 0.0
+    turned.x, turned.y, turned.z, turned.w = 0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2)
+    return pose
