@@ -37,8 +37,13 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
 
 def write_json(path: Path, value: Any) -> None:
     """Write ``value`` as indented JSON, atomically; nan and infinities are written as null."""
-    text = json.dumps(_finite(value), indent=2, allow_nan=False) + "\n"
-    write_atomically(path, lambda file: file.write(text.encode()))
+    content = json_bytes(value)
+    write_atomically(path, lambda file: file.write(content))
+
+
+def json_bytes(value: Any) -> bytes:
+    """``value`` as indented JSON; nan and infinities become null."""
+    return (json.dumps(_finite(value), indent=2, allow_nan=False) + "\n").encode()
 
 
 def write_sealed_json(path: Path, value: Mapping[str, Any]) -> None:

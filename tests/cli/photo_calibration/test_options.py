@@ -12,7 +12,12 @@ def test_options_are_read(tmp_path):
 
 @pytest.mark.parametrize(
     "given",
-    [{"undistort": "some"}, {"camera": "two"}, *({"focal_prior": v} for v in ("0", "-3", "nan", "inf", "wide"))],
+    [
+        {"undistort": "some"},
+        {"camera": "two"},
+        {"exports": "ros,usd"},
+        *({"focal_prior": v} for v in ("0", "-3", "nan", "inf", "wide")),
+    ],
 )
 def test_wrong_options_are_told(given):
     (key, value), *_ = given.items()

@@ -4,11 +4,13 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
-from sextant.console.arguments import Options
+from sextant.console.arguments import SPLIT, Options
 
 #: reads the word "none" as None
 NONE = BeforeValidator(lambda text: None if text == "none" else text)
 Undistort = Literal["crop", "all", "none"]
+#: formats of other programs
+Export = Literal["nerfstudio", "fspy", "ros", "kalibr"]
 
 
 class FocalOptions(Options):
@@ -33,3 +35,7 @@ class CalibrationOptions(FocalOptions):
     """none (default), or exif: gravity from the phone's accelerometer, for photos that contain it"""
     colmap: bool = Field(False, examples=["true"])
     """true: also write cameras and gravity to a COLMAP database in <output>/colmap"""
+    exports: Annotated[tuple[Export, ...], SPLIT] = Field(
+        (), title="some of nerfstudio, fspy, ros and kalibr", examples=["ros,kalibr"]
+    )
+    """cameras for other programs, separated by commas: nerfstudio, fspy (and Blender), ros, kalibr"""

@@ -18,7 +18,9 @@ from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically, write_csv, write_json
 from sextant.chapters.calibration.calibrator import PhotoCalibrator
 from sextant.chapters.calibration.colmap_database import check_colmap, write_colmap
+from sextant.chapters.calibration.exports import check_exports, write_exports
 from sextant.chapters.calibration.finding import LEVELS
+from sextant.chapters.calibration.options import Export
 from sextant.chapters.calibration.photo_camera import PhotoCamera
 from sextant.chapters.calibration.priors import FocalPrior, GravityPrior
 from sextant.data.photo_files import file_stems
@@ -163,6 +165,7 @@ def write_cameras(
     focal_prior: FocalPrior = None,
     gravity_prior: GravityPrior = None,
     colmap: bool = False,
+    exports: Sequence[Export] = (),
 ) -> WrittenCameras:
     """Calibrate photos and write all results to a folder; a photo that fails gets a row with its error.
 
@@ -174,10 +177,13 @@ def write_cameras(
         camera: ``one`` fuses all photos as those of one camera.
         focal_prior, gravity_prior: as for :meth:`~sextant.PhotoCalibrator.calibrate`.
         colmap: write ``colmap/database.db`` and ``colmap/priors.json`` too.
+        exports: formats of other programs, see :func:`~.exports.write_exports`.
 
     Raises:
-        UserError: the photos cannot be of one camera, the folder already has a COLMAP database, or the disk is full.
+        UserError: the photos cannot be of one camera, the folder already has a COLMAP database, a camera cannot be
+            expressed in a format, or the disk is full.
     """
+    check_exports(exports, undistort)
     if colmap:
         check_colmap(output / "colmap")
     found, summary = _calibrated(
@@ -189,6 +195,9 @@ def write_cameras(
     good = [each for each in found if isinstance(each, PhotoCamera)]
     if colmap and good:
         files += write_colmap(good, output / "colmap")
+    if exports and good:
+        copies = [output / row["undistorted"]["file"] for row in rows if "undistorted" in row]
+        files += write_exports(good, copies, output, exports, "all" if undistort == "all" else "crop")
     return WrittenCameras(rows, summary, files)
 
 
