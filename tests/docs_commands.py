@@ -277,7 +277,7 @@ def _module(module: str, words: list[str]) -> None:
     if module == "sextant.corruptions":
         _among(module, words[0], ["make"])
         given = parse_arguments(words[1:], corruptions_make.MakeOptions.meanings(), module)
-        _among("set", given["set"], ["cifar10_c", "mnist_c", "imagenet_c"])
+        _among("set", given["set"], ["cifar10_c", "cifar100_c", "mnist_c", "imagenet_c"])
         return
     package, _, name = module.partition(".")
     _among("python -m", package, ["benchmarks"])

@@ -78,14 +78,14 @@ def test_severities_may_be_chosen_and_those_without_any_stay():
 
 
 def test_every_table_has_five_rows_or_is_of_a_corruption_without_severities():
-    for key in ("cifar10_c", "imagenet_c", "mnist_c"):
+    for key in ("cifar10_c", "cifar100_c", "imagenet_c", "mnist_c"):
         assert {len(f.table) for f in benchmark_set(key).families.values()} <= {1, 5}
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"set": "cifar_c"}, "set=cifar_c is not known\nThere are: cifar10_c, mnist_c, imagenet_c."),
+        ({"set": "cifar_c"}, "set=cifar_c is not known\nThere are: cifar10_c, cifar100_c, mnist_c, imagenet_c."),
         (
             {"names": ["fog", "rain"]},
             "names=rain is not in the set cifar10_c\nIt has: benchmark15, extra4, ga",

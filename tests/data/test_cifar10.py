@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sextant.data import cifar10
-from sextant.data.cifar10 import CIFAR10
+from sextant.data.cifar10 import CIFAR10, CIFAR100
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 
@@ -75,7 +75,7 @@ def test_a_pickle_that_poses_as_a_batch_is_refused_before_it_is_opened(tmp_path)
 def test_even_with_the_published_hash_a_pickle_can_call_nothing_but_numpys_array(publish, tmp_path, place):
     payload = Payload(tmp_path / "executed")
     publish("test_batch", payload if place == "batch" else {**a_batch(1)[0], place: payload})
-    with pytest.raises(pickle.UnpicklingError, match="is not allowed in a CIFAR-10 batch"):
+    with pytest.raises(pickle.UnpicklingError, match="is not allowed in a batch of CIFAR"):
         CIFAR10([tmp_path]).read("test")
     assert not (tmp_path / "executed").exists()
 
@@ -109,6 +109,30 @@ def test_a_copy_with_the_test_batch_alone_has_a_fingerprint_of_its_own(publish, 
     test_alone = source.fingerprint()
     publish("data_batch_1", a_batch(2)[0])
     assert source.fingerprint() != test_alone
+
+
+def test_cifar100_has_fine_labels_and_calls_nothing_either(tmp_path, monkeypatch):
+    (tmp_path / "cifar-100-python").mkdir()
+
+    def publish(content):
+        (tmp_path / "cifar-100-python" / "test").write_bytes(content := pickle.dumps(content, protocol=4))
+        monkeypatch.setitem(cifar10.MD5_100, "test", hashlib.md5(content).hexdigest())
+
+    batch, pixels = a_batch(1)
+    del batch[b"labels"]
+    publish(whole := {**batch, b"fine_labels": [0, 99, 3, 4], b"coarse_labels": [1, 1, 1, 1]})
+    source = CIFAR100([tmp_path])
+    data = source.read("test")
+    assert np.array_equal(data.images, pixels)
+    assert [source.spec().classes[label] for label in data.labels[:2]] == ["apple", "worm"]
+    assert len(set(source.spec().classes)) == 100
+    publish({**whole, b"fine_labels": Payload(tmp_path / "executed")})
+    with pytest.raises(pickle.UnpicklingError):
+        source.read("test")
+    assert not (tmp_path / "executed").exists()
+    (tmp_path / "cifar-100-python" / "test").write_bytes(b"another")
+    with pytest.raises(UserError, match="is damaged or not the published file"):
+        source.read("test")
 
 
 @pytest.mark.real_data

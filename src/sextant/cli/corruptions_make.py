@@ -20,7 +20,7 @@ class MakeOptions(Sharded):
     """What the user chose."""
 
     benchmark: str = Field(alias="set")
-    """benchmark whose parameters are used: cifar10_c, mnist_c or imagenet_c"""
+    """benchmark whose parameters are used: cifar10_c, cifar100_c, mnist_c or imagenet_c"""
     input: str
     """a dataset such as cifar10, whose test split is used, or a .npy file of uint8 (n, h, w[, c])"""
     output: UserPath

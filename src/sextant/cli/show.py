@@ -79,7 +79,7 @@ def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
         console.print(table, width=WIDTH)
     if results.get("table"):
         console.print(rows_table("On the test split", results["table"], min(WIDTH, console.width)), width=WIDTH)
-    if results.get("by_corruption"):
+    if results.get("by_corruption") and "corruption" not in (results.get("table") or [{}])[0]:
         console.print(rows_table("By corruption", results["by_corruption"], min(WIDTH, console.width)), width=WIDTH)
     if not metrics:
         console.print(

@@ -10,18 +10,18 @@ from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
 from sextant.corruptions.contract import Indices
 from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.pixels import eight_bit
-from sextant.corruptions.sets import CIFAR10_C, IMAGENET_C, MNIST_C
+from sextant.corruptions.sets import CIFAR10_C, CIFAR100_C, IMAGENET_C, MNIST_C
 from sextant.corruptions.sets.benchmark_set import BenchmarkSet
 from sextant.corruptions.suite import Condition, CorruptionSuite, Protocol
 from sextant.errors import ArgumentError
 
-SETS = {benchmark.key: benchmark for benchmark in (CIFAR10_C, MNIST_C, IMAGENET_C)}
+SETS = {benchmark.key: benchmark for benchmark in (CIFAR10_C, CIFAR100_C, MNIST_C, IMAGENET_C)}
 Names = str | Sequence[str] | None
 Chosen = dict[str, BenchmarkCorruption[Any, Any]]
 
 
 def benchmark_set(key: str) -> BenchmarkSet:
-    """The set ``cifar10_c``, ``mnist_c`` or ``imagenet_c``.
+    """The set ``cifar10_c``, ``cifar100_c``, ``mnist_c`` or ``imagenet_c``.
 
     >>> benchmark_set("mnist_c").build(["fog"]).keys()
     dict_keys(['fog'])
@@ -78,7 +78,7 @@ class BenchmarkSuite(CorruptionSuite):
     (['clean', 'fog/3', 'gaussian/0.1'], ['fog'])
 
     Args:
-        set: ``cifar10_c``, ``mnist_c`` or ``imagenet_c``.
+        set: ``cifar10_c``, ``cifar100_c``, ``mnist_c`` or ``imagenet_c``.
         names: corruptions to test: all (``None``), a group (``benchmark15``, ``extra4``), or a list of names.
         severities: some of 1 to 5; ``None`` for the published ones.
         mode: ``faithful`` to the authors' code, errors included, or ``corrected``.

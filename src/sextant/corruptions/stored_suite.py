@@ -40,7 +40,7 @@ class StoredSuite(CorruptionSuite):
 
     Args:
         folder: folder of the files.
-        set: ``cifar10_c``, ``mnist_c`` or ``imagenet_c``: the set that names and severities belong to.
+        set: ``cifar10_c``, ``cifar100_c``, ``mnist_c`` or ``imagenet_c``: the set that names and severities belong to.
         names: corruptions to test: all that are published (``None``), a group, or a list of names.
         severities: some of those in the files; ``None`` for all.
 

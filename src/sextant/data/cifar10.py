@@ -1,4 +1,4 @@
-"""CIFAR-10 in the publisher's Python format, read without executing code that its pickles might contain."""
+"""CIFAR-10 and CIFAR-100 in the publisher's Python format; no code that its pickles might contain is executed."""
 
 import io
 import pickle
@@ -19,8 +19,21 @@ MD5 = {
     "data_batch_5": "482c414d41f54cd18b22e5b47cb7c3cb",
     "test_batch": "40351d587109b95175f43aff81a1287e",
 }
+MD5_100 = {"train": "16019d7e3df5f24257cddd939b257f8d", "test": "f0ef6b0ae62326f3e7ffdfab6717acfc"}
 BATCH = 10_000
 CLASSES = ("airplane", "automobile", "bird", "cat", "deer", "dog", "frog", "horse", "ship", "truck")
+CLASSES_100 = (
+    "apple", "aquarium_fish", "baby", "bear", "beaver", "bed", "bee", "beetle", "bicycle", "bottle", "bowl", "boy",
+    "bridge", "bus", "butterfly", "camel", "can", "castle", "caterpillar", "cattle", "chair", "chimpanzee", "clock",
+    "cloud", "cockroach", "couch", "crab", "crocodile", "cup", "dinosaur", "dolphin", "elephant", "flatfish",
+    "forest", "fox", "girl", "hamster", "house", "kangaroo", "keyboard", "lamp", "lawn_mower", "leopard", "lion",
+    "lizard", "lobster", "man", "maple_tree", "motorcycle", "mountain", "mouse", "mushroom", "oak_tree", "orange",
+    "orchid", "otter", "palm_tree", "pear", "pickup_truck", "pine_tree", "plain", "plate", "poppy", "porcupine",
+    "possum", "rabbit", "raccoon", "ray", "road", "rocket", "rose", "sea", "seal", "shark", "shrew", "skunk",
+    "skyscraper", "snail", "snake", "spider", "squirrel", "streetcar", "sunflower", "sweet_pepper", "table", "tank",
+    "telephone", "television", "tiger", "tractor", "train", "trout", "tulip", "turtle", "wardrobe", "whale",
+    "willow_tree", "wolf", "woman", "worm",
+)  # fmt: skip
 
 
 class CIFAR10(ImageSource):
@@ -77,6 +90,51 @@ class CIFAR10(ImageSource):
         return LabelledImages(np.concatenate(images), np.concatenate(labels))
 
 
+class CIFAR100(ImageSource):
+    """60,000 colour images of 32x32 pixels in a hundred classes (fine labels), 10,000 of them for testing.
+
+    Args:
+        roots: folders to search for ``cifar-100-python/``; a download is written to the last one.
+        download: let torchvision fetch what is missing.
+    """
+
+    name = "cifar100"
+
+    def __init__(self, roots: Sequence[Path | str], download: bool = False):
+        self.roots = [Path(root) for root in roots]
+        self.download = download
+
+    def files(self, split: Split) -> list[Path]:
+        """The file of ``split``."""
+        try:
+            folder = self._find(split)
+        except MissingDataError:
+            if not self.download:
+                raise
+            torchvision_download("CIFAR100", self.roots[-1], split == "train")
+            folder = self._find(split)
+        return [folder / split]
+
+    def _find(self, split: Split) -> Path:
+        source = "cifar-100-python.tar.gz, unpacked"
+        return find_folder(self.roots, "cifar-100-python", [split], dataset=self.name, source=source)
+
+    def spec(self) -> ImageSpec:
+        """Three channels, 32x32, a hundred classes."""
+        return ImageSpec(3, 32, 32, CLASSES_100)
+
+    def count(self, split: Split) -> int:
+        """50,000 or 10,000 images."""
+        return BATCH if split == "test" else 5 * BATCH
+
+    def read(self, split: Split) -> LabelledImages:
+        """Read a split after checking the MD5 of its file."""
+        (path,) = self.files(split)
+        check_file(path, MD5_100[split], "md5")
+        batch = _ArraysOnly(io.BytesIO(path.read_bytes()), encoding="bytes").load()
+        return LabelledImages(batch[b"data"].reshape(-1, 3, 32, 32), np.asarray(batch[b"fine_labels"], np.int64))
+
+
 class _ArraysOnly(pickle.Unpickler):
     """Reads pickled containers and numpy arrays; anything else that a pickle could call is refused."""
 
@@ -84,4 +142,4 @@ class _ArraysOnly(pickle.Unpickler):
         if module.startswith("numpy") and name in ("_reconstruct", "ndarray", "dtype"):
             module = module.replace("numpy.core", "numpy._core")
             return super().find_class(module, name)
-        raise pickle.UnpicklingError(f"{module}.{name} is not allowed in a CIFAR-10 batch")
+        raise pickle.UnpicklingError(f"{module}.{name} is not allowed in a batch of CIFAR")

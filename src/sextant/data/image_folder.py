@@ -41,6 +41,7 @@ class ImageFolder(ImageSource):
         size: side of the square images in pixels.
         channels: 3 for colour, 1 for grey.
         test_fraction: share of each class in the test split when the folder has none, in (0, 1).
+        crop: share of an image's shorter side that the square covers, such as 0.875 for ImageNet; null for all.
         roots: further folders to search.
     """
 
@@ -52,12 +53,13 @@ class ImageFolder(ImageSource):
         size: int = 64,
         channels: int = 3,
         test_fraction: float = 0.2,
+        crop: float | None = None,
         roots: Sequence[Path | str] = (),
     ):
         looked = [Path(folder).expanduser().absolute(), *(Path(root) / folder for root in roots)]
         self.folder = next((path for path in looked if path.is_dir()), None)
         self.looked = looked
-        self.size, self.channels, self.test_fraction = size, channels, test_fraction
+        self.size, self.channels, self.test_fraction, self.crop = size, channels, test_fraction, crop or 1.0
 
     def _classes(self) -> list[str]:
         root = self._root()
@@ -119,14 +121,20 @@ class ImageFolder(ImageSource):
             )
         levels = WhiteLevels((path for each in SPLITS for path in self.files(each)), str(self.folder))
         with ThreadPoolExecutor() as pool:  # Pillow decodes outside the interpreter lock
-            images = list(pool.map(lambda path: decode_square(path, self.size, self.channels, levels), paths))
+            images = list(
+                pool.map(lambda path: decode_square(path, self.size, self.channels, levels, self.crop), paths)
+            )
         index = {name: label for label, name in enumerate(self._classes())}
         labels = np.array([index[path.parent.name] for path in paths], np.int64)
         return LabelledImages(channels_first(np.stack(images)), labels)
 
 
-def decode_square(path: Path, size: int, channels: int, levels: WhiteLevels | None = None) -> UInt8[ndarray, "h w *c"]:
+def decode_square(
+    path: Path, size: int, channels: int, levels: WhiteLevels | None = None, crop: float = 1.0
+) -> UInt8[ndarray, "h w *c"]:
     """An image turned upright, scaled to cover a square of ``size`` pixels and cropped at its centre.
+
+    The square covers the share ``crop`` of the shorter side.
 
     Transparent pixels become black, and more than 8 bits become 8 by the white level of ``levels``; without, by that of
     the files of its folder.
@@ -138,7 +146,7 @@ def decode_square(path: Path, size: int, channels: int, levels: WhiteLevels | No
         with open_picture(path) as image:
             require_sides(image)
             picture = without_alpha(upright(eight_bits(image, path, levels))).convert("RGB" if channels == 3 else "L")
-            return np.asarray(ImageOps.fit(picture, (size, size), Image.Resampling.BICUBIC))
+            return np.asarray(ImageOps.fit(picture, (size, size), Image.Resampling.BICUBIC, bleed=(1 - crop) / 2))
     except Exception as error:  # Pillow's decoders raise errors of any kind for a damaged file
         raise UserError(
             f"{path} {why_unreadable(path, error)}", "Replace the file or take it out of the folder."

@@ -63,7 +63,7 @@ def make_corruptions(
     """Write one file for each corruption of a benchmark set; files that exist and are complete are kept.
 
     Args:
-        benchmark: benchmark set that gives the parameters: cifar10_c, mnist_c or imagenet_c.
+        benchmark: benchmark set that gives the parameters: cifar10_c, cifar100_c, mnist_c or imagenet_c.
         images: a dataset of labelled images, whose test split is used, or a ``.npy`` file of uint8 (n, h, w[, c]).
         output: folder for the files.
         names: corruptions or groups of corruptions; by default all.

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
@@ -11,9 +11,11 @@ from sextant.composing.overrides import parse
 from sextant.config import Config, digest, nearest, validate
 from sextant.config.building import naming_groups
 from sextant.config.path_keys import from_where_it_ran
+from sextant.data.source import ImageSource
 from sextant.errors import UserError
+from sextant.kit.chapter import Source
 from sextant.kit.trained import own_config, read_trained
-from sextant.lifecycle.checks import require_apart, require_device, require_outputs
+from sextant.lifecycle.checks import checked, require_apart, require_device, require_outputs
 from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.registry import chapter_of
@@ -22,11 +24,16 @@ from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 from sextant.runs.source_tree import source_sha256
 
+if TYPE_CHECKING:
+    from sextant.models.foreign_classifier import ForeignClassifier
+
 #: Config groups that may differ from training; all others belong to the weights.
 FREE = (
     *("dataset", "corruption", "test_sampling", "trainer", "tracking", "paths", "reuse"),
     *("fault", "faults", "recovery", "motion", "filter"),  # how a robot is localized in the trained map
 )
+#: groups that may be chosen for a classifier of others
+OF_FOREIGN = ("dataset", "corruption", "inhibition", "trainer", "tracking", "paths", "reuse")
 
 
 def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SILENT_RUN) -> Outcome:
@@ -54,18 +61,119 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
     with naming_groups(config.plain):
         source = chapter.source(config)
         chapter.require_fit(config, content[KEY]["spec"], source)
-        identity = digest({**chapter.identity(config), "checkpoint": found.identity})
+    return _tested(config, source, content, found.checkpoint, found.identity, reporter)
+
+
+def evaluate_model(model: str, overrides: Sequence[str], reporter: RunReporter = SILENT_RUN) -> Outcome:
+    """Test a classifier of others, with an inhibition put into it or not; a test that is finished is returned.
+
+    Args:
+        model: ``timm:<name or file>`` or ``robustbench:<file>``.
+        overrides: overrides of a config of classification, limited to :data:`OF_FOREIGN`.
+        reporter: listens to the test.
+
+    Raises:
+        UserError: the classifier cannot be read, an override is wrong, or the classifier does not fit the data.
+
+    Example:
+        >>> evaluate_model("timm:resnet18.safetensors", ["dataset=cifar10", "corruption=cifar10_c"])  # doctest: +SKIP
+    """
+    outputs = _outputs(overrides)
+    require_foreign_overrides(overrides)
+    from sextant.kit.foreign import foreign_content, require_foreign_fit
+    from sextant.models.foreign_classifier import read_foreign
+
+    foreign = read_foreign(model)
+    config = foreign_config(foreign, overrides)
+    require_apart(config)
+    require_outputs(outputs)
+    with naming_groups(config.plain):
+        source = chapter_of(config.task.name, reporter).source(config)
+        assert isinstance(source, ImageSource)
+        require_foreign_fit(foreign, source)
+        source.files("test")
+        content = foreign_content(foreign, config, source)
+    return _tested(config, source, content, Path(model), foreign.identity, reporter)
+
+
+def _tested(
+    config: Config,
+    source: Source,
+    content: Mapping[str, Any],
+    checkpoint: Path,
+    weights: str,
+    reporter: RunReporter,
+) -> Outcome:
+    """Test a model under ``config``, unless that was done before.
+
+    Args:
+        config: its config, with the test conditions.
+        source: the data.
+        content: the model in the form of a checkpoint.
+        checkpoint: its file, for messages.
+        weights: hash that identifies the weights.
+        reporter: listens to the test.
+    """
+    from sextant.runs.checkpoint import KEY
+
+    with naming_groups(config.plain):
+        identity = digest({**chapter_of(config.task.name).identity(config), "checkpoint": weights})
         code = source_sha256(config.custom_targets())
         key = RunKey("evaluation", identity, config.seed, code, source.fingerprint())
     from sextant.lifecycle.training import test_checkpoint
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
         open_mirror()
-        return test_checkpoint(config, source, content, found.checkpoint, directory, key, reporter)
+        return test_checkpoint(config, source, content, checkpoint, directory, key, reporter)
 
-    device, published = partial(require_device, config), content[KEY].get("published")
+    device, origin = partial(require_device, config), content[KEY].get("published") or content[KEY].get("foreign")
     with naming_groups(config.plain):
-        return run_once(key, config, work, device, published=published, reporter=reporter)
+        return run_once(key, config, work, device, published=origin, reporter=reporter)
+
+
+def require_foreign_overrides(overrides: Sequence[str]) -> None:
+    """Raise a ``UserError`` unless all overrides may be given for a classifier of others, and name a dataset."""
+    keys, parsed = ("backbone.mean", "backbone.std", "task.test_every"), parse(overrides)
+    for override in parsed:
+        if override.place not in OF_FOREIGN and override.key not in keys:
+            known = nearest(override.key, (*OF_FOREIGN, *keys))
+            raise UserError(
+                f"{override.text}: this cannot be chosen for model=",
+                f"Did you mean {known}?" if known else f"What may change: {', '.join((*OF_FOREIGN, *keys))}",
+            )
+        if override.deletes or override.sweeps:
+            raise UserError(f"{override.text}: give one value to each key", "For example corruption=cifar10_c")
+    if not any(override.key == "dataset" for override in parsed):
+        raise UserError(
+            "dataset= is missing", "For example dataset=cifar10, or dataset=image_folder dataset.folder=..."
+        )
+
+
+def foreign_config(foreign: "ForeignClassifier", overrides: Sequence[str]) -> Config:
+    """The config of a test of a classifier of others: size, crop and standardisation are its own unless given.
+
+    Raises:
+        UserError: an override is wrong, or the standardisation is not known.
+    """
+    parsed = parse(overrides)
+    own = {o.key.removeprefix("backbone."): o.value for o in parsed if o.place == "backbone"}
+    words = [o.text for o in parsed if o.place != "backbone"]
+    raw = to_plain(compose(["task=classification", "augmentation=none", "corruption=none", *words]))
+    raw["backbone"] = {**foreign.backbone, **own}
+    for name in ("mean", "std"):
+        if raw["backbone"][name] is None:
+            raise UserError(
+                f"backbone.{name}= is missing: {foreign.reference} does not say how it standardises images",
+                "backbone.mean=[0,0,0] backbone.std=[1,1,1] is for networks of images in [0, 1]. A file with its name "
+                "in RobustBench, such as Standard.pt, needs neither.",
+            )
+        raw["backbone"][name] = [float(value) for value in raw["backbone"][name]]
+    if raw["dataset"]["_target_"].endswith(".ImageFolder"):
+        given = {override.key for override in parsed}
+        for key, value in (("size", foreign.size), ("crop", foreign.crop)):
+            if value is not None and f"dataset.{key}" not in given:
+                raw["dataset"][key] = value
+    return checked(raw)
 
 
 def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> Config:

@@ -18,8 +18,11 @@ def says(published: Mapping[str, Any]) -> str:
     """The text that is printed before the test.
 
     Args:
-        published: ``file``, ``epoch`` and ``best_accuracy`` as stated in the network's file.
+        published: ``file``, ``epoch`` and ``best_accuracy`` as stated in the network's file, or the ``card`` of a
+            classifier of others.
     """
+    if "card" in published:
+        return str(published["card"])
     return (
         f"published, not trained here; {published['file']} says: saved after epoch {published['epoch']}, "
         f"best_prec1 {100 * published['best_accuracy']:.2f} %"

@@ -162,6 +162,8 @@ def test_checkpoint(
         if (published := content[KEY].get("published")) is not None:
             facts = {"same_images": same_images(config), "precision": config.trainer.precision}
             results["published"] = published | facts
+        if (foreign := content[KEY].get("foreign")) is not None:
+            results["foreign"] = foreign
         results = _with_record(results, module, data, config, directory, chapter)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
 

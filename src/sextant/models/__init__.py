@@ -12,10 +12,12 @@ from sextant.models.place_cnn import LocalContrast, PlaceCNN
 from sextant.models.place_net import PlaceNet
 from sextant.models.published_checkpoint import PublishedCheckpoint, load_published
 from sextant.models.resnet_cifar import ResNetCifar
+from sextant.models.robustbench_nets import robustbench_net
 from sextant.models.small_vgg import SmallVGG
 from sextant.models.standardize import Standardize
 from sextant.models.strided_cnn import StridedCNN
 from sextant.models.timm_backbone import timm_backbone
+from sextant.models.timm_classifier import TimmClassifier
 from sextant.models.torchvision_backbone import torchvision_backbone
 
 __all__ = [
@@ -39,10 +41,12 @@ __all__ = [
     "SmallVGG",
     "Standardize",
     "StridedCNN",
+    "TimmClassifier",
     "coordinate_channels",
     "efficientnet_lite0_classifier",
     "load_published",
     "network_cost",
+    "robustbench_net",
     "timm_backbone",
     "torchvision_backbone",
 ]

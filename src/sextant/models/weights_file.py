@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import nn
 
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, UserError
 from sextant.torch_file import load_verified, require_finite
 
 
@@ -38,6 +38,25 @@ def load_weights(network: nn.Module, path: Path) -> None:
             f"weights={path} cannot be loaded: {why_unread(error)}",
             "Give a state dict of this network, as torchvision saves it.",
         ) from None
+
+
+def fit_weights(network: nn.Module, state: Mapping[str, Any], told: str) -> None:
+    """Load a state dict that was read, in place; counters of batch normalisation may be missing in it.
+
+    Args:
+        network: the network that gets the weights.
+        state: the weights by name.
+        told: what they are of, for the message.
+
+    Raises:
+        UserError: the weights are those of another network.
+    """
+    counters = {key: value for key, value in network.state_dict().items() if key.endswith(".num_batches_tracked")}
+    try:
+        _require_fit(network, whole := {**counters, **state})
+    except ValueError as error:
+        raise UserError(f"{told} cannot be used: {error}", "Give the file of exactly this network.") from None
+    network.load_state_dict(whole)
 
 
 def _require_fit(network: nn.Module, state: Mapping[str, Any]) -> None:

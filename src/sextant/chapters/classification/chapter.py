@@ -41,7 +41,7 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
             name = getattr(source, "name", config.dataset.target)
             raise UserError(
                 f"dataset={name} holds no labelled images, which task=classification needs",
-                "Choose digits, mnist, fashion_mnist, cifar10 or image_folder; "
+                "Choose digits, mnist, fashion_mnist, cifar10, cifar100 or image_folder; "
                 "worlds are rendered by sextant data render.",
             )
         return source  # type: ignore[no-any-return]
@@ -118,7 +118,7 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
 
     def record(self, module: "Classification", data: "ImageData", config: ClassificationConfig) -> TestRecord:
         """Predictions by condition, figures of the test, cost of the network, and the test protocol."""
-        from sextant.chapters.classification.report import result_figures
+        from sextant.chapters.classification.report import corruption_table, result_figures
 
         assert module.result is not None
         pictures = result_figures(
@@ -127,7 +127,10 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
         accuracy = {} if isinstance(config.corruption, PerturbationSuite) else module.result.accuracy()
         headline = Headline("accuracy", "%", "higher", {"clean": 1.0} | accuracy)
         told = about_headline(config, headline, (module.spec.height, module.spec.width))
-        return TestRecord(module.arrays(), pictures, headline.metrics(), facts=module.facts() | told)
+        table = (
+            [] if isinstance(config.corruption, PerturbationSuite) else corruption_table(module.result, module.suite)
+        )
+        return TestRecord(module.arrays(), pictures, headline.metrics(), table, module.facts() | told)
 
     def measured(
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None

@@ -1,6 +1,6 @@
 """Results of a classifier under corruptions besides accuracies: relative errors, flip probabilities, figures."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,6 +79,42 @@ def corruption_metrics(accuracy: Mapping[str, float], suite: CorruptionSuite) ->
         score = corruption_score(errors, baseline)
         metrics |= {"test/mce": score.mean_ce, "test/relative_mce": score.mean_relative_ce}
     return metrics
+
+
+def corruption_table(result: "ClassificationResult", suite: CorruptionSuite) -> list[dict[str, str]]:
+    """Error, CE and relative CE (in %), ECE and NLL: clean, by corruption of a published set, and their means.
+
+    Empty without a published set. The mean of the CEs is the mCE; a set or choice of severities without a baseline has
+    neither CE. ECE and NLL are means over severities.
+    """
+    if suite.protocol is None:
+        return []
+    errors, metrics = errors_of(result.accuracy(), suite.protocol), corruption_metrics(result.accuracy(), suite)
+    score = corruption_score(errors, BASELINES[suite.protocol.set]) if "test/mce" in metrics else None
+    told, trust = errors.by_corruption(), result.trust()
+
+    def row(name: str, error: float, ratios: tuple[float, ...], over: Sequence[str]) -> dict[str, str]:
+        found = {"corruption": name, "error %": f"{100 * error:.1f}"}
+        if score is not None:
+            found |= {key: f"{100 * ratio:.1f}" for key, ratio in zip(("CE %", "relative CE %"), ratios, strict=False)}
+        for title, metric, digits in (("ECE", "ece", 4), ("NLL", "nll", 3)):
+            values = [
+                float(np.mean([v for k, v in trust.items() if _is_of(k, metric, each)] or [np.nan])) for each in over
+            ]
+            found[title] = f"{np.mean(values):.{digits}f}"
+        return found
+
+    rows = [row("clean", errors.clean, (), ["clean"])]
+    for name, error in told.items():
+        rows.append(row(name, error, () if score is None else (score.ce[name], score.relative_ce[name]), [name]))
+    means = () if score is None else (score.mean_ce, score.mean_relative_ce)
+    return [*rows, row("mean", errors.mean(), means, list(told))]
+
+
+def _is_of(key: str, metric: str, corruption: str) -> bool:
+    """Whether a metric's key is of this corruption, at any severity."""
+    condition = key.removeprefix(f"test/{metric}/")
+    return condition != key and (condition.rpartition("/")[0] or condition) == corruption
 
 
 def sheet_conditions(suite: CorruptionSuite) -> list[Condition]:

@@ -81,7 +81,7 @@ class BenchmarkSuite(TestConditions):
     """A published set of test conditions."""
 
     target: Literal["sextant.corruptions.BenchmarkSuite"] = Field(alias="_target_")
-    set: Literal["cifar10_c", "mnist_c", "imagenet_c"]
+    set: Literal["cifar10_c", "cifar100_c", "mnist_c", "imagenet_c"]
     names: str | list[str] | None = Field(examples=["benchmark15"])
     severities: Annotated[list[int], AfterValidator(distinct)] | None = Field(examples=["[1,3,5]"])
     mode: Literal["faithful", "corrected"]
@@ -95,7 +95,7 @@ class StoredSuite(TestConditions):
 
     target: Literal["sextant.corruptions.StoredSuite"] = Field(alias="_target_")
     folder: str = Field(examples=["CIFAR-10-C"])
-    set: Literal["cifar10_c", "mnist_c", "imagenet_c"]
+    set: Literal["cifar10_c", "cifar100_c", "mnist_c", "imagenet_c"]
     names: str | list[str] | None = Field(examples=["benchmark15"])
     severities: Annotated[list[int], AfterValidator(distinct)] | None = Field(examples=["[1,3,5]"])
 
@@ -144,8 +144,17 @@ class CIFAR10(LabelledImages):
 class ImageFolder(LabelledImages):
     """The user's own images."""
 
+    later = ("crop",)
     target: Literal["sextant.data.image_folder.ImageFolder"] = Field(alias="_target_")
     folder: str = Field(examples=["/path/to/images"])
     size: int = Field(ge=12, le=1024, examples=[64])
     channels: Literal[1, 3]
     test_fraction: Share = Field(examples=[0.2])
+    crop: float | None = Field(default=None, gt=0, le=1, examples=[0.875])
+
+
+class CIFAR100(LabelledImages):
+    """CIFAR-100."""
+
+    target: Literal["sextant.data.cifar10.CIFAR100"] = Field(alias="_target_")
+    download: bool

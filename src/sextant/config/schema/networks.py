@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from sextant.config.schema.parts import Count, NonNegative, Part
+from sextant.config.schema.parts import Count, NonNegative, Part, Positive
 
 
 class Backbone(Part):
@@ -156,6 +156,27 @@ class TimmBackbone(Backbone):
         if self.pretrained and self.weights is not None:
             raise ValueError("backbone.pretrained=true fetches weights: leave out backbone.weights, or set it to false")
         return self
+
+
+class RobustBenchNet(Backbone):
+    """A network of RobustBench for CIFAR."""
+
+    target: Literal["sextant.models.robustbench_net"] = Field(alias="_target_")
+    kind: Literal["wide_resnet", "resnext", "resnet18"]
+    depth: int = Field(ge=10, le=1000, examples=[28])
+    width: Count = Field(examples=[10])
+    groups: Count = 1
+    mean: list[float] = Field(min_length=3, max_length=3, examples=["[0.5,0.5,0.5]"])
+    std: list[Positive] = Field(min_length=3, max_length=3, examples=["[0.5,0.5,0.5]"])
+
+
+class TimmClassifier(Backbone):
+    """A timm network with its standardisation."""
+
+    target: Literal["sextant.models.TimmClassifier"] = Field(alias="_target_")
+    name: str
+    mean: list[float] = Field(min_length=3, max_length=3, examples=["[0.485,0.456,0.406]"])
+    std: list[Positive] = Field(min_length=3, max_length=3, examples=["[0.229,0.224,0.225]"])
 
 
 class Inhibition(Part):

@@ -4,6 +4,8 @@ Source: D. Hendrycks and T. Dietterich, "Benchmarking neural network robustness 
 perturbations", ICLR 2019; parameters of ``make_cifar_c.py`` in hendrycks/robustness (Apache-2.0).
 """
 
+from dataclasses import replace
+
 from sextant.corruptions.sets.benchmark_set import BENCHMARK_15, EXTRA_4, BenchmarkSet, Recipe
 
 _FAMILIES = {
@@ -58,4 +60,8 @@ CIFAR10_C = BenchmarkSet(
     {BENCHMARK_15: tuple(_FAMILIES)[:15], EXTRA_4: tuple(_FAMILIES)[15:]},
     baseline="none in most of the literature; AlexNet (Strisciuglio et al. 2020) for corruption errors of push-pull",
     image_size=32,
+)
+#: the same recipe on the images of CIFAR-100
+CIFAR100_C = replace(
+    CIFAR10_C, key="cifar100_c", title="CIFAR-100-C (Hendrycks & Dietterich 2019)", baseline="none in the literature"
 )
