@@ -35,9 +35,10 @@ from sextant.console.arguments import parse_arguments
 from sextant.errors import UserError
 from sextant.lifecycle.checks import checked
 from sextant.lifecycle.claim_files import read_claims
-from sextant.lifecycle.evaluation import checkpoint_config
+from sextant.lifecycle.evaluation import checkpoint_config, require_foreign_overrides
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design, sweep_words
+from sextant.models.foreign_classifier import SOURCES
 from sextant.registry import chapter_of
 from sextant.reports.stored_cells import is_stored
 from sextant.zoo import PREFIX, model_file, names, read_card
@@ -139,6 +140,11 @@ def _train(command: Command, words: list[str]) -> None:
 
 
 def _evaluate(command: Command, words: list[str]) -> None:
+    if words[0].startswith("model="):
+        assert words[0].removeprefix("model=").startswith(SOURCES)
+        require_foreign_overrides(words[1:])
+        checked(to_plain(compose(["task=classification", *words[1:]])))
+        return
     run, overrides = split_run(words, command.text)
     shipped = [f"{PREFIX}{name}" for name in names()]
     raw = read_card(model_file(run))["model"]["config"] if run in shipped else _model(MODELS.get(command.page, ()))

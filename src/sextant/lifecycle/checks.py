@@ -52,8 +52,10 @@ def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str
 
 def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
     """Raise a ``UserError`` unless the data exist, outputs can be written, and the tracking store can be used."""
+    from sextant.tracking.further_loggers import require_loggers
     from sextant.tracking.store import require_server, store_uri
 
+    require_loggers(config.tracking.also)
     require_apart(config)
     require_outputs(Path(config.paths.outputs))
     if config.tracking.kind == "sqlite":

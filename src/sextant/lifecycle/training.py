@@ -13,6 +13,7 @@ import pytorch_lightning as pl
 import torch
 from lightning_fabric.plugins.environments.lightning import LightningEnvironment
 from pytorch_lightning.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from pytorch_lightning.loggers import Logger
 
 from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config
@@ -22,14 +23,16 @@ from sextant.figures.style import save_figure, titled
 from sextant.kit.chapter import Chapter, Source
 from sextant.kit.trained import load_weights, model_from_checkpoint, read_trained
 from sextant.layers.global_batch_norm import global_batch_norm
+from sextant.lifecycle.debugging import debugging, trainer_settings
 from sextant.lifecycle.published_figures import same_images
 from sextant.lifecycle.ranks import Processes, Rank, ranks
-from sextant.lifecycle.run_reporter import RunReporter
+from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.registry import chapter_of
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
 from sextant.runs.checkpoint_io import AtomicCheckpointIO
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.resolve import resolve_run
+from sextant.tracking.further_loggers import further_loggers
 from sextant.tracking.logger import RunLogger, system_metrics
 from sextant.tracking.mirror import MirroredRun
 from sextant.training.peak_memory import reset_peak_memory
@@ -55,7 +58,7 @@ def train_and_test(
     reset_peak_memory()
     _tell_precision(config.trainer, reporter)
     chapter = chapter_of(config.task.name, reporter)
-    logger = RunLogger(directory, mirror)
+    loggers = [RunLogger(directory, mirror), *further_loggers(config.tracking.also, directory)]
     resume = directory.last_checkpoint.is_file()
     clock = _Clock(directory, began, resumed=resume)
     shown = reporter.training() if config.trainer.progress else []
@@ -64,10 +67,10 @@ def train_and_test(
         with ranks(config, directory, key, resume=resume) as rank:
             fitted = fit(
                 config, chapter, source, directory, key,
-                resume=resume, rank=rank, logger=logger, clock=clock, shown=shown,
+                resume=resume, rank=rank, logger=loggers, clock=clock, shown=shown, reporter=reporter,
             )  # fmt: skip
         trained, fit_s = time.monotonic(), clock.seconds()
-        results = _test(fitted, config, directory, chapter, logger)
+        results = _test(fitted, config, directory, chapter, loggers)
     return _write_results(results, directory, key, fit_s=fit_s, test_s=time.monotonic() - trained)
 
 
@@ -89,9 +92,10 @@ def fit(
     *,
     resume: bool,
     rank: Rank | None = None,
-    logger: RunLogger | None = None,
+    logger: Sequence[Logger] = (),
     clock: Callback | None = None,
     shown: Sequence[Callback] = (),
+    reporter: RunReporter = SILENT_RUN,
 ) -> Fitted:
     """Train from the last checkpoint or from scratch.
 
@@ -103,7 +107,8 @@ def fit(
         key: key of the run.
         resume: whether to resume from the last checkpoint.
         rank: rank of this process among several; None if it is the only one.
-        logger, clock, shown: logger and callbacks of the process that writes; the others have none.
+        logger, clock, shown: loggers and callbacks of the process that writes; the others have none.
+        reporter: listens to the training.
     """
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
@@ -118,7 +123,7 @@ def fit(
         callbacks.append(_Patience(module.monitor, mode=module.monitor_mode, patience=config.trainer.patience))
     if config.task.test_checkpoint == "best":  # first, so that the last checkpoint includes its own epoch's best
         callbacks.append(_best_epoch(directory, module.monitor, module.monitor_mode))
-    callbacks += [_every_epoch(directory), *shown]
+    callbacks += [_every_epoch(directory), *shown, *debugging(config.debug, data, directory, reporter)]
     trainer = _trainer(config, directory, logger, callbacks, rank)
     with _prepared(module, compiled=config.trainer.compile, shared=rank is not None):
         trainer.fit(module, data, ckpt_path=directory.last_checkpoint if resume else None, weights_only=True)
@@ -155,7 +160,7 @@ def test_checkpoint(
     module = model_from_checkpoint(config, content, checkpoint)
     chapter = chapter_of(config.task.name, reporter)
     data = chapter.data(config, source)
-    trainer = _trainer(config, directory, RunLogger(directory, None), [], None)
+    trainer = _trainer(config, directory, [RunLogger(directory, None)], [], None)
     with naming_groups(config.plain):
         metrics = dict(trainer.test(module, data, verbose=False)[0])
         results: dict[str, Any] = {"outcome": "finished", "metrics": metrics}
@@ -196,7 +201,7 @@ def _tell_precision(settings: Trainer, reporter: RunReporter) -> None:
 
 
 def _trainer(
-    config: Config, directory: RunDirectory, logger: RunLogger | None, callbacks: list[Callback], rank: Rank | None
+    config: Config, directory: RunDirectory, logger: Sequence[Logger], callbacks: list[Callback], rank: Rank | None
 ) -> pl.Trainer:
     return pl.Trainer(
         accelerator=config.trainer.accelerator,
@@ -206,7 +211,7 @@ def _trainer(
         deterministic=config.trainer.deterministic,
         max_epochs=config.trainer.max_epochs,
         accumulate_grad_batches=config.trainer.accumulate,
-        logger=logger or False,
+        logger=list(logger) or False,
         callbacks=callbacks,
         enable_checkpointing=bool(callbacks),
         # without an explicit environment Lightning would requeue SLURM jobs itself
@@ -217,6 +222,7 @@ def _trainer(
         use_distributed_sampler=False,
         enable_progress_bar=False,
         enable_model_summary=False,
+        **trainer_settings(config.debug, directory),
     )
 
 
@@ -238,7 +244,7 @@ def _best_epoch(directory: RunDirectory, monitor: str, mode: str) -> ModelCheckp
 
 
 def _test(
-    fitted: Fitted, config: Config, directory: RunDirectory, chapter: Chapter[Any], logger: RunLogger
+    fitted: Fitted, config: Config, directory: RunDirectory, chapter: Chapter[Any], logger: Sequence[Logger]
 ) -> dict[str, Any]:
     """Validate and test the selected weights in this process, and write arrays and figures."""
     trainer, module, data = fitted.trainer, fitted.module, fitted.data
@@ -250,7 +256,7 @@ def _test(
         module.load_state_dict(load_checkpoint(directory.best_checkpoint)["state_dict"])
     validation = dict(trainer.validate(module, data, verbose=False)[0])
     results = {
-        "outcome": "finished" if module.converged(validation) else "diverged",
+        "outcome": "finished" if config.debug is not None or module.converged(validation) else "diverged",
         "metrics": validation | dict(trainer.test(module, data, verbose=False)[0]),
         "test_checkpoint": config.task.test_checkpoint,
         "epochs": epochs,

@@ -43,7 +43,8 @@ def log_training_loss(module: pl.LightningModule, loss: float | None, **others: 
     if loss is not None and module.logger is not None:
         rate = module.trainer.optimizers[0].param_groups[0]["lr"]
         metrics = {"loss": loss, "learning_rate": rate, **others}
-        module.logger.log_metrics({f"train/{name}": of for name, of in metrics.items()}, step=module.global_step)
+        for logger in module.loggers:
+            logger.log_metrics({f"train/{name}": of for name, of in metrics.items()}, step=module.global_step)
 
 
 TOLERANCE = 1e-6  # a fraction written with six digits, such as 0.666667, refers to the nearest epoch

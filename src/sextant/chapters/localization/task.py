@@ -176,7 +176,8 @@ class Localization(pl.LightningModule):
             "train/signal_variance": kernel.signal_variance,
             "train/noise_variance": kernel.noise_variance,
         }
-        self.logger.log_metrics(metrics, step=self.global_step)
+        for logger in self.loggers:
+            logger.log_metrics(metrics, step=self.global_step)
 
     # -- calibration ---------------------------------------------------------------------------------------------------
 

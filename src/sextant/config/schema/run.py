@@ -17,7 +17,7 @@ from sextant.config.schema.images import Dataset, TestConditions
 from sextant.config.schema.launchers import AnyLauncher, LocalLauncher
 from sextant.config.schema.parts import Choice, CustomPart, Node, Seed, known_targets, named_targets
 from sextant.config.schema.sweeps import Sweep
-from sextant.config.schema.training import Optimizer, Paths, Schedule, Tracking, Trainer
+from sextant.config.schema.training import Debug, Optimizer, Paths, Schedule, Tracking, Trainer
 from sextant.moved import with_present_names
 
 #: groups that every config listed when digests were first taken, those of other tasks as null
@@ -54,6 +54,7 @@ class Config(Node):
     init_from: str | None
     reuse: Literal["exact", "any_code"]
     sweep: Sweep | None = None
+    debug: Debug | None = None
     launcher: AnyLauncher = Field(default_factory=LocalLauncher)
 
     @property
@@ -81,7 +82,10 @@ class Config(Node):
 
     @model_serializer(mode="wrap")
     def _as_before(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {**dict.fromkeys(LISTED), **handler(self)}
+        values = {**dict.fromkeys(LISTED), **handler(self)}
+        if self.debug is None:  # added later
+            del values["debug"]
+        return values
 
     def custom_parts(self) -> dict[str, str]:
         """Import paths without a schema in Sextant, anywhere in the config, by their dotted keys."""

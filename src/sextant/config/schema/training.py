@@ -55,6 +55,28 @@ class Trainer(Node):
         return self
 
 
+class Debug(Node):
+    """What is changed to find a fault.
+
+    Attributes:
+        batches: batches of each split; null for all.
+        overfit: batches that are repeated in every epoch; null for none.
+        profile: whether the time of each hook is written.
+        nan: whether the first value that is not finite stops the run and is kept.
+    """
+
+    batches: Count | None = Field(examples=[1])
+    overfit: Count | None = Field(examples=[3])
+    profile: bool
+    nan: bool
+
+    @model_validator(mode="after")
+    def _one_limit(self) -> Self:
+        if self.batches is not None and self.overfit is not None:
+            raise ValueError("debug.batches and debug.overfit exclude each other: set one of them to null")
+        return self
+
+
 class Tracking(Node):
     """Where runs are logged."""
 
@@ -65,6 +87,7 @@ class Tracking(Node):
     system_metrics_every_s: Positive = Field(examples=[10])
     log_checkpoint: bool
     parent_run: str | None
+    also: list[Literal["tensorboard", "csv", "wandb"]] = Field(default_factory=list, examples=["[csv]"])
 
     @model_validator(mode="after")
     def _server_needs_an_address(self) -> Self:
