@@ -8,7 +8,7 @@ from sextant.config import Config
 from sextant.config.trained import trained_config, without_weights
 from sextant.errors import UserError
 from sextant.registry import chapter_of
-from sextant.zoo.files import WEIGHTS, read_model
+from sextant.zoo.files import has_card, read_model
 
 if TYPE_CHECKING:
     from torch import nn
@@ -21,23 +21,23 @@ RUNNING = ("running_mean", "running_var")  # statistics of normalisation, which 
 
 
 def read_trained(path: Path) -> dict[str, Any]:
-    """Read a checkpoint, or a model of the zoo or a published push-pull network in the form of one.
+    """Read a checkpoint, or in the form of one: a model of the zoo, or a published network for places or of push-pull.
 
     Raises:
         UserError: the file is missing, damaged or none of these; nothing in it was executed.
     """
-    if path.suffix == WEIGHTS:
-        from sextant.runs.checkpoint import KEY
+    from sextant.runs.checkpoint import KEY
 
+    if has_card(path):
         model, weights = read_model(path)
         return {KEY: model, "state_dict": weights}
-    if path.name.endswith(PUBLISHED):
-        from sextant.kit.published import published_content
+    from sextant.kit.published_places import places_content
 
-        return published_content(path)
-    from sextant.runs.checkpoint import load_checkpoint
+    if (places := places_content(path, other=path.name.endswith(PUBLISHED))) is not None:
+        return places
+    from sextant.kit.published import published_content
 
-    return load_checkpoint(path)
+    return published_content(path)
 
 
 def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> Config:

@@ -14,6 +14,7 @@ from sextant.config.path_keys import from_where_it_ran
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.kit.chapter import Source
+from sextant.kit.published_places import CARD, card_text
 from sextant.kit.trained import own_config, read_trained
 from sextant.lifecycle.checks import checked, require_apart, require_device, require_outputs
 from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
@@ -57,6 +58,8 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
     config = checkpoint_config(content[KEY], overrides)
     require_apart(config)
     require_outputs(outputs)
+    if (card := content[KEY].get(CARD)) is not None:
+        reporter.say(card_text(card))
     chapter = chapter_of(config.task.name, reporter)
     with naming_groups(config.plain):
         source = chapter.source(config)

@@ -1,5 +1,7 @@
 """Any torchvision classification network as a backbone."""
 
+from collections import OrderedDict
+from collections.abc import Sequence
 from pathlib import Path
 
 from torch import nn
@@ -62,6 +64,31 @@ def torchvision_classifier(name: str, weights: str | None = None) -> nn.Module:
     if weights not in (None, "imagenet"):
         load_weights(network, Path(str(weights)).expanduser())
     return network
+
+
+def resnet_stages(blocks: Sequence[int], *, bottleneck: bool) -> nn.Sequential:
+    """The stem and the first stages of a ResNet, by torchvision's names, with new weights.
+
+    Args:
+        blocks: number of blocks of each stage.
+        bottleneck: blocks of three convolutions, not of two.
+
+    >>> [name for name, _ in resnet_stages([1, 1], bottleneck=False).named_children()]
+    ['conv1', 'bn1', 'relu', 'maxpool', 'layer1', 'layer2']
+    """
+    from torchvision.models.resnet import BasicBlock, Bottleneck, ResNet
+
+    whole = ResNet(Bottleneck if bottleneck else BasicBlock, [*blocks, 1, 1, 1, 1][:4])
+    names = ["conv1", "bn1", "relu", "maxpool", *(f"layer{k + 1}" for k in range(len(blocks)))]
+    return nn.Sequential(OrderedDict((name, getattr(whole, name)) for name in names))
+
+
+def vgg16_map() -> nn.Sequential:
+    """The convolutions of VGG-16 without the last activation and pooling, with new weights."""
+    from torchvision.models.vgg import cfgs, make_layers
+
+    layers: nn.Sequential = make_layers(cfgs["D"])
+    return layers[:-2]
 
 
 def _named_last(network: nn.Module, kind: type[nn.Module]) -> tuple[str, nn.Module]:

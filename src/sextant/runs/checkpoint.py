@@ -23,8 +23,17 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
         UserError: the file is missing, truncated, damaged or not a checkpoint, or holds anything but tensors and plain
             containers.
     """
+    return require_checkpoint(load_plain(path), path)
+
+
+def load_plain(path: Path) -> Any:
+    """Read what ``torch.save`` wrote, on the CPU. Nothing in it is executed.
+
+    Raises:
+        UserError: the file is missing, truncated or damaged, or holds anything but tensors and plain containers.
+    """
     try:
-        found = load_verified(path)
+        return load_verified(path)
     except UserError:
         raise
     except FileNotFoundError:
@@ -37,6 +46,14 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     except Exception as error:  # a damaged pickle can fail in any way
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UserError(f"{path} cannot be read as a checkpoint, it may be truncated: {reason}") from None
+
+
+def require_checkpoint(found: Any, path: Path) -> dict[str, Any]:
+    """The content of a checkpoint, if it is one.
+
+    Raises:
+        UserError: it is none, or of another version.
+    """
     if (
         not isinstance(found, dict)
         or not isinstance(found.get(KEY), dict)

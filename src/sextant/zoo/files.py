@@ -76,9 +76,14 @@ def read_card(path: Path) -> dict[str, Any]:
     raise UserError(f"{card} is damaged: it is not the card of a model", REINSTALL)
 
 
+def has_card(checkpoint: Path) -> bool:
+    """Whether it is a model of the zoo, with its card beside it."""
+    return checkpoint.suffix == WEIGHTS and checkpoint.with_suffix(CARD).is_file()
+
+
 def card_of(checkpoint: Path) -> dict[str, Any]:
     """The card of a model of the zoo; empty for any other checkpoint."""
-    return read_card(checkpoint) if checkpoint.suffix == WEIGHTS else {}
+    return read_card(checkpoint) if has_card(checkpoint) else {}
 
 
 def read_model(path: Path) -> tuple[dict[str, Any], "dict[str, Tensor]"]:

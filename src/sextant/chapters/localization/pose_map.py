@@ -127,6 +127,7 @@ class PoseMap:
         names: Sequence[str] | None = None,
         keypoints: int = 4096,
         side: int | None = 1024,
+        descriptor: str | Path = DESCRIPTOR,
         progress: Callable[[int, int], None] = lambda done, total: None,
     ) -> Self:
         """Make a map of images at known poses.
@@ -140,6 +141,8 @@ class PoseMap:
             names: of the images; by default those of their files, or their numbers.
             keypoints: largest number of keypoints of an image.
             side: longer side to which images are scaled for their features; None keeps their size.
+            descriptor: run or file of the network for places that chooses candidates, as for
+                :meth:`sextant.PlaceMap.load`.
             progress: is given the images done and their number.
 
         Raises:
@@ -150,7 +153,7 @@ class PoseMap:
         images = images if hasattr(images, "__len__") else list(images)
         matrices = _checked_poses(poses, len(images))
         features = XFeatures(keypoints, side)
-        described_by = kept_network(resolve_run(DESCRIPTOR, default_outputs()).checkpoint)
+        described_by = kept_network(resolve_run(str(descriptor), default_outputs(), "descriptor").checkpoint)
         found, descriptors = _features_of(images, features, described_by, progress)
         posed = build_map(found, matrices, _cameras(cameras, found, matrices))
         if not len(posed.points):
@@ -166,7 +169,7 @@ class PoseMap:
 
         Args:
             folder: of photos, see :func:`~sextant.chapters.localization.data.posed_photos.posed_photos`.
-            options: ``keypoints``, ``side`` and ``progress`` of :meth:`from_images`.
+            options: ``keypoints``, ``side``, ``descriptor`` and ``progress`` of :meth:`from_images`.
 
         Raises:
             UserError: as there; or the file is missing, or of other photos.

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from sextant.chapters.places.config import PlacesConfig
 from sextant.chapters.places.off_the_shelf import off_the_shelf, weights_identity
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from sextant.chapters.places.task import PlaceRecognition
     from sextant.kit.measure import RunValues, SharedSet
     from sextant.kit.offers import Exportable, PhotoPredictor
+    from sextant.models import PlaceNet
 
 
 #: the dataset that is only for tests
@@ -143,17 +144,21 @@ class PlacesChapter(Chapter[PlacesConfig]):
         from sextant.chapters.places.network import place_network
         from sextant.chapters.places.task import PlaceRecognition, PlaceSpec
         from sextant.chapters.places.whitening import Whitening
+        from sextant.models.published_place_net import PublishedPlaceNet
 
         task = config.plain["task"]
         network = place_network(config.plain, spec, partial(build, config.plain))
-        if training and task["whitening"] is not None and network.pooling.features < task["dimension"]:
+        if isinstance(network, PublishedPlaceNet):
+            if training:
+                raise UserError("backbone: published networks for places are not trained here", "backbone=resnet18")
+        elif training and task["whitening"] is not None and network.pooling.features < task["dimension"]:
             raise UserError(
                 f"task.whitening: the pooling gives {network.pooling.features} numbers, fewer than task.dimension="
                 f"{task['dimension']}",
                 f"task.whitening=null, or task.dimension={network.pooling.features} or less",
             )
         return PlaceRecognition(
-            network,
+            cast("PlaceNet", network),  # a published one is only tested
             PlaceSpec(spec["channels"], spec["height"], spec["width"]),
             build(config.plain, "loss"),
             build(config.plain, "mining"),

@@ -14,10 +14,13 @@ from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.errors import UserError
 from sextant.kit.trained import own_config, trained_network
 from sextant.models import FeatureMap, PlaceNet
+from sextant.models.published_place_net import PublishedPlaceNet
 from sextant.runs.checkpoint import KEY
 
 
-def place_network(raw: Mapping[str, Any], spec: Mapping[str, Any], build: Callable[..., Any]) -> PlaceNet:
+def place_network(
+    raw: Mapping[str, Any], spec: Mapping[str, Any], build: Callable[..., Any]
+) -> PlaceNet | PublishedPlaceNet:
     """Build the network, with new weights.
 
     Args:
@@ -30,6 +33,8 @@ def place_network(raw: Mapping[str, Any], spec: Mapping[str, Any], build: Callab
     """
     task, size = raw["task"], (spec["height"], spec["width"])
     backbone = build("backbone", in_channels=spec["channels"], image_size=size, num_classes=task["dimension"])
+    if isinstance(backbone, PublishedPlaceNet):  # it pools as its authors do
+        return backbone
     try:
         features = FeatureMap(backbone, spec["channels"], size, layer=task["layer"])
         features = build("inhibition")(features)

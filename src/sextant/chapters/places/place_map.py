@@ -20,6 +20,7 @@ from sextant.chapters.places.matching import Matches
 from sextant.chapters.places.reranked_matches import PhotoFeatures, rerank
 from sextant.chapters.places.saved_descriptor import Describes, kept_network, load_descriptor
 from sextant.chapters.places.saved_map import (
+    ELSEWHERE,
     FITTED,
     TOLERANCES,
     Temperature,
@@ -28,6 +29,7 @@ from sextant.chapters.places.saved_map import (
     run_temperature,
 )
 from sextant.errors import UserError
+from sextant.kit.published_places import CARD
 from sextant.kit.trained import own_config, read_trained
 from sextant.reporter import Advance
 from sextant.retrieval import FlatIndex
@@ -151,7 +153,8 @@ class PlaceMap(DescribedMap):
         """Create an empty map whose photos are described by the network of a run.
 
         Args:
-            run: an MLflow run id, a run directory or its name, or a checkpoint.
+            run: an MLflow run id, a run directory or its name, a checkpoint, or the file of a published network
+                (:mod:`~sextant.models.published_place_file`).
             outputs: folder of runs; the folder that runs are written to by default.
             trust: build user-defined parts that the checkpoint names.
 
@@ -178,6 +181,8 @@ class PlaceMap(DescribedMap):
         kept = kept_network(found.checkpoint, content, trust=trust)
         own = trained["spec"].get(FITTED, {}).get("temperature")
         temperature = run_temperature(found) if own is None else Temperature(own)
+        if CARD in trained:
+            temperature = ELSEWHERE
         return cls(kept, temperature=temperature, tolerances=tolerances)
 
     @classmethod

@@ -26,6 +26,7 @@ from sextant.console.work_progress import work_progress
 from sextant.console.written import tell_skipped, tell_written
 from sextant.data.photo_files import nothing_usable
 from sextant.errors import NAMED, UserError
+from sextant.kit.published_places import CARD, card_text
 
 
 def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -69,6 +70,8 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     counted = counts(rows)
     described = {"map": reference, "queries": queries}
     remarks = [*remarked, *_remarks(described, options, known, places.temperature, counted)]
+    if CARD in run:
+        remarks.insert(0, card_text(run[CARD]))
     if options.places != "none":
         remarks.append(f"compare with training-free descriptors: {_comparison(places, inputs, known, run)}")
     facts = {

@@ -147,11 +147,12 @@ def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, 
     Raises:
         UserError: the checkpoint cannot be read or is of another task, or needs user-defined code.
     """
+    from sextant.kit.published_places import CARD
     from sextant.kit.trained import read_trained
     from sextant.runs.checkpoint import KEY
 
     content = read_trained(checkpoint) if content is None else content
-    trained = {key: content[KEY][key] for key in ("config", "spec", "task")}
+    trained = {key: content[KEY][key] for key in ("config", "spec", "task", CARD) if key in content[KEY]}
     sha256 = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
     return _network(
         {"kind": "network", "checkpoint_sha256": sha256, **trained}, content["state_dict"], checkpoint, trust

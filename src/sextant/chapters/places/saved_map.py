@@ -20,6 +20,7 @@ from sextant.chapters.places.describing import DescribedPhotos
 from sextant.chapters.places.match_confidence import UNSEEN, MatchConfidence
 from sextant.chapters.places.photo_folder import HEADER, PhotoFolder
 from sextant.errors import UserError
+from sextant.kit.published_places import CARD
 from sextant.retrieval import flat_index
 from sextant.retrieval.flat_index import FlatIndex
 from sextant.runs.resolve import FoundRun, resolve_run
@@ -57,12 +58,12 @@ def run_temperature(found: FoundRun) -> Temperature:
 def fitted_confidence(facts: Mapping[str, Any]) -> MatchConfidence | None:
     """The confidence of matches by their margin: fitted for this network, or the default of networks.
 
-    None for descriptors other than networks.
+    None for descriptors other than networks of Sextant.
 
     Args:
         facts: facts of the descriptor, as in :class:`~sextant.chapters.places.saved_descriptor.SavedDescriptor`.
     """
-    if facts["kind"] != "network":
+    if facts["kind"] != "network" or CARD in facts:
         return None
     fitted = facts["spec"].get(FITTED)
     return UNSEEN if fitted is None else MatchConfidence(fitted["slope"], fitted["offset"])
@@ -71,11 +72,14 @@ def fitted_confidence(facts: Mapping[str, Any]) -> MatchConfidence | None:
 def run_facts(given: str, found: FoundRun, model: str, trained: Mapping[str, Any]) -> dict[str, Any]:
     """Which run, which weights, and which training data."""
     facts = {"run": given, "checkpoint": str(found.checkpoint), "checkpoint_sha256": model}
+    if CARD in trained:
+        return facts | {CARD: trained[CARD]}
     return facts | {key: trained.get(key) for key in ("digest", "seed", "code")} | {"data": trained.get("data")}
 
 
 #: default tolerances, for maps without a run
 TOLERANCES: dict[Unit, PlaceTolerance] = {"m": PlaceTolerance("m", 5, 25), "frames": PlaceTolerance("frames", 0, 1)}
+ELSEWHERE = Temperature(None, "the network is not of Sextant, and no temperature was fitted to it")
 NO_TEMPERATURE = Temperature(None, "the map was saved without a temperature")
 KIND = FolderFormat("a map of photos", "sextant.place_map", 1, HEADER)
 

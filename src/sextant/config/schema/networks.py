@@ -179,6 +179,16 @@ class TimmClassifier(Backbone):
     std: list[Positive] = Field(min_length=3, max_length=3, examples=["[0.229,0.224,0.225]"])
 
 
+class PublishedPlaceNet(Backbone):
+    """A network for places that others published; its settings come from its file."""
+
+    target: Literal["sextant.models.published_place_net.PublishedPlaceNet"] = Field(alias="_target_")
+    kind: Literal["boq", "salad", "megaloc", "mixvpr", "cosplace", "netvlad"]
+    trunk: Literal["vit", "resnet_basic", "resnet_bottleneck", "vgg16"]
+    blocks: list[Count] = Field(max_length=4)
+    sizes: dict[str, Count]
+
+
 class Inhibition(Part):
     """Layers that replace convolutions of a network."""
 

@@ -1,0 +1,198 @@
+"""Networks for places that others published, in the form of a checkpoint: so they open wherever a run does."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sextant.atomic_files import file_sha256
+from sextant.errors import UserError
+from sextant.runs.outputs_folder import default_outputs
+from sextant.zoo.files import CARD as ZOO_CARD
+from sextant.zoo.files import WEIGHTS
+
+if TYPE_CHECKING:
+    from sextant.models.published_place_file import PublishedPlaces
+
+#: key of what is known about a network that is not of Sextant
+CARD = "card"
+
+
+def places_content(path: Path, *, other: bool = False) -> dict[str, Any] | None:
+    """A checkpoint, or a published network for places in the form of one.
+
+    The training settings in the config of the latter are not those of its authors.
+
+    Args:
+        path: its file, of ``torch.save`` or safetensors.
+        other: return None for a file that is neither, or that cannot be read.
+
+    Raises:
+        UserError: the file is missing, damaged or neither; nothing in it was executed.
+    """
+    from sextant.models.published_place_file import kind_of, read_published_places, tensors_of
+    from sextant.runs.checkpoint import KEY, load_plain, require_checkpoint
+
+    try:
+        content = _safetensors(path) if path.suffix == WEIGHTS else load_plain(path)
+    except UserError:
+        if other:
+            return None
+        raise
+    if isinstance(content, dict) and KEY in content:
+        return require_checkpoint(content, path)
+    tensors = tensors_of(content)
+    if tensors is None or kind_of(tensors) is None:
+        if other:
+            return None
+        if tensors is None:
+            return require_checkpoint(content, path)
+    return _content(read_published_places(tensors, str(path)), path)
+
+
+def card_text(card: dict[str, Any]) -> str:
+    """What is known about a network that is not of Sextant, in one line."""
+    return (
+        f"{card['kind']}, {card['dimension']:,} numbers, images of {card['height']}x{card['width']} with ImageNet's "
+        f"mean and deviation; {card['file']}, SHA-256 {card['sha256']}; not supplied by Sextant"
+    )
+
+
+def _safetensors(path: Path) -> Any:
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    from sextant.models.published_place_file import KNOWN, kind_of, tensors_of
+    from sextant.models.weights_file import why_unread
+
+    try:
+        tensors = load_file(path)
+    except FileNotFoundError:
+        raise UserError(f"no checkpoint at {path}") from None
+    except (OSError, SafetensorError, ValueError) as error:
+        raise UserError(
+            f"{path} cannot be read: {why_unread(error)}; and it has no card beside it, {path.stem}{ZOO_CARD}, as the "
+            "models of Sextant have",
+            "Copy the file again.",
+        ) from None
+    if kind_of(tensors_of(tensors) or {}) is None:
+        raise UserError(
+            f"{path} holds {len(tensors):,} arrays ({', '.join(list(tensors)[:3])}, ...), which are not those of a "
+            f"place network that Sextant knows; it has no card beside it, {path.stem}{ZOO_CARD}, as its models have",
+            f"Known: {KNOWN}",
+        )
+    return tensors
+
+
+def _content(found: "PublishedPlaces", path: Path) -> dict[str, Any]:
+    from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD
+    from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
+
+    height, width = found.image_size
+    size = {"height": height, "width": width}
+    card = {
+        "kind": found.title,
+        "dimension": found.dimension,
+        **size,
+        "mean": list(IMAGENET_MEAN),
+        "std": list(IMAGENET_STD),
+        "file": path.name,
+        "sha256": file_sha256(path),
+    }
+    return {
+        KEY: {
+            "schema_version": SCHEMA_VERSION,
+            "config": _config(found, size),
+            "spec": {"channels": 3, **size},
+            "task": "place_recognition",
+            CARD: card,
+        },
+        "state_dict": {f"network.{name}": tensor for name, tensor in found.state.items()},
+    }
+
+
+def _config(found: "PublishedPlaces", size: dict[str, int]) -> dict[str, Any]:
+    """What ``task=place_recognition dataset=place_folders`` composes, with this network."""
+    outputs = str(default_outputs())
+    backbone = {"_target_": "sextant.models.published_place_net.PublishedPlaceNet", **found.settings}
+    return {
+        "seed": 0,
+        "init_from": None,
+        "reuse": "exact",
+        "dataset": {
+            "_target_": "sextant.chapters.places.data.PlaceFolders",
+            "folder": "places",
+            "train": None,
+            "val": None,
+            "test": None,
+            "places": "csv",
+            "csv": "poses.csv",
+            **size,
+            "channels": 3,
+            "skip_bad": False,
+            "allow_duplicates": False,
+        },
+        "corruption": {"_target_": "sextant.corruptions.CorruptionSuite", "corruptions": {}, "seed": 0},
+        "backbone": backbone,
+        "inhibition": {"_target_": "sextant.layers.NoInhibition"},
+        "pooling": {"_target_": "sextant.models.pooling.Average"},
+        "loss": {"_target_": "sextant.losses.InfoNCELoss", "temperature": 0.07},
+        "mining": {"_target_": "sextant.retrieval.NoMining"},
+        "optimizer": {
+            "_target_": "torch.optim.AdamW",
+            "_partial_": True,
+            "lr": 0.001,
+            "betas": [0.9, 0.999],
+            "weight_decay": 0.01,
+        },
+        "schedule": {"_target_": "sextant.training.schedules.CosineDecay"},
+        "trainer": {
+            "accelerator": "cpu",
+            "devices": 1,
+            "precision": "32-true",
+            "deterministic": True,
+            "threads": 1,
+            "max_epochs": 1,
+            "batch_size": 32,
+            "eval_batch_size": 32,
+            "log_every": 20,
+            "workers": 0,
+            "progress": True,
+        },
+        "tracking": {
+            "kind": "sqlite",
+            "uri": None,
+            "experiment": None,
+            "system_metrics": True,
+            "system_metrics_every_s": 10,
+            "log_checkpoint": False,
+            "parent_run": None,
+        },
+        "paths": {"data": f"{outputs}/data", "outputs": outputs, "cache": f"{outputs}/data"},
+        "task": {
+            "name": "place_recognition",
+            "dimension": found.dimension,
+            "normalise": True,
+            "layer": None,
+            "batch_places": 32,
+            "batch_conditions": 2,
+            "tolerance": _tolerances(3.0, 15.0, 0.0, 5.0),
+            "test_tolerance": _tolerances(25.0, 50.0, 1.0, 10.0),
+            "train_conditions": None,
+            "test_conditions": None,
+            "shared_conditions": [],
+            "augmentation": {"brightness": 0.0, "contrast": 0.0, "shift": 0.0, "mirror": False},
+            "clip": 1.0,
+            "whitening": None,
+            "sequence_length": 10,
+            "baselines": True,
+            "off_the_shelf": None,
+            "test_checkpoint": "last",
+        },
+    }
+
+
+def _tolerances(near: float, far: float, near_frames: float, far_frames: float) -> dict[str, Any]:
+    return {"m": _ring(near, far), "frames": _ring(near_frames, far_frames)}
+
+
+def _ring(positive: float, negative: float) -> dict[str, Any]:
+    return {"positive": positive, "negative": negative, "heading_deg": None}
