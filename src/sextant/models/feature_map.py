@@ -11,8 +11,10 @@ from torch import Tensor, nn
 from sextant.errors import UserError
 from sextant.layers.network_stages import evaluating
 
+#: where transformers of timm keep their tokens, normalised; they have a ``num_prefix_tokens``
+TOKENS = "norm"
 #: where networks keep their last map: torchvision's and timm's ResNets, then most others
-USUAL = ("layer4", "layer3", "features", "stages", "blocks")
+USUAL = ("layer4", "layer3", "features", "stages", "blocks", "layers", "norm")
 
 
 class _ReachedError(Exception):
@@ -23,11 +25,15 @@ class _ReachedError(Exception):
 class FeatureMap(nn.Module):
     """The output ``(b, c, h, w)`` of one layer of a network.
 
+    The tokens of timm's transformers and mixers, ``(b, prefix + h w, c)`` or ``(b, h, w, c)``, become such a map too;
+    class and register tokens, which come first, are left out.
+
     Args:
         network: maps images to anything; its layers after ``layer`` are dropped, in place.
         in_channels: channels of the images.
         image_size: height and width of the images.
-        layer: path of the layer, such as ``layer4`` or ``features.9``; None takes the first of the usual ones.
+        layer: path of the layer, such as ``layer4`` or ``features.9``; None takes the first of the usual ones, and of
+            a network of tokens the last norm.
 
     Attributes:
         channels: c.
@@ -48,16 +54,20 @@ class FeatureMap(nn.Module):
         modules = dict(network.named_modules())
         children = ", ".join(name for name, _ in network.named_children())
         if layer is None:
-            layer = next((name for name in USUAL if name in modules), None)
+            usual = (TOKENS, *USUAL) if hasattr(network, "num_prefix_tokens") else USUAL
+            lists = {name for name, module in modules.items() if isinstance(module, nn.ModuleList)}  # never run as such
+            layer = next((name for name in usual if name in modules and name not in lists), None)
             if layer is None:
                 raise UserError(
                     f"{type(network).__name__} has no layer named any of {', '.join(USUAL)}",
-                    f"Name the layer to use, one of {children} or within one. A vision transformer has no map with "
-                    "height and width: choose a network of convolutions.",
+                    f"Name the layer to use, one of {children} or within one.",
                 )
         if layer not in modules or layer == "":
             raise UserError(f"layer={layer!r} is not a layer of {type(network).__name__}", f"Choose among {children}")
         self.network, self.layer = network, layer
+        # of timm: Swin transformers keep channels last
+        self.channels_last = getattr(network, "output_fmt", "NCHW") == "NHWC"
+        self.tokens: tuple[int, tuple[int, int]] | None = None  # those before the map's, and the size of the map
         reached: set[nn.Module] = set()
         hooks = [
             module.register_forward_pre_hook(lambda module, inputs: reached.add(module)) for module in modules.values()
@@ -73,12 +83,13 @@ class FeatureMap(nn.Module):
         finally:
             for hook in hooks:
                 hook.remove()
-        last = getattr(network, "output_fmt", "NCHW")  # of timm: Swin transformers keep channels last
-        if features.ndim != 4 or last != "NCHW":
+        if features.ndim == 3 and (found := _tokens(network, features.shape[1], image_size)) is not None:
+            self.tokens = found
+            features = self._as_map(features)
+        if features.ndim != 4:
             raise UserError(
                 f"layer={layer!r} of {type(network).__name__} gives {tuple(features.shape)}, not (b, c, h, w)",
-                "A vision transformer has no map with height and width: choose a network of convolutions, such as "
-                "mobilenetv3_small_100, or an earlier layer.",
+                "Choose an earlier layer, or a network of convolutions, such as mobilenetv3_small_100.",
             )
         _drop(network, layer, reached)
         self.channels = features.shape[1]
@@ -96,7 +107,7 @@ class FeatureMap(nn.Module):
         try:
             self.network(x)
         except _ReachedError as reached:
-            return reached.features
+            return self._as_map(reached.features)
         finally:
             hook.remove()
         raise UserError(f"layer={self.layer!r} is not used by {type(self.network).__name__}", "Choose another layer.")
@@ -110,18 +121,47 @@ class FeatureMap(nn.Module):
             self.network(x)
         finally:
             hook.remove()
-        return kept[0]
+        return self._as_map(kept[0])
+
+    def _as_map(self, x: Tensor) -> Tensor:
+        """Tokens as a map; a map as it is."""
+        if x.ndim == 4 and self.channels_last:
+            return x.permute(0, 3, 1, 2)
+        if self.tokens is None:
+            return x
+        before, grid = self.tokens
+        return x[:, before:].transpose(1, 2).unflatten(2, grid)
 
 
 def _stop(module: nn.Module, inputs: object, output: Tensor) -> None:
     raise _ReachedError(output)
 
 
+def _tokens(network: nn.Module, count: int, image_size: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
+    """How many of ``count`` tokens come before those of the map, and its size, in the proportions of the image.
+
+    >>> _tokens(nn.Identity(), 1 + 4 * 6, (64, 96))
+    (1, (4, 6))
+    """
+    if count < 4:
+        return None
+    told = getattr(network, "num_prefix_tokens", None)
+    for before in (0, 1) if told is None else (int(told),):
+        rows = round(((count - before) * image_size[0] / image_size[1]) ** 0.5)
+        columns = (count - before) // max(rows, 1)
+        if rows * columns == count - before and round(rows * image_size[1] / image_size[0]) == columns:
+            return before, (rows, columns)
+    return None
+
+
 def _drop(network: nn.Module, layer: str, reached: set[nn.Module]) -> None:
-    """Replace by identities the modules beside the layer, or beside those that hold it, that were not reached."""
+    """Replace by identities the modules beside the layer, or beside those that hold it, that were not reached.
+
+    Those without weights stay: a transformer's rotary positions are computed without a call that could be seen.
+    """
     parts = layer.split(".")
     for depth in range(len(parts)):
         outer = network.get_submodule(".".join(parts[:depth]))
         for name, module in list(outer.named_children()):
-            if not any(inner in reached for inner in module.modules()):
+            if not any(inner in reached for inner in module.modules()) and module.state_dict():
                 setattr(outer, name, nn.Identity())

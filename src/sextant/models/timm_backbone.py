@@ -1,14 +1,18 @@
 """Any timm network as a backbone; timm is an extra: ``pip install sextant-vision[timm]``."""
 
+import sys
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from sextant.errors import ArgumentError, UserError, how_to_install
 from sextant.layers.network_stages import evaluating
 from sextant.models.torchvision_backbone import widen_first
+from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD
 from sextant.models.weights_file import load_weights
 
 
@@ -29,7 +33,8 @@ def timm_backbone(
         image_size: height and width; networks of a fixed input size are built for it.
         num_classes: outputs of the last layer.
         pretrained: fetch the weights that timm has for it.
-        weights: a safetensors or ``weights_only`` file of the network with timm's own classes, for colour images.
+        weights: a safetensors or ``weights_only`` file of the network with timm's own classes, for colour images; the
+            positions of a transformer are resampled for the image's size.
 
     Raises:
         UserError: timm is not installed, the network does not exist, its weights cannot be fetched, or it cannot take
@@ -59,7 +64,7 @@ def timm_backbone(
     except (AssertionError, ValueError) as error:
         raise _cannot_take(name, image_size, error) from None
     if weights is not None:
-        load_weights(network, Path(weights).expanduser())
+        load_weights(network, Path(weights).expanduser(), adapt=partial(_adapted, network))
         network.reset_classifier(num_classes)  # type: ignore[operator]
         if in_channels != 3:
             widen_first(network, in_channels)
@@ -77,3 +82,21 @@ def _cannot_take(name: str, image_size: tuple[int, int], error: Exception) -> Ar
         f"name={name} cannot take images of {image_size[0]}x{image_size[1]}: {reason}",
         "Choose a network of convolutions, such as mobilenetv3_small_100, or images of another size.",
     )
+
+
+def timm_statistics(name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Mean and deviation, by colour, of the images on which timm's weights of a network were trained.
+
+    >>> timm_statistics("vit_base_patch16_224.augreg_in21k")[0]
+    (0.5, 0.5, 0.5)
+    """
+    import timm
+
+    settings = timm.get_pretrained_cfg(name)
+    return (IMAGENET_MEAN, IMAGENET_STD) if settings is None else (tuple(settings.mean), tuple(settings.std))
+
+
+def _adapted(network: nn.Module, state: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+    """A file's weights for images of another size, or under former names, as timm adapts those that it fetches."""
+    adapt = getattr(sys.modules[type(network).__module__], "checkpoint_filter_fn", None)
+    return state if adapt is None else adapt(dict(state), network)  # type: ignore[no-any-return]

@@ -2,7 +2,7 @@
 
 import pickle
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,15 @@ from sextant.errors import ArgumentError, UserError
 from sextant.torch_file import load_verified, require_finite
 
 
-def load_weights(network: nn.Module, path: Path) -> None:
+def load_weights(
+    network: nn.Module, path: Path, adapt: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None
+) -> None:
     """Load a state dict of exactly this network, in place.
 
     Args:
         network: the network that gets the weights.
         path: a ``.safetensors`` file, or a state dict written by ``torch.save``.
+        adapt: changes a state dict that does not fit.
 
     Raises:
         ArgumentError: the file does not exist, is damaged, or holds anything but tensors; or the tensors are those of
@@ -30,6 +33,8 @@ def load_weights(network: nn.Module, path: Path) -> None:
             state = load_file(path)
         else:
             state = load_verified(path)
+        if adapt is not None and _misfits(network, state):
+            state = adapt(state)
         _require_fit(network, state)
         network.load_state_dict(state)
         require_finite(state, path)
@@ -61,15 +66,18 @@ def fit_weights(network: nn.Module, state: Mapping[str, Any], told: str) -> None
 
 def _require_fit(network: nn.Module, state: Mapping[str, Any]) -> None:
     """Raise a ``ValueError`` that names the first keys of a state dict that are not those of the network."""
+    if told := _misfits(network, state):
+        raise ValueError(f"it does not fit {type(network).__name__}: {'; '.join(told)}")
+
+
+def _misfits(network: nn.Module, state: Mapping[str, Any]) -> list[str]:
     own = network.state_dict()
     wrong = {
         "lacks": [key for key in own if key not in state],
         "also holds": [key for key in state if key not in own],
         "has in another shape": [k for k in own if k in state and own[k].shape != getattr(state[k], "shape", None)],
     }
-    told = [f"it {how} {', '.join(keys[:3])} ({len(keys)} in all)" for how, keys in wrong.items() if keys]
-    if told:
-        raise ValueError(f"it does not fit {type(network).__name__}: {'; '.join(told)}")
+    return [f"it {how} {', '.join(keys[:3])} ({len(keys)} in all)" for how, keys in wrong.items() if keys]
 
 
 def why_unread(error: Exception) -> str:

@@ -19,6 +19,7 @@ from sextant.config.trained import STARTS_FROM
 from sextant.errors import UserError
 from sextant.models import FeatureMap
 from sextant.models.standardize import Standardize
+from sextant.models.timm_backbone import timm_statistics
 from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD, TrunkInput
 
 #: groups that define the descriptor, with the kinds of their parts; only the first two are needed
@@ -58,8 +59,8 @@ def untrained_map(
 ) -> FeatureMap:
     """The map of the groups ``backbone`` and ``inhibition``, with pretrained weights or new ones.
 
-    Images of a pretrained network of torchvision or timm are standardised by ImageNet's statistics; other networks
-    standardise images themselves, or take them in [0, 1].
+    Images of a pretrained network of torchvision or timm are standardised by ImageNet's statistics, for transformers by
+    those of timm's weights; other networks standardise images themselves, or take them in [0, 1].
 
     Args:
         plain: these groups as plain values.
@@ -79,7 +80,7 @@ def untrained_map(
             raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
     trained = brings_weights(plain["backbone"]) if trained is None else trained
     if trained and not any(isinstance(module, TrunkInput) for module in network.modules()):
-        mean, std = (v if channels == 3 else (sum(v) / len(v),) * channels for v in (IMAGENET_MEAN, IMAGENET_STD))
+        mean, std = statistics(plain["backbone"] if features.tokens is not None else {}, channels)
         features.network = nn.Sequential(Standardize(channels, mean, std), features.network)
         features.layer = f"1.{features.layer}"
     return features.eval()
@@ -155,6 +156,15 @@ def layer_of_file(nodes: Mapping[str, Any], weights: Mapping[str, Tensor], *, tr
     except RuntimeError as error:
         raise ValueError(str(error).splitlines()[0]) from None
     return layer
+
+
+def statistics(backbone: Mapping[str, Any], channels: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Mean and deviation of the images on which the weights of a timm network were trained; ImageNet's for others."""
+    found: tuple[tuple[float, ...], tuple[float, ...]] = IMAGENET_MEAN, IMAGENET_STD
+    if backbone.get("_target_") == "sextant.models.timm_backbone":
+        found = timm_statistics(backbone["name"])
+    mean, std = (each if channels == 3 else (sum(each) / len(each),) * channels for each in found)
+    return mean, std
 
 
 def brings_weights(backbone: Mapping[str, Any]) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 from sextant.chapters.places.config import PlacesConfig
 from sextant.chapters.places.off_the_shelf import off_the_shelf, weights_identity
 from sextant.config.building import build, part_name
+from sextant.config.schema.networks import TimmBackbone, TorchvisionBackbone
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
@@ -137,7 +138,7 @@ class PlacesChapter(Chapter[PlacesConfig]):
 
             require_enough(data.split("train"), data.tolerance, task.dimension, task.whitening.images)
         _, height, width, channels = data.split("val").images.shape
-        return {"channels": channels, "height": height, "width": width}
+        return {"channels": channels, "height": height, "width": width} | _statistics(config, channels)
 
     def module(self, config: PlacesConfig, spec: Mapping[str, Any], *, training: bool) -> "PlaceRecognition":
         """The module of place recognition."""
@@ -280,6 +281,19 @@ class PlacesChapter(Chapter[PlacesConfig]):
 CHAPTER = PlacesChapter
 
 
+def _statistics(config: PlacesConfig, channels: int) -> dict[str, Any]:
+    """Mean and deviation of the images on which the weights of a backbone of torchvision or timm were trained."""
+    backbone = config.backbone
+    if not isinstance(backbone, TimmBackbone | TorchvisionBackbone):
+        return {}
+    from sextant.chapters.places.backbone_layer import brings_weights, statistics
+
+    if not brings_weights(config.plain["backbone"]):
+        return {}
+    mean, std = statistics(config.plain["backbone"], channels)
+    return {"mean": list(mean), "std": list(std)}
+
+
 def _split_beside(data: "PlaceData", split: "Split") -> "PlaceImages | None":
     """The images of a split other than the test's; None if it does not exist."""
     with suppress(MissingDataError):
@@ -356,12 +370,15 @@ def _untrained(config: PlacesConfig, module: "PlaceRecognition", places: Any) ->
 
     from sextant.chapters.places.methods import network_descriptors
 
-    spec = module.spec
+    spec, standardize = module.spec, module.network.standardize
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         fresh = PlacesChapter().module(
             config,
-            {"channels": spec.channels, "height": spec.height, "width": spec.width},
+            {
+                **{"channels": spec.channels, "height": spec.height, "width": spec.width},
+                **{key: getattr(standardize, key).flatten().tolist() for key in ("mean", "std")},
+            },
             training=False,
         )
     return network_descriptors(fresh.network.eval().to(module.device), places)

@@ -25,7 +25,8 @@ def place_network(
 
     Args:
         raw: the config, as plain values.
-        spec: ``channels``, ``height`` and ``width`` of its images.
+        spec: ``channels``, ``height`` and ``width`` of its images; the ``mean`` and ``std`` by which they are
+            standardised, by default 0.5 each, as in runs of earlier releases.
         build: builds the part for a group of the config, with further arguments.
 
     Raises:
@@ -46,6 +47,8 @@ def place_network(
         task["dimension"],
         normalise=task["normalise"],
         in_channels=spec["channels"],
+        mean=spec.get("mean"),
+        std=spec.get("std"),
     )
 
 
