@@ -1,16 +1,13 @@
-"""Networks for places that others published, in the form of a checkpoint: so they open wherever a run does."""
+"""Networks for places that are not of Sextant, in the form of a checkpoint: so they open wherever a run does."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sextant.atomic_files import file_sha256
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import default_outputs
 from sextant.zoo.files import CARD as ZOO_CARD
 from sextant.zoo.files import WEIGHTS
-
-if TYPE_CHECKING:
-    from sextant.models.published_place_file import PublishedPlaces
 
 #: key of what is known about a network that is not of Sextant
 CARD = "card"
@@ -45,14 +42,40 @@ def places_content(path: Path, *, other: bool = False) -> dict[str, Any] | None:
             return None
         if tensors is None:
             return require_checkpoint(content, path)
-    return _content(read_published_places(tensors, str(path)), path)
+    found = read_published_places(tensors, str(path))
+    backbone = {"_target_": "sextant.models.published_place_net.PublishedPlaceNet", **found.settings}
+    state = {f"network.{name}": tensor for name, tensor in found.state.items()}
+    return _content(path, found.title, backbone, state, found.image_size, found.dimension)
+
+
+def onnx_content(path: Path) -> dict[str, Any]:
+    """An ONNX file in the form of a checkpoint; its bytes are the weights.
+
+    Raises:
+        UserError: the file is missing, or no network of images to descriptors, or onnxruntime is not installed.
+    """
+    import numpy as np
+    import torch
+
+    from sextant.models.onnx_place_net import read_onnx
+
+    try:
+        model = path.read_bytes()
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror}", "Give an ONNX file.") from None
+    size, dimension, standardized = read_onnx(model, str(path))
+    target = "sextant.models.onnx_place_net.OnnxPlaceNet"
+    backbone = {"_target_": target, "length": len(model), "standardized": standardized}
+    state = {"network.model": torch.from_numpy(np.frombuffer(model, np.uint8).copy())}
+    return _content(path, "ONNX", backbone, state, size, dimension, standardized=standardized)
 
 
 def card_text(card: dict[str, Any]) -> str:
     """What is known about a network that is not of Sextant, in one line."""
+    values = "in [0, 1]" if card["mean"] is None else "with ImageNet's mean and deviation"
     return (
-        f"{card['kind']}, {card['dimension']:,} numbers, images of {card['height']}x{card['width']} with ImageNet's "
-        f"mean and deviation; {card['file']}, SHA-256 {card['sha256']}; not supplied by Sextant"
+        f"{card['kind']}, {card['dimension']:,} numbers, images of {card['height']}x{card['width']} {values}; "
+        f"{card['file']}, SHA-256 {card['sha256']}; not supplied by Sextant"
     )
 
 
@@ -82,37 +105,44 @@ def _safetensors(path: Path) -> Any:
     return tensors
 
 
-def _content(found: "PublishedPlaces", path: Path) -> dict[str, Any]:
+def _content(
+    path: Path,
+    kind: str,
+    backbone: dict[str, Any],
+    state: dict[str, Any],
+    image_size: tuple[int, int],
+    dimension: int,
+    *,
+    standardized: bool = True,
+) -> dict[str, Any]:
     from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD
     from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
 
-    height, width = found.image_size
-    size = {"height": height, "width": width}
+    size = {"height": image_size[0], "width": image_size[1]}
     card = {
-        "kind": found.title,
-        "dimension": found.dimension,
+        "kind": kind,
+        "dimension": dimension,
         **size,
-        "mean": list(IMAGENET_MEAN),
-        "std": list(IMAGENET_STD),
+        "mean": list(IMAGENET_MEAN) if standardized else None,
+        "std": list(IMAGENET_STD) if standardized else None,
         "file": path.name,
         "sha256": file_sha256(path),
     }
     return {
         KEY: {
             "schema_version": SCHEMA_VERSION,
-            "config": _config(found, size),
+            "config": _config(backbone, size, dimension),
             "spec": {"channels": 3, **size},
             "task": "place_recognition",
             CARD: card,
         },
-        "state_dict": {f"network.{name}": tensor for name, tensor in found.state.items()},
+        "state_dict": state,
     }
 
 
-def _config(found: "PublishedPlaces", size: dict[str, int]) -> dict[str, Any]:
+def _config(backbone: dict[str, Any], size: dict[str, int], dimension: int) -> dict[str, Any]:
     """What ``task=place_recognition dataset=place_folders`` composes, with this network."""
     outputs = str(default_outputs())
-    backbone = {"_target_": "sextant.models.published_place_net.PublishedPlaceNet", **found.settings}
     return {
         "seed": 0,
         "init_from": None,
@@ -169,7 +199,7 @@ def _config(found: "PublishedPlaces", size: dict[str, int]) -> dict[str, Any]:
         "paths": {"data": f"{outputs}/data", "outputs": outputs, "cache": f"{outputs}/data"},
         "task": {
             "name": "place_recognition",
-            "dimension": found.dimension,
+            "dimension": dimension,
             "normalise": True,
             "layer": None,
             "batch_places": 32,

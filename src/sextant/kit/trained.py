@@ -8,6 +8,7 @@ from sextant.config import Config
 from sextant.config.trained import trained_config, without_weights
 from sextant.errors import UserError
 from sextant.registry import chapter_of
+from sextant.runs.resolve import ONNX_SUFFIX
 from sextant.zoo.files import has_card, read_model
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ RUNNING = ("running_mean", "running_var")  # statistics of normalisation, which 
 
 
 def read_trained(path: Path) -> dict[str, Any]:
-    """Read a checkpoint, or in the form of one: a model of the zoo, or a published network for places or of push-pull.
+    """Read a checkpoint, or in its form a model of the zoo, an ONNX file, or a published network for places or CIFAR.
 
     Raises:
         UserError: the file is missing, damaged or none of these; nothing in it was executed.
@@ -31,8 +32,10 @@ def read_trained(path: Path) -> dict[str, Any]:
     if has_card(path):
         model, weights = read_model(path)
         return {KEY: model, "state_dict": weights}
-    from sextant.kit.published_places import places_content
+    from sextant.kit.published_places import onnx_content, places_content
 
+    if path.suffix == ONNX_SUFFIX:
+        return onnx_content(path)
     if (places := places_content(path, other=path.name.endswith(PUBLISHED))) is not None:
         return places
     from sextant.kit.published import published_content

@@ -99,4 +99,4 @@ def timm_statistics(name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
 def _adapted(network: nn.Module, state: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
     """A file's weights for images of another size, or under former names, as timm adapts those that it fetches."""
     adapt = getattr(sys.modules[type(network).__module__], "checkpoint_filter_fn", None)
-    return state if adapt is None else adapt(dict(state), network)  # type: ignore[no-any-return]
+    return state if adapt is None else adapt(dict(state), network)

@@ -30,7 +30,7 @@ def load_weights(
         if path.suffix == ".safetensors":
             from safetensors.torch import load_file
 
-            state = load_file(path)
+            state: Mapping[str, Any] = load_file(path)
         else:
             state = load_verified(path)
         if adapt is not None and _misfits(network, state):

@@ -6,7 +6,11 @@ from pathlib import Path
 
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory, all_runs
+from sextant.user_files import absent
 from sextant.zoo import PREFIX, model_file
+
+#: before the path of an ONNX file, and its end
+ONNX, ONNX_SUFFIX = "onnx:", ".onnx"
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,8 @@ class FoundRun:
 def resolve_run(reference: str, outputs: Path, key: str = "run") -> FoundRun:
     """Find the run that ``reference`` names.
 
-    A reference is an MLflow run id, a run directory or its name, a checkpoint file, or ``zoo:`` followed by the name of
-    a model that comes with the package.
+    A reference is an MLflow run id, a run directory or its name, a checkpoint file, ``zoo:`` followed by the name of
+    a model that comes with the package, or ``onnx:`` followed by the path of a file.
 
     Args:
         reference: what the user wrote.
@@ -47,7 +51,9 @@ def resolve_run(reference: str, outputs: Path, key: str = "run") -> FoundRun:
     """
     if reference.startswith(PREFIX):
         return FoundRun(model_file(reference), None)
-    path = Path(reference).expanduser()
+    path = Path(reference.removeprefix(ONNX)).expanduser()
+    if reference.startswith(ONNX) and not (path.suffix == ONNX_SUFFIX and path.is_file()):
+        raise UserError(f"{key}={reference}: {absent(path)}", f"{key}={ONNX}<file>{ONNX_SUFFIX}")
     if path.is_file():
         parent = RunDirectory(path.absolute().parent.parent)
         return FoundRun(path.absolute(), parent if parent.state() else None)

@@ -145,11 +145,12 @@ class PlacesChapter(Chapter[PlacesConfig]):
         from sextant.chapters.places.network import place_network
         from sextant.chapters.places.task import PlaceRecognition, PlaceSpec
         from sextant.chapters.places.whitening import Whitening
+        from sextant.models.onnx_place_net import OnnxPlaceNet
         from sextant.models.published_place_net import PublishedPlaceNet
 
         task = config.plain["task"]
         network = place_network(config.plain, spec, partial(build, config.plain))
-        if isinstance(network, PublishedPlaceNet):
+        if isinstance(network, PublishedPlaceNet | OnnxPlaceNet):
             if training:
                 raise UserError("backbone: published networks for places are not trained here", "backbone=resnet18")
         elif training and task["whitening"] is not None and network.pooling.features < task["dimension"]:
@@ -191,6 +192,8 @@ class PlacesChapter(Chapter[PlacesConfig]):
 
     def record(self, module: "PlaceRecognition", data: "PlaceData", config: PlacesConfig) -> TestRecord:
         """Compare the network with training-free and linear descriptors: table, hits per query, figures."""
+        from torch.nn import MultiheadAttention
+
         from sextant.chapters.places import report
         from sextant.chapters.places.data.corrupted import CorruptedQueries
         from sextant.chapters.places.invariance import condition_pairs, has_factors, pair_arrays, pair_metrics
@@ -208,7 +211,7 @@ class PlacesChapter(Chapter[PlacesConfig]):
         described, shelf_left_out = {report.NETWORK: own}, dict[str, str]()
         if task.baselines:
             shelf, shelf_left_out = learnt(_shelf(config, module), seen, result.places.conditions[0])
-            untrained = {"untrained network": _untrained(config, module, result.places)}
+            untrained = _untrained(config, module, result.places)
             described = describe_all(shelf, result.places) | untrained | described
         with self.reporter.progress("comparing descriptors", "conditions") as progress:
             found = report.compare(
@@ -240,8 +243,11 @@ class PlacesChapter(Chapter[PlacesConfig]):
             report.table(found, task.sequence_length),
             facts={
                 "cost": {
-                    "multiplications": cost.macs,
-                    "pull_multiplications": cost.pull_macs,
+                    **(
+                        {"multiplications": cost.macs, "pull_multiplications": cost.pull_macs}
+                        if cost.layers and not any(isinstance(m, MultiheadAttention) for m in network.modules())
+                        else {}  # not counted
+                    ),
                     "descriptor_bytes": 4 * own.shape[1],
                 },
                 "skipped": {split: list(images.skipped) for split, images in data.splits.items()},
@@ -328,7 +334,7 @@ def _factors_record(
     if task.baselines:
         seen = _seen_by_baselines(_split_beside(data, "train"), places)
         methods, left_out = fitted(training_free(*BASELINE_SIZE) | _shelf(config, module), seen, places.conditions[0])
-        untrained = {"untrained network": _untrained(config, module, places)}
+        untrained = _untrained(config, module, places)
         described = describe_all(methods, places) | untrained | described
     with reporter.progress("comparing descriptors", "conditions") as progress:
         found = report.compare(
@@ -364,11 +370,18 @@ def _shelf(config: PlacesConfig, module: "PlaceRecognition") -> "dict[str, Netwo
     return {name: layer}
 
 
-def _untrained(config: PlacesConfig, module: "PlaceRecognition", places: Any) -> Any:
-    """Descriptors of the untrained network, initialised with the run's seed."""
+def _untrained(config: PlacesConfig, module: "PlaceRecognition", places: Any) -> dict[str, Any]:
+    """Descriptors of the untrained network, initialised with the run's seed; none for an ONNX file, which has no such.
+
+    They are by their name in the table.
+    """
     import torch
 
     from sextant.chapters.places.methods import network_descriptors
+    from sextant.models.onnx_place_net import OnnxPlaceNet
+
+    if isinstance(module.network, OnnxPlaceNet):
+        return {}
 
     spec, standardize = module.spec, module.network.standardize
     with torch.random.fork_rng(devices=[]):
@@ -381,7 +394,7 @@ def _untrained(config: PlacesConfig, module: "PlaceRecognition", places: Any) ->
             },
             training=False,
         )
-    return network_descriptors(fresh.network.eval().to(module.device), places)
+    return {"untrained network": network_descriptors(fresh.network.eval().to(module.device), places)}
 
 
 def _tolerance(chosen: Any, source: "PlaceSource") -> Any:

@@ -17,6 +17,7 @@ from sextant.baselines import WhitenedPCA
 from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.chapters.places.data.tolerance import PlaceTolerance, Unit
 from sextant.chapters.places.describing import Described, DescribedPhotos, describe, joined, without_failed
+from sextant.chapters.places.given_descriptors import given_rows
 from sextant.chapters.places.known_places import same_place
 from sextant.chapters.places.matching import Matches, match
 from sextant.chapters.places.photo_folder import PhotoFolder, photo_folder
@@ -119,6 +120,7 @@ class DescribedMap:
         photos: PhotoFolder | Path | str | Iterable[Path | str],
         positions: Float[ndarray, "n 2"] | Sequence[Sequence[float]] | None = None,
         *,
+        descriptors: Float[ndarray, "n d"] | Path | str | None = None,
         errors: Errors = "raise",
         progress: Advance = silent,
     ) -> list[FailedPhoto]:
@@ -127,6 +129,8 @@ class DescribedMap:
         Args:
             photos: a folder, whose photos are added in the natural order of their names, a file, or files.
             positions: x and y of each photo in metres, in the same order; nan where unknown.
+            descriptors: of each photo in the same order, an array or a file of ``numpy.save``, as this map's descriptor
+                gives them; None: the photos are described here.
             errors: ``raise`` adds what can be described, then raises if some photos could not; ``return`` returns
                 these.
             progress: called with the number of photos done and the total.
@@ -138,6 +142,7 @@ class DescribedMap:
             FailedPhotosError: photos could not be described; the message names them, and the others are in the map.
             ArgumentError: there are no photos, they are not files, some are in the map already, or positions are not x
                 and y of each photo.
+            UserError: the given descriptors are not those of as many photos, or of other length than the map's.
         """
         check_errors(errors)
         given = photo_folder(photos)
@@ -145,13 +150,31 @@ class DescribedMap:
         files = [path.absolute() for path in given.paths]
         if twice := [path for path, count in Counter([*files, *self._files.intersection(files)]).items() if count > 1]:
             raise ArgumentError(f"photos: {twice[0]} is in the map already", "Add each photo once.")
-        found = describe(self._describer, self.size, given.paths, progress)
+        if descriptors is None:
+            found = describe(self._describer, self.size, given.paths, progress)
+        else:
+            found = Described(self.given(descriptors, len(given)), {}, ())
         failed = [failed_photo(str(given.paths[i]), why) for i, why in sorted(found.failed.items())]
         if len(found.rows):
             self._parts = [without_failed(part, set(files)) for part in self._parts] + [_part(given, found, where)]
             self._files |= {path.absolute() for path in self._parts[-1].paths}
         raise_failed(failed, len(given), "described", errors, "go on: the others are in the map.")
         return failed
+
+    def given(self, descriptors: Float[ndarray, "n d"] | Path | str, count: int | None = None) -> ndarray:
+        """Descriptors from elsewhere as rows that this map can be compared with.
+
+        Raises:
+            UserError: they are not finite rows of floats, one per photo, or of other length than the map's.
+        """
+        rows = given_rows(descriptors, count)
+        known = self._parts[0].index.dimension if self._parts else getattr(self._describer, "dimension", rows.shape[1])
+        if rows.shape[1] != known:
+            raise UserError(
+                f"descriptors: {rows.shape[1]} numbers per photo, but those of the map have {known}",
+                "Map and queries must be described by the same network.",
+            )
+        return rows
 
     def save(self, folder: Path | str, *, descriptor: bool = True) -> None:
         """Write the map into a folder, without pickles; a map that was there is replaced.

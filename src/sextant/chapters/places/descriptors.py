@@ -15,6 +15,7 @@ from numpy import ndarray
 
 from sextant.atomic_files import file_sha256
 from sextant.chapters.places.config import Average, DescribingConfig, Flatten, GeM, NetworkDescriptor
+from sextant.chapters.places.given_descriptors import checked_rows, open_rows
 from sextant.config.building import build, part_name
 from sextant.config.schema.parts import CustomPart
 from sextant.config.trained import STARTS_FROM
@@ -111,7 +112,7 @@ class DescriptorFiles:
                 f"descriptor.folder={self.folder}: there is no such folder, or no .npy file in it",
                 "One file per drive: <drive>.npy, an array (images, dimensions) of 32-bit floats.",
             )
-        widths = {path.relative_to(root).as_posix(): _rows(path).shape[-1] for path in paths}
+        widths = {path.relative_to(root).as_posix(): open_rows(path, "descriptor.folder").shape[-1] for path in paths}
         first = next(iter(widths))
         if other := [name for name, width in widths.items() if width != widths[first]]:
             raise UserError(
@@ -132,30 +133,8 @@ class DescriptorFiles:
                 row that is not finite.
         """
         path = Path(self.folder).expanduser() / f"{drive}.npy"
-        rows = _rows(path)
-        if rows.ndim != 2 or len(rows) != count or rows.dtype.kind != "f":
-            raise UserError(
-                f"{path} has shape {rows.shape} of {rows.dtype}; {count} rows of floats are needed, one per image",
-                "Describe the images of this drive again, in their order.",
-            )
-        told = np.asarray(rows, np.float32)
-        if len(bad := np.flatnonzero(~np.isfinite(told).all(axis=1))):
-            raise UserError(
-                f"{path}: {len(bad):,} of {count:,} rows are not finite, the first is row {bad[0]}, counted from 0",
-                "Describe these images again, or leave them out of the drive.",
-            )
-        return told
-
-
-def _rows(path: Path) -> ndarray:
-    """The array in a file, memory-mapped."""
-    try:
-        rows: ndarray = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise UserError(f"descriptor.folder: {path} cannot be read: {error}", "Write it with numpy.save.") from None
-    if not rows.ndim:
-        raise UserError(f"descriptor.folder: {path} holds a single number", "Write one row per image with numpy.save.")
-    return rows
+        fix = "Describe the images of this drive again, in their order."
+        return checked_rows(open_rows(path, "descriptor.folder"), str(path), count, fix)
 
 
 class BaselineDescriber:

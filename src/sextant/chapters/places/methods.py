@@ -12,6 +12,7 @@ from sextant.baselines import Hog, PatchNormalised, Pixels, WhitenedPCA
 from sextant.baselines.learned_projections import CCA, LDA, PairedDescriptor
 from sextant.baselines.place_descriptors import PlaceDescriptor, unit_norm
 from sextant.chapters.places.data import PlaceImages, PlaceTolerance
+from sextant.chapters.places.network import device_of
 
 #: images read and described at a time
 BATCH = 256
@@ -137,7 +138,7 @@ def _apart(train: PlaceImages, partners: Int64[ndarray, "k"], image: int) -> nda
 @torch.no_grad()
 def network_descriptors(network: torch.nn.Module, images: PlaceImages) -> Float32[ndarray, "n d"]:
     """Descriptors of all images by a network in evaluation mode."""
-    device = next(network.parameters()).device
+    device = device_of(network)
     parts = []
     for rows in _batches(len(images)):
         chosen = torch.from_numpy(images.images[rows]).permute(0, 3, 1, 2)

@@ -1,6 +1,7 @@
 """The place recognition network: built from a config or a checkpoint, and as a describer of photos."""
 
 from collections.abc import Callable, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,14 @@ from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.errors import UserError
 from sextant.kit.trained import own_config, trained_network
 from sextant.models import FeatureMap, PlaceNet
+from sextant.models.onnx_place_net import OnnxPlaceNet
 from sextant.models.published_place_net import PublishedPlaceNet
 from sextant.runs.checkpoint import KEY
 
 
 def place_network(
     raw: Mapping[str, Any], spec: Mapping[str, Any], build: Callable[..., Any]
-) -> PlaceNet | PublishedPlaceNet:
+) -> PlaceNet | PublishedPlaceNet | OnnxPlaceNet:
     """Build the network, with new weights.
 
     Args:
@@ -34,7 +36,7 @@ def place_network(
     """
     task, size = raw["task"], (spec["height"], spec["width"])
     backbone = build("backbone", in_channels=spec["channels"], image_size=size, num_classes=task["dimension"])
-    if isinstance(backbone, PublishedPlaceNet):  # it pools as its authors do
+    if isinstance(backbone, PublishedPlaceNet | OnnxPlaceNet):  # it pools as its authors do
         return backbone
     try:
         features = FeatureMap(backbone, spec["channels"], size, layer=task["layer"])
@@ -52,6 +54,11 @@ def place_network(
     )
 
 
+def device_of(network: nn.Module) -> torch.device:
+    """The device of a network's arrays, which may be buffers alone."""
+    return next(chain(network.parameters(), network.buffers())).device
+
+
 class TrainedPlaceNetwork:
     """A trained network as a describer of photos.
 
@@ -67,7 +74,7 @@ class TrainedPlaceNetwork:
     @torch.no_grad()
     def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
         """Descriptors of images of bytes, on the network's device."""
-        device = next(self.network.parameters()).device
+        device = device_of(self.network)
         images = np.require(images, requirements="W")  # torch warns of read-only arrays, as decoded files are
         batch = torch.from_numpy(images).permute(0, 3, 1, 2).to(device).float() / 255
         return np.ascontiguousarray(self.network(batch).float().cpu().numpy())

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from sextant.applications.arguments import check_apart
 from sextant.chapters.places.photo_folder import HEADER, KnownBy, PhotoFolder, photos_below
@@ -36,10 +36,30 @@ class PlaceOptions(Options):
     centring: Literal["none", "running", "all"] = Field("none", examples=["all"])
     """all or running: subtract the mean descriptor of the map, and that of all queries or of the queries up to now, to
     remove the effect of light and season on a traverse (default: none)"""
-    descriptors: bool = Field(False, examples=["true"])
-    """true: save the descriptors of the map for reuse"""
+    descriptors: str = Field("false", title="true, false or <map>.npy,<queries>.npy", examples=["true"])
+    """true: save the descriptors of the map for reuse; or, instead of run=, those computed elsewhere:
+    <map>.npy,<queries>.npy, one row per photo in the order of names"""
     colmap: bool = Field(False, examples=["true"])
     """true: also write the pairs of queries and matches to <output>/pairs.txt, for COLMAP's matches_importer"""
+
+    @field_validator("descriptors")
+    @classmethod
+    def _kept_or_given(cls, value: str) -> str:
+        if value in ("true", "false") or [Path(each).suffix for each in value.split(",")] == [".npy"] * 2:
+            return value
+        raise ValueError("true, false or two files")
+
+    @property
+    def keep(self) -> bool:
+        """Whether descriptors are saved."""
+        return self.descriptors == "true"
+
+    @property
+    def given(self) -> Mapping[str, Path]:
+        """Files of descriptors computed elsewhere, of the map and of the queries; empty without any."""
+        if self.descriptors in ("true", "false"):
+            return {}
+        return dict(zip(INPUTS, (Path(each.strip()).expanduser() for each in self.descriptors.split(",")), strict=True))
 
 
 @dataclass(frozen=True)
@@ -68,6 +88,11 @@ def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
     options, output = PlaceOptions.of(given), Path(given.get("output", "matches")).expanduser()
     path = Path(given["map"]).expanduser()
     saved = (path / HEADER).is_file()
+    if saved and options.given:
+        raise UserError(
+            f"map={path} holds descriptors already; descriptors={options.descriptors} are those of photos",
+            "Give the folder of the map's photos.",
+        )
     reference = path if saved else photos_below(given["map"], "map", output, one=False)
     queries = photos_below(given["queries"], "queries", output)
     if isinstance(reference, PhotoFolder):

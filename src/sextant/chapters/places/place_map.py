@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, Self, overload
 
 import numpy as np
+from jaxtyping import Float
 from numpy import ndarray
 
 from sextant.applications.arguments import check_whole
@@ -15,8 +16,10 @@ from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, failed_photo, silent
 from sextant.chapters.places.describing import DescribedPhotos, describe
+from sextant.chapters.places.given_descriptors import GivenDescriptors, given_rows
 from sextant.chapters.places.match_confidence import MatchConfidence
 from sextant.chapters.places.matching import Matches
+from sextant.chapters.places.photo_folder import PhotoFolder
 from sextant.chapters.places.reranked_matches import PhotoFeatures, rerank
 from sextant.chapters.places.saved_descriptor import Describes, kept_network, load_descriptor
 from sextant.chapters.places.saved_map import (
@@ -221,6 +224,48 @@ class PlaceMap(DescribedMap):
             )
         places.tolerance = facts.tolerance
         return places.take(folder)
+
+    @classmethod
+    def of_descriptors(
+        cls,
+        photos: PhotoFolder | Path | str | Iterable[Path | str],
+        descriptors: Float[ndarray, "n d"] | Path | str,
+        positions: Float[ndarray, "n 2"] | Sequence[Sequence[float]] | None = None,
+    ) -> Self:
+        """Create a map of photos whose descriptors were computed elsewhere; its queries are given in the same way.
+
+        Args:
+            photos, positions: as for :meth:`add`; the files are not read.
+            descriptors: of each photo in the same order: an array, or a file of ``numpy.save``.
+
+        Raises:
+            UserError: the descriptors are not finite rows of floats, one per photo.
+
+        >>> places = PlaceMap.of_descriptors("day", "day.npy")  # doctest: +SKIP
+        >>> places.look_up_descriptors("night.npy")[0].best  # doctest: +SKIP
+        """
+        rows = given_rows(descriptors, None)
+        places = cls(GivenDescriptors(rows.shape[1]), temperature=ELSEWHERE)
+        places.add(photos, positions, descriptors=rows)
+        return places
+
+    def look_up_descriptors(
+        self, descriptors: Float[ndarray, "n d"] | Path | str, k: int = 5, *, centring: Centring = "none"
+    ) -> list[LookedUp]:
+        """Look up photos by their descriptors, computed elsewhere by the network of the map.
+
+        Args:
+            descriptors: one row per photo: an array, or a file of ``numpy.save``; results are named by their row.
+            k, centring: as for :meth:`look_up_many`.
+
+        Raises:
+            UserError: the descriptors are not finite rows of floats, or of other length than the map's.
+        """
+        described, rows = self.described, self.given(descriptors)
+        found = self.match(FlatIndex(rows), k, centring=centring)
+        sure = fitted_confidence(self.descriptor.facts) if centring == "none" else None
+        names = [f"row {i}" for i in range(len(rows))]
+        return looked_up(names, [False] * len(rows), described, found, sure)
 
     def look_up(self, photo: AnyImage, k: int = 5, rerank: int | None = None) -> LookedUp:
         """Find the photos of the map that show the place of a photo.

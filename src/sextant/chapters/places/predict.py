@@ -72,7 +72,7 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     remarks = [*remarked, *_remarks(described, options, known, places.temperature, counted)]
     if CARD in run:
         remarks.insert(0, card_text(run[CARD]))
-    if options.places != "none":
+    if options.places != "none" and not options.given:
         remarks.append(f"compare with training-free descriptors: {_comparison(places, inputs, known, run)}")
     facts = {
         "run": run,
@@ -90,7 +90,7 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     write_matches(rows, facts, output)
     with work_progress("drawing", "pages") as progress:
         pages = write_gallery(rows, reference, queries, known, output, progress)
-    kept = [path for path in (output / "map", output / "queries") if options.descriptors and path.is_dir()]
+    kept = [path for path in (output / "map", output / "queries") if options.keep and path.is_dir()]
     if options.colmap:
         kept.append(write_row_pairs(rows, reference.photos.folder, queries.photos.folder, output))
     tell(rows, counted, described, remarks, [output / "matches.csv", output / "matches.json", *pages, *kept])
@@ -118,14 +118,15 @@ def _fill(places: PlaceMap, inputs: PlaceInputs) -> None:
 def _add(places: PlaceMap, key: str, photos: PhotoFolder, inputs: PlaceInputs) -> None:
     """Describe photos and save the descriptors at once, so that Ctrl-C loses little."""
     with work_progress(f"describing {'the map' if key == 'map' else key}", "photos") as progress:
-        failed = places.add(photos, errors="return", progress=progress)
+        given = inputs.options.given.get(key)
+        failed = places.add(photos, descriptors=given, errors="return", progress=progress)
     if not len(places):
         named = {
             Path(each.name).relative_to(photos.folder).as_posix(): each.error.problem.removeprefix(f"{each.name}: ")
             for each in failed
         }
         raise nothing_usable(f"{key}={photos.folder}: none of {len(photos):,} photos can be used", named)
-    if inputs.options.descriptors:
+    if inputs.options.keep:
         with telling_write_errors(inputs.output / key):
             places.save(inputs.output / key, descriptor=False)
 

@@ -24,6 +24,7 @@ from torch import Tensor
 from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.baselines import Hog, PatchNormalised, Pixels, PlaceDescriptor, WhitenedPCA
 from sextant.baselines.network_layer import NetworkLayer
+from sextant.chapters.places.given_descriptors import GivenDescriptors
 from sextant.errors import ArgumentError, UserError
 
 HEADER, ARRAYS = "descriptor.json", "descriptor.safetensors"
@@ -48,7 +49,7 @@ class SavedDescriptor:
     Attributes:
         describer: the descriptor; None if vectors come from elsewhere.
         facts: how it is recreated, as plain values; ``kind`` is baseline, network (of a run), layer (of a network that
-            no run trained), or none if it cannot be.
+            no run trained), given (vectors from elsewhere), or none if it cannot be.
         arrays: its fitted arrays.
         whitener: matrix by which vectors are multiplied before they are compared; None for none.
     """
@@ -91,6 +92,8 @@ class SavedDescriptor:
 
 def kept_baseline(descriptor: Describes) -> SavedDescriptor:
     """A training-free descriptor, fitted to the map; or a user-defined one, which cannot be saved."""
+    if isinstance(descriptor, GivenDescriptors):
+        return SavedDescriptor(descriptor, {"kind": "given", "dimension": descriptor.dimension})
     name = type(descriptor).__name__
     if BASELINES.get(name) is not type(descriptor):
         return SavedDescriptor(descriptor)
@@ -181,6 +184,8 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> SavedDescriptor:
         whitener = arrays.pop(WHITENER, None)
         if facts["kind"] == "none":
             return SavedDescriptor(None, facts, arrays, whitener)
+        if facts["kind"] == "given":
+            return SavedDescriptor(GivenDescriptors(int(facts["dimension"])), facts, arrays, whitener)
         if facts["kind"] == "network":
             return replace(_network(facts, arrays, folder / ARRAYS, trust), whitener=whitener)
         if facts["kind"] == "layer":

@@ -189,6 +189,14 @@ class PublishedPlaceNet(Backbone):
     sizes: dict[str, Count]
 
 
+class OnnxPlaceNet(Backbone):
+    """A network for places in an ONNX file; its settings come from the file."""
+
+    target: Literal["sextant.models.onnx_place_net.OnnxPlaceNet"] = Field(alias="_target_")
+    length: Count
+    standardized: bool
+
+
 class Inhibition(Part):
     """Layers that replace convolutions of a network."""
 
