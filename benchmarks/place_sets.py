@@ -45,8 +45,12 @@ class ImageSet:
         return maps, queries
 
     def described(self, describe: Callable[[ndarray], ndarray], height: int, width: int) -> "PlaceSet":
-        """The set with descriptors."""
-        rows = [unit_norm(in_batches(describe, images)) for images in self.read(height, width)]
+        """The set with descriptors; some images are held at a time."""
+        rows = []
+        for paths in (self.maps, self.queries):
+            parts = [paths[start : start + BATCH] for start in range(0, len(paths), BATCH)]
+            images = (np.stack([decode_image(path, height, width, 3) for path in part]) for part in parts)
+            rows.append(unit_norm(np.concatenate([np.asarray(describe(some), np.float32) for some in images])))
         return PlaceSet(self.name, self.family, rows[0], rows[1], self.positives)
 
 

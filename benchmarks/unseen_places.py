@@ -2,7 +2,8 @@
 
 ``python -m benchmarks.unseen_places [run=<run>,...] [rivals=true] [figure=<file>.png] [data=<folder>]``
 
-Each run is a network: a run of place recognition or ``zoo:places``. ``rivals=true`` adds descriptors not trained on
+Each run is a network: a run of place recognition, ``zoo:places``, the file of a published network or ``onnx:<file>``;
+all of them are in one table. ``rivals=true`` adds descriptors not trained on
 pairs (:mod:`benchmarks.place_rivals`); without ``run=`` only these are tested. Centring and confidence are those of the
 first network. The sets are those of :mod:`benchmarks.place_sets`; confidences are evaluated twice, with the whole map
 and with its first half, which lacks the places of half of the queries. Parameters for a set are fitted to the others:
@@ -27,11 +28,12 @@ from sextant.chapters.places.place_map import PlaceMap
 from sextant.console.arguments import parse_arguments
 from sextant.evaluation.positives import Positives
 from sextant.evaluation.posterior import fit_temperature
+from sextant.kit.published_places import CARD, card_text
 from sextant.retrieval.without_mean import CENTRINGS, Centring
 
 USAGE = "python -m benchmarks.unseen_places [run=<run>,...] [rivals=true] [figure=<file>.png] [data=<folder>]"
 KEYS = {
-    "run": "one or several runs of place recognition, separated by commas",
+    "run": "one or several runs of place recognition, files of networks or names of the zoo, separated by commas",
     "rivals": "true: also test descriptors not trained on pairs",
     "figure": "file for the reliability diagram of confidences",
     "data": "SEXTANT_DATA by default",
@@ -43,6 +45,9 @@ def main(arguments: list[str]) -> None:
     images = image_sets(Path(given.get("data", os.environ.get("SEXTANT_DATA", "data"))), floors=True)
     runs = given["run"].split(",") if "run" in given else []
     networks = {run: PlaceMap.load(run) for run in runs}
+    for run, network in networks.items():
+        if CARD in network.descriptor.facts:
+            print(f"{run}: {card_text(network.descriptor.facts[CARD])}", file=sys.stderr)
     found: dict[str, list[PlaceSet]] = {run: [] for run in runs}
     measured: dict[str, list[tuple[str, ...]]] = {}
     for each in images:
