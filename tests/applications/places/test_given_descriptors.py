@@ -1,6 +1,7 @@
 """Descriptors and networks from elsewhere: arrays, files of numpy.save, ONNX files made here."""
 
 import json
+import re
 
 import numpy as np
 import onnx
@@ -11,6 +12,7 @@ from tiny_places import Pixels, ride
 from sextant import Localizer, PlaceMap
 from sextant.cli.predict import main as predict
 from sextant.errors import UserError
+from sextant.evaluation.positives import Positives
 from sextant.lifecycle.evaluation import evaluate_run
 from sextant.lifecycle.exporting import export_run
 
@@ -177,3 +179,24 @@ def test_wrong_onnx_files_are_named(tmp_path):
     onnx.save(model, tmp_path / "map.onnx")
     with pytest.raises(UserError, match=r"map\.onnx gives cells .*descriptors \(b, d\) are needed"):
         PlaceMap.load(tmp_path / "map.onnx")
+
+
+def test_files_and_names_of_the_zoo_are_one_table(tmp_path, monkeypatch, capsys):
+    from benchmarks import unseen_places
+    from benchmarks.place_sets import ImageSet
+
+    file = onnx_file(tmp_path / "cells.onnx")
+    sets = []
+    for k, family in enumerate(("first", "second")):
+        folders = [ride(tmp_path / f"{family}{night}", range(9 * k, 9 * k + 8), night=bool(night)) for night in (0, 1)]
+        paths = [sorted(folder.iterdir()) for folder in folders]
+        frames = np.arange(8)
+        sets.append(ImageSet(f"set {k}", family, *paths, Positives.within_frames(frames, frames, 0)))
+    monkeypatch.setattr(unseen_places, "image_sets", lambda data, floors: sets)
+    unseen_places.main([f"run=zoo:places,{file},zoo:streets"])
+    shown = capsys.readouterr()
+    (table,) = re.findall(r"as they are\s*\n(.*?)less the", shown.out, re.DOTALL)
+    rows = [line for line in table.splitlines() if "[" in line]
+    assert len(rows) == 3  # with an interval for each set
+    assert all(row.count("[") == 2 for row in rows)
+    assert "ONNX, 12 numbers" in shown.err

@@ -1,7 +1,5 @@
 """Files of published place networks wherever a run is taken; random weights in the published layouts, no real ones."""
 
-import re
-
 import numpy as np
 import pytest
 import torch
@@ -12,7 +10,6 @@ from tiny_places import ride
 from sextant import Localizer, PhotoCalibrator, PlaceMap
 from sextant.cli.predict import main as predict
 from sextant.errors import UserError
-from sextant.evaluation.positives import Positives
 from sextant.lifecycle.evaluation import evaluate_run
 from sextant.runs.directory import RunDirectory
 
@@ -121,23 +118,3 @@ def test_wrong_files_are_refused(file, tmp_path):
     torch.save(broken, tmp_path / "nan.pth")
     with pytest.raises(UserError, match="not finite"):
         PlaceMap.load(tmp_path / "nan.pth")
-
-
-def test_files_and_names_of_the_zoo_are_one_table(file, tmp_path, monkeypatch, capsys):
-    from benchmarks import unseen_places
-    from benchmarks.place_sets import ImageSet
-
-    sets = []
-    for k, family in enumerate(("first", "second")):
-        folders = [ride(tmp_path / f"{family}{night}", range(9 * k, 9 * k + 3), night=bool(night)) for night in (0, 1)]
-        paths = [sorted(folder.iterdir()) for folder in folders]
-        frames = np.arange(3)
-        sets.append(ImageSet(f"set {k}", family, *paths, Positives.within_frames(frames, frames, 0)))
-    monkeypatch.setattr(unseen_places, "image_sets", lambda data, floors: sets)
-    unseen_places.main([f"run=zoo:places,{file},zoo:streets"])
-    shown = capsys.readouterr()
-    (table,) = re.findall(r"as they are\s*\n(.*?)less the", shown.out, re.DOTALL)
-    rows = [line for line in table.splitlines() if "[" in line]
-    assert len(rows) == 3  # with an interval for each set
-    assert all(row.count("[") == 2 for row in rows)
-    assert "MixVPR, 4,096 numbers" in shown.err

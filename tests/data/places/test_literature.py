@@ -29,7 +29,7 @@ def found(places, tolerance):
     return [places.positives(places.rows_of(q), places.rows_of(reference), tolerance).toarray() for q in queries]
 
 
-@pytest.mark.parametrize("name", ["pitts30k", "msls", "st_lucia"])
+@pytest.mark.parametrize("name", ["pitts30k", "msls", "st_lucia", "tokyo247", "eynsham"])
 def test_names_with_positions(name, tmp_path):
     for part in ("train", "val", "test"):
         folder = tmp_path / name / "images" / part
@@ -38,10 +38,30 @@ def test_names_with_positions(name, tmp_path):
     dataset = source(name, tmp_path)
     (hits,) = found(dataset.read("test"), METRES)
     assert hits.tolist() == [[True, True, False], [False, False, False]]
-    if name != "st_lucia":
+    if name in ("pitts30k", "msls"):
         assert dataset.read("train").conditions == ("database", "queries")
     if name == "msls":  # the test split has no public truth
         assert all("images/val/" in str(file) for file in dataset.files("test"))
+
+
+def test_pairs_at_positions_that_were_made_up(tmp_path):
+    names = [f"@0@{1000 * k}@@@@@{k}@@@@@@@@.jpg" for k in range(3)]
+    for k, folder in enumerate(("database", "queries")):
+        write_pictures(tmp_path / "amstertime" / "images" / "test" / folder, names, first=10 * k)
+    (hits,) = found(source("amstertime", tmp_path).read("test"), METRES)
+    np.testing.assert_array_equal(hits, np.eye(3, dtype=bool))
+
+
+def test_several_folders_of_queries(tmp_path):
+    folders = ["test/database", *(f"test/queries_{name}" for name in ("v1", "v2", "night", "occlusion"))]
+    for k, folder in enumerate([*folders, "val/database", "val/queries"]):
+        names = [utm_name(584000 + 40 * i, i) for i in range(2)]
+        write_pictures(tmp_path / "sf_xl" / "processed" / folder, names, first=10 * k)
+    dataset = source("sf_xl", tmp_path)
+    for hits in found(dataset.read("test"), METRES):
+        np.testing.assert_array_equal(hits, np.eye(2, dtype=bool))
+    assert dataset.conditions("test")[1:] == ("queries_v1", "queries_v2", "queries_night", "queries_occlusion")
+    assert dataset.read("val").conditions == ("database", "queries")
 
 
 def test_ranks_are_places(tmp_path):
