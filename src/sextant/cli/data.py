@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from sextant.cli.data_describe import DESCRIBE, Sharded, describe
+from sextant.cli.data_posed import posed
 from sextant.cli.gallery import gallery
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import rendered_datasets
@@ -26,7 +27,8 @@ USAGE = f"""sextant data list
 sextant data render dataset=<name> [dataset.<key>=<value> ...] [threads=2] [shards=3 [shard=0]]
 {DESCRIBE}
 sextant data verify <store or its folder> [repair=true]
-sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]"""
+sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]
+sextant data posed [folder=posed_office]"""
 SHOWN_DAMAGES = 50
 
 
@@ -46,7 +48,14 @@ class VerifyOptions(Options):
 
 def main(arguments: Sequence[str]) -> None:
     """Run one of the commands of :data:`USAGE`."""
-    verbs = {"list": _list, "render": _render, "describe": describe, "verify": _verify, "gallery": gallery}
+    verbs = {
+        "list": _list,
+        "render": _render,
+        "describe": describe,
+        "verify": _verify,
+        "gallery": gallery,
+        "posed": posed,
+    }
     verb = arguments[0] if arguments else "list"
     if any(argument in ("-h", "--help") for argument in arguments):
         print(USAGE)

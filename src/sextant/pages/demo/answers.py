@@ -14,10 +14,15 @@ from sextant.errors import UserError
 from sextant.tools.demonstration.digit import DigitTrial
 from sextant.tools.demonstration.photo import photo_answer
 from sextant.tools.demonstration.pictures import page_picture
+from sextant.tools.demonstration.posed_office import SAMPLES as OFFICE_SAMPLES
 from sextant.tools.demonstration.same_place import SamePlace
 from sextant.tools.demonstration.where_else import Point, where_else_answer
+from sextant.tools.demonstration.where_taken import OFFICE, WhereTaken
 
 calibrator, same_place, digit_trial = cache(PhotoCalibrator.load), cache(SamePlace.load), cache(DigitTrial.load)
+
+#: the maps in which photos are located, by key; the command adds the user's as ``given``
+MAPS: dict[str, Callable[[], WhereTaken]] = {"office": cache(WhereTaken.in_office)}
 
 
 def _example(paths: Sequence[Path], settings: Mapping[str, str]) -> dict[str, Any]:
@@ -42,6 +47,20 @@ def _digit(paths: Sequence[Path], settings: Mapping[str, str]) -> dict[str, Any]
         raise UserError("there is no digit to read", "Draw one, choose a picture, or choose a sample.") from None
 
 
+def maps() -> list[dict[str, Any]]:
+    """The maps to choose from, the user's first, and the photos that can be tried in them."""
+    given = [{"key": key, "name": load().name, "samples": ()} for key, load in MAPS.items() if key != "office"]
+    return [*given, {"key": "office", "name": OFFICE, "samples": OFFICE_SAMPLES}]
+
+
+def _taken(paths: Sequence[Path], settings: Mapping[str, str]) -> dict[str, Any]:
+    key, same = settings.get("map", "office"), "same_camera" in settings
+    if key not in MAPS:
+        raise UserError(f"map={key}: there is no such map", f"There are: {', '.join(MAPS)}")
+    where = MAPS[key]()
+    return where.answer(*paths, same) if paths else where.of_sample(settings.get("sample", ""), same)
+
+
 #: question -> minimum and maximum number of files, and the function that answers
 QUESTIONS: dict[str, tuple[int, int, Callable[[Sequence[Path], Mapping[str, str]], dict[str, Any]]]] = {
     "photo": (1, 1, lambda paths, _: photo_answer(calibrator(), *paths)),
@@ -49,6 +68,7 @@ QUESTIONS: dict[str, tuple[int, int, Callable[[Sequence[Path], Mapping[str, str]
     "places": (2, 2, lambda paths, _: same_place().answer(*paths)),
     "example": (1, 2, _example),
     "digit": (0, 1, _digit),
+    "taken": (0, 1, _taken),
 }
 
 

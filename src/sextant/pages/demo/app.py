@@ -1,6 +1,7 @@
 """The server of the demonstration as a WSGI application, which accepts requests of its own page only."""
 
 import io
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,9 +12,10 @@ from flask import Flask, Request, Response, jsonify, request
 from werkzeug.exceptions import HTTPException, RequestEntityTooLarge
 
 from sextant.errors import UserError
-from sextant.pages.demo.answers import answer, prepare, sample_photo
+from sextant.pages.demo.answers import MAPS, answer, maps, prepare, sample_photo
 from sextant.pages.loopback import page_app
 from sextant.pages.loopback import served as served_page
+from sextant.tools.demonstration.where_taken import WhereTaken
 
 PAGE = Path(__file__).with_name("page.html")
 #: largest size of a photo, and of a request with at most two photos, in bytes
@@ -41,7 +43,8 @@ class InMemory(Request):
 
 def demo_app() -> Flask:
     """The application."""
-    app = page_app("sextant.pages.demo", PAGE, {"LARGEST_FILE": str(LARGEST_FILE)})
+    shown = json.dumps(maps()).replace("<", "\\u003c")  # a name cannot end the script
+    app = page_app("sextant.pages.demo", PAGE, {"LARGEST_FILE": str(LARGEST_FILE), "THE_MAPS": shown})
     app.request_class = InMemory
     app.add_url_rule("/sample/<name>", "sample", lambda name: Response(sample_photo(name), mimetype="image/jpeg"))
 
@@ -71,15 +74,21 @@ def demo_app() -> Flask:
 
 
 @contextmanager
-def served(port: int = 0) -> Iterator[str]:
+def served(port: int = 0, given: WhereTaken | None = None) -> Iterator[str]:
     """Serve the demonstration while the block runs; yields its address.
 
     Args:
         port: port of the loopback interface; 0 takes a free one.
+        given: the user's map of posed photos, beside the rendered one.
 
     Raises:
         UserError: the port is taken.
     """
+    if given is not None:
+        MAPS["given"] = lambda: given
     with served_page(demo_app(), port) as address:
         Thread(target=prepare, daemon=True).start()
-        yield address
+        try:
+            yield address
+        finally:
+            MAPS.pop("given", None)
