@@ -3,6 +3,8 @@
 import errno
 import io
 import json
+import re
+import sys
 import tempfile
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from sextant.pages.demo import answers as answering
 from sextant.pages.demo import app as serving_app
 from sextant.pages.demo.answers import QUESTIONS, sample_photo
 from sextant.pages.demo.app import demo_app, served
+from sextant.tools.demonstration.where_taken import WhereTaken
 
 CHINA = sample_photo("china.jpg")
 
@@ -112,6 +115,7 @@ def test_a_digit_is_read(client):
         ("digit", [], {"digit": "11"}, "digit=11 must be one of 0 to 9"),
         ("digit", [("white.png", png(np.full((64, 64, 3), 255, np.uint8)))], {}, "the picture is blank"),
         ("weather", [("a.jpg", CHINA)], {}, "weather: no such question"),
+        ("taken", [("a.jpg", CHINA)], {"map": "mars"}, "map=mars: there is no such map"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_one_line_and_names_what_the_user_calls_the_file(client, question, files, settings, said):
@@ -128,6 +132,39 @@ def test_a_strip_of_twenty_to_one_is_answered_and_not_trusted(client):
     status, found = ask(client, "photo", ("strip.png", png(np.tile(NOISE[:40], (1, 2, 1))[:, :800])))
     assert (status, found["verdict"]) == (200, "not trustworthy")
     assert any("a strip of 20:1" in reason for reason in found["reasons"])
+
+
+def test_without_the_extra_a_photo_is_not_located_and_all_else_is_answered(client, tmp_path, monkeypatch):
+    for k in range(2):
+        Image.fromarray(NOISE[k:, : 400 - k]).save(tmp_path / f"{k}.png")
+    rows = [f"{k}.png,{k},0,0,1,0,0,0" for k in range(2)]
+    (tmp_path / "poses.csv").write_text("\n".join(["file,x,y,z,qw,qx,qy,qz", *rows]))
+    monkeypatch.setitem(answering.MAPS, "given", lambda: WhereTaken.in_folder(tmp_path))
+    for module in [name for name in sys.modules if name.partition(".")[0] == "kornia"]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "kornia", None)
+    status, found = ask(client, "taken", ("a.jpg", CHINA), map="given")
+    assert (status, found["problem"]) == (422, "local features needs kornia, which is not installed")
+    assert found["fix"] == "pip install 'sextant-vision[local]'"
+    assert ask(client, "picture", ("a.jpg", CHINA))[0] == 200
+
+
+def test_the_map_of_the_user_comes_first_and_its_name_is_no_script():
+    given = WhereTaken("</script><script>alert(1)", None)
+    with served(given=given):
+        text = demo_app().test_client().get("/").get_data(as_text=True)
+    assert text.count("</script>") == 1
+    first, second = json.loads(re.search(r"MAPS = (\[.*?\]), SVG", text)[1])
+    assert (first["name"], second["key"]) == (given.name, "office")
+    assert "given" not in answering.MAPS  # of the next server
+
+
+def test_a_map_that_is_none_is_refused_before_anything_is_served(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        cli.run("demo", ["browser=false", f"map={tmp_path}"])
+    told = capsys.readouterr()
+    assert "no photo there" in told.err
+    assert "http" not in told.out
 
 
 def test_a_file_too_large_is_named(client, monkeypatch):

@@ -4,7 +4,7 @@ import pytest
 from cli.cosfire_detection.drawn import drawn
 from headless import CHROMIUM, chromium
 
-from sextant.pages.demo.answers import sample_photo
+from sextant.pages.demo.answers import MAPS, sample_photo
 from sextant.pages.demo.app import served
 from sextant.tools.demonstration import where_else
 
@@ -45,6 +45,17 @@ HOLD = """(() => {
 GONE = """(() => {
   const real = window.fetch;
   window.fetch = async () => { window.fetch = real; throw new TypeError("Failed to fetch"); };
+})()"""
+TRY = """(() => {
+  const list = document.querySelector("#taken [name=sample]");
+  document.querySelector("#taken [role=status]").replaceChildren();
+  list.value = "%s";
+  list.dispatchEvent(new Event("change", { bubbles: true }));
+})()"""
+SAME_CAMERA = """(() => {
+  const list = document.querySelector("#taken [name=camera]");
+  list.value = "same";
+  list.dispatchEvent(new Event("change", { bubbles: true }));
 })()"""
 LEAD = "document.querySelector('#example .lead').textContent"
 STROKE = """(() => {
@@ -137,6 +148,40 @@ def test_two_photos_are_compared_after_the_tab_was_chosen_by_keys(tab, photos):
     assert answered(tab, "places").startswith("Answered in")
     assert float(tab.run("document.querySelector('#places .similarity').textContent")) < 0.9
     assert "of pairs of different places" in tab.run("document.querySelector('#places .lead').textContent")
+
+
+@pytest.fixture
+def office(tab):
+    """The tab, once its map is there."""
+    pytest.importorskip("kornia")
+    MAPS["office"]()
+    tab.run("document.getElementById('tab-taken').click()")
+    return tab
+
+
+def test_a_rendered_photo_is_located_and_one_of_elsewhere_is_not(office):
+    office.run(TRY % "night_2")
+    assert answered(office, "taken").startswith("Answered in")
+    assert office.run("document.querySelector('#taken .chip').textContent") == "located"
+    assert office.run("document.querySelectorAll('#taken .matched image').length") == 2
+    assert office.run("document.querySelectorAll('#taken .matched line').length") > 20
+    assert office.run("document.querySelectorAll('#taken .above .here').length") == 1
+    x, truth = office.run("['2', '4'].map((k) => Number($(`#taken tbody td:nth-child(${k})`).textContent))")
+    assert x == pytest.approx(truth, abs=0.1)
+    office.run(TRY % "elsewhere_0")
+    assert answered(office, "taken").startswith("Answered in")
+    assert office.run("document.querySelector('#taken .chip').textContent") == "not in the map"
+    assert office.run("document.querySelector('#taken .sure').hidden")
+    assert office.run("document.querySelectorAll('#taken .above .view').length") == 31
+    assert office.run("document.querySelectorAll('#taken .above .here').length") == 0
+
+
+def test_a_photo_of_ones_own_is_not_in_the_office(office, photos):
+    choose(office, "#taken input[type=file]", photos / "china.jpg")
+    assert answered(office, "taken").startswith("Answered in")
+    assert office.run("document.querySelector('#taken .chip').textContent") == "not in the map"
+    office.run(SAME_CAMERA)  # which asks again
+    assert answered(office, "taken").startswith("the map has no cameras of 640x427 pixels")
 
 
 def test_an_example_is_pointed_at_by_mouse_and_by_keys(tab, photos):

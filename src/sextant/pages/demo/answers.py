@@ -58,7 +58,7 @@ def _taken(paths: Sequence[Path], settings: Mapping[str, str]) -> dict[str, Any]
     if key not in MAPS:
         raise UserError(f"map={key}: there is no such map", f"There are: {', '.join(MAPS)}")
     where = MAPS[key]()
-    return where.answer(*paths, same) if paths else where.of_sample(settings.get("sample", ""), same)
+    return where.answer(paths[0], same) if paths else where.of_sample(settings.get("sample", ""), same)
 
 
 #: question -> minimum and maximum number of files, and the function that answers

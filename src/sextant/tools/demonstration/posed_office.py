@@ -37,6 +37,7 @@ def camera() -> tuple[float, float, float, float]:
     return focal, focal, (WIDTH - 1) / 2, (HEIGHT - 1) / 2
 
 
+@naming_extras("the rendered office")
 def render_posed_office(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
     """Render the office to ``folder/map``, with ``poses.csv``, and photos to locate to ``folder/photos``.
 
@@ -51,11 +52,6 @@ def render_posed_office(folder: Path, progress: Callable[[int, int], None] = lam
     Raises:
         UserError: a package of the extra ``worlds`` is missing.
     """
-    with naming_extras("the rendered office"):
-        _render(folder, progress)
-
-
-def _render(folder: Path, progress: Callable[[int, int], None]) -> None:
     from sextant import worlds
     from sextant.worlds.office_routes import revisit, survey
 

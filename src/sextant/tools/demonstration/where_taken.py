@@ -221,7 +221,8 @@ def _straight(folder: Path) -> Sequence[AnyImage]:
 
 def _some(rows: ndarray, most: int) -> ndarray:
     """At most this many rows, evenly spaced."""
-    return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(int))]
+    chosen = np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(int))
+    return np.asarray(rows[chosen])
 
 
 def _picture(image: ndarray) -> dict[str, Any]:
