@@ -7,7 +7,8 @@ right perturbation :math:`T \exp(\xi)`, :math:`\xi = (t, \omega)` in the axes of
           J_i = P_i \, [-I \;\; [X_i]_\times], \qquad S_i = \sigma^2 I + P_i R^\top \Sigma_{X_i} R P_i^\top,
 
 with the points :math:`X_i` in the camera, the projection's derivatives :math:`P_i`, the covariances of the points
-:math:`\Sigma_{X_i}`, and the variance of the pixels :math:`\sigma^2` estimated from the inliers' residuals.
+:math:`\Sigma_{X_i}`, and the variance of the pixels :math:`\sigma^2` such that the inliers' weighted squared residuals
+:math:`e_i^\top S_i^{-1} e_i` sum to their degrees of freedom (Paule and Mandel, 1982).
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float64
 from numpy import ndarray
-from scipy.optimize import least_squares
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from sextant.correspondence.pinhole import Pinhole, cross_matrices
@@ -26,6 +27,10 @@ from sextant.errors import ArgumentError, naming_extras
 LEAST_MATCHES = 4
 #: focal lengths that are tried where it is unknown, in longer sides of the image: 10 to 100 degrees wide
 FOCAL_LENGTHS = np.geomspace(0.4, 5.7, 14)
+#: least variance of a pixel coordinate: a keypoint is never known better than to about a quarter of a pixel
+LEAST_VARIANCE = 0.05
+#: steps of Gauss-Newton, and the change of pixels at which it ends
+STEPS, SETTLED_PX = 20, 1e-4
 #: matches by which focal lengths are compared; the best is then estimated by all
 SEARCHED = 500
 
@@ -169,36 +174,59 @@ class _Refinement:
     def _minimised(
         self, pose: ndarray, camera: Pinhole, inliers: ndarray, weights: ndarray | None
     ) -> tuple[ndarray, Pinhole]:
-        """The least weighted squares, or a robust sum without weights."""
+        """Least weighted squares, or a robust sum without weights, by damped Gauss-Newton."""
         pixels, points = self.pixels[inliers], self.points[inliers]
-        root = None if weights is None else np.linalg.cholesky(weights).transpose(0, 2, 1)
+        scale = self.error_px / 2
 
-        def moved(step: ndarray) -> tuple[ndarray, Pinhole]:
-            lens = camera.of_focal_length(camera.fx * np.exp(step[6])) if self._free else camera
-            return pose @ exponential(step[:6]), lens
+        def cost(pose: ndarray, camera: Pinhole) -> tuple[float, ndarray, ndarray]:
+            """The sum, the errors, and their weights: of Huber's smooth loss where none are given."""
+            inside = (points - pose[:3, 3]) @ pose[:3, :3]
+            error = np.nan_to_num(camera.project(inside) - pixels, nan=1e3)
+            prior = (np.log(camera.fx / self.prior.fx) / self.focal_sigma) ** 2 if self.focal_sigma else 0.0
+            if weights is not None:
+                return float(np.einsum("nk,nkl,nl->", error, weights, error)) + prior, error, weights
+            root = np.sqrt(1 + (error**2).sum(1) / scale**2)
+            return float(2 * scale**2 * (root - 1).sum()) + prior, error, np.eye(2) / root[:, None, None]
 
-        def residuals(step: ndarray) -> ndarray:
-            changed, lens = moved(step)
-            error = lens.project((points - changed[:3, 3]) @ changed[:3, :3]) - pixels
-            error = np.nan_to_num(error if root is None else np.einsum("nij,nj->ni", root, error), nan=1e3).ravel()
+        damping, (best, error, weight) = 1e-6, cost(pose, camera)
+        for _ in range(STEPS):
+            inside = (points - pose[:3, 3]) @ pose[:3, :3]
+            jacobian = self._jacobian(inside, camera)
+            weighted = np.einsum("nki,nkl->nil", jacobian, weight)
+            information = np.einsum("nil,nlj->ij", weighted, jacobian)
+            gradient = np.einsum("nil,nl->i", weighted, error)
             if self.focal_sigma:  # weighed against pixels of a standard deviation of 1
-                error = np.append(error, np.log(lens.fx / self.prior.fx) / self.focal_sigma)
-            return np.asarray(error)
+                information[6, 6] += 1 / self.focal_sigma**2
+                gradient[6] += np.log(camera.fx / self.prior.fx) / self.focal_sigma**2
+            damped = information + damping * np.diag(np.diag(information) + 1e-12)
+            step = -np.linalg.lstsq(damped, gradient, rcond=None)[0]
+            step[-1:] = np.clip(step[-1:], -0.3, 0.3) if self._free else step[-1:]
+            lens = camera.of_focal_length(camera.fx * np.exp(step[6])) if self._free else camera
+            moved = pose @ exponential(step[:6])
+            found = cost(moved, lens)
+            if found[0] > best:
+                damping = max(1e-4, damping * 10)
+                continue
+            pose, camera, (best, error, weight) = moved, lens, found
+            damping /= 10
+            if np.abs(jacobian @ step).max(initial=0.0) < SETTLED_PX:
+                break
+        return pose, camera
 
-        loss = "linear" if weights is not None else "soft_l1"
-        start = np.zeros(7 if self._free else 6)
-        found = least_squares(residuals, start, loss=loss, f_scale=self.error_px / 2, max_nfev=50)
-        return moved(found.x)
+    def _jacobian(self, inside: Float64[ndarray, "n 3"], camera: Pinhole) -> ndarray:
+        """Derivatives of pixels by a displacement, a rotation and, where it is free, the logarithm of the focal length."""
+        moved = np.concatenate([np.tile(-np.eye(3), (len(inside), 1, 1)), cross_matrices(inside)], 2)
+        jacobian = camera.jacobian(inside) @ moved
+        if not self._free:
+            return jacobian
+        by_focal = np.nan_to_num(camera.project(inside) - (camera.cx, camera.cy))
+        return np.concatenate([jacobian, by_focal[:, :, None]], 2)
 
     def _with_covariance(
         self, pose: ndarray, camera: Pinhole, inliers: ndarray, weights: ndarray, variance: float
     ) -> EstimatedPose | None:
         inside = (self.points[inliers] - pose[:3, 3]) @ pose[:3, :3]
-        moved = np.concatenate([np.tile(-np.eye(3), (len(inside), 1, 1)), cross_matrices(inside)], 2)
-        jacobian = camera.jacobian(inside) @ moved
-        if self._free:
-            by_focal = camera.project(inside) - (camera.cx, camera.cy)
-            jacobian = np.concatenate([jacobian, by_focal[:, :, None]], 2)
+        jacobian = self._jacobian(inside, camera)
         information = np.einsum("nki,nkl,nlj->ij", jacobian, weights, jacobian)
         if self.focal_sigma:
             information[6, 6] += 1 / self.focal_sigma**2
@@ -210,10 +238,19 @@ class _Refinement:
 
 
 def _pixel_variance(error: ndarray, spread: ndarray, unknowns: int) -> float:
-    """Variance of a pixel coordinate beyond that of the points, from the squared residuals of the inliers."""
-    freedom = max(1, error.size - unknowns)
-    excess = float((error**2).sum() - np.trace(spread, axis1=1, axis2=2).sum()) / freedom
-    return max(excess, 0.05)  # a keypoint is never known better than to about a quarter of a pixel
+    """The variance of a pixel coordinate, beyond that of the points, that explains the residuals of the inliers."""
+    values, axes = np.linalg.eigh(spread)
+    squared, freedom = np.einsum("nk,nkl->nl", error, axes) ** 2, max(1, error.size - unknowns)
+
+    def excess(variance: float) -> float:
+        return float((squared / (values + variance)).sum()) - freedom
+
+    most = float(squared.sum()) / freedom
+    if most <= LEAST_VARIANCE or excess(LEAST_VARIANCE) <= 0:
+        return LEAST_VARIANCE
+    if excess(most) >= 0:  # exact points
+        return most
+    return float(brentq(excess, LEAST_VARIANCE, most, xtol=1e-4))
 
 
 def exponential(step: Float64[ndarray, "6"]) -> Float64[ndarray, "4 4"]:
