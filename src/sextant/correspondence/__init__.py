@@ -6,6 +6,7 @@ camera with distortion are undistorted first. Poses are ``world_from_camera``, x
 
 from sextant.correspondence.absolute_pose import EstimatedPose, absolute_pose
 from sextant.correspondence.features import LocalFeatures, XFeatures
+from sextant.correspondence.left_out import calibrated
 from sextant.correspondence.matching import epipolar_inliers, mutual_matches
 from sextant.correspondence.pinhole import Pinhole
 from sextant.correspondence.posed_map import Located, PosedMap, build_map, focal_length_of, log_false_alarms
@@ -24,6 +25,7 @@ __all__ = [
     "XFeatures",
     "absolute_pose",
     "build_map",
+    "calibrated",
     "count_inliers",
     "epipolar_inliers",
     "focal_length_of",

@@ -18,11 +18,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float64, Int32, Int64
 from numpy import ndarray
 from scipy.optimize import minimize_scalar
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from sextant.correspondence.absolute_pose import FOCAL_LENGTHS, EstimatedPose, absolute_pose
 from sextant.correspondence.features import LocalFeatures
@@ -33,6 +34,10 @@ from sextant.correspondence.triangulation import triangulate
 
 #: images that each image of the map is matched to, and the largest angle between their viewing directions
 NEIGHBOURS, WIDEST_DEG = 8, 60.0
+#: nearest images among which those are sought; of a hundred at one place, an eighth face one way
+NEAREST = 256
+#: tracks that are triangulated together, which bounds the memory
+TRACKS = 200_000
 #: errors of a correct match, in pixels of the image that the features were detected in
 ERROR_PX = 2.0
 #: least angle between two rays of a point: below it the depth is unknown
@@ -50,6 +55,7 @@ class PosedMap:
         points: of the world.
         covariances: of the points, for a standard deviation of one pixel of the pictures that they were detected in.
         point_of: for each image, the number of each feature's point, or -1.
+        variance_factor: by which covariances of poses are multiplied, see :mod:`sextant.correspondence.left_out`.
     """
 
     features: Sequence[LocalFeatures]
@@ -57,7 +63,8 @@ class PosedMap:
     cameras: Sequence[Pinhole]
     points: Float64[ndarray, "p 3"]
     covariances: Float64[ndarray, "p 3 3"]
-    point_of: Sequence[Int64[ndarray, "_"]]
+    point_of: Sequence[Int32[ndarray, "_"]]
+    variance_factor: float = 1.0
 
     @property
     def nbytes(self) -> int:
@@ -95,6 +102,9 @@ class PosedMap:
             covariances=self.covariances[numbers],
             error_px=2 * ERROR_PX * unit,
         )
+        if pose is not None:
+            wider, sigma = pose.covariance * self.variance_factor, pose.focal_sigma * math.sqrt(self.variance_factor)
+            pose = replace(pose, covariance=wider, focal_sigma=sigma)
         inliers = 0 if pose is None else int(pose.inliers.sum())
         alarms = log_false_alarms(len(rows), inliers, 2 * ERROR_PX * unit, query.width * query.height)
         return Located(pose, rows, numbers, images, alarms)
@@ -135,13 +145,12 @@ def build_map(
 def neighbouring(poses: Float64[ndarray, "n 4 4"]) -> list[tuple[int, int]]:
     """Pairs of images that may show the same: the nearest of each that look in a similar direction."""
     position, ahead = poses[:, :3, 3], poses[:, :3, 2]
-    pairs = set()
-    for i in range(len(poses)):
-        distance = np.linalg.norm(position - position[i], axis=1)
-        facing = ahead @ ahead[i] > math.cos(math.radians(WIDEST_DEG))
-        order = [j for j in np.argsort(distance, kind="stable").tolist() if j != i and facing[j]]
-        pairs |= {(min(i, j), max(i, j)) for j in order[:NEIGHBOURS]}
-    return sorted(pairs)
+    nearest = cKDTree(position).query(position, min(NEAREST, len(poses)))[1].reshape(len(poses), -1)
+    facing = np.einsum("nkj,nj->nk", ahead[nearest], ahead) > math.cos(math.radians(WIDEST_DEG))
+    facing &= nearest != np.arange(len(poses))[:, None]
+    first, place = np.nonzero(facing & (np.cumsum(facing, axis=1) <= NEIGHBOURS))
+    pairs = np.sort(np.column_stack([first, nearest[first, place]]), axis=1)
+    return [(i, j) for i, j in np.unique(pairs, axis=0).tolist()]
 
 
 def focal_length_of(features: Sequence[LocalFeatures], poses: Float64[ndarray, "n 4 4"]) -> float | None:
@@ -214,25 +223,44 @@ def _triangulated(
     features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], links: ndarray, offsets: ndarray
 ) -> PosedMap:
     """Join links between features to tracks, and triangulate them."""
-    total = int(offsets[-1])
-    graph = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), (total, total))
+    linked, ends = np.unique(links, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    graph = coo_matrix((np.ones(len(ends), bool), (ends[:, 0], ends[:, 1])), (len(linked), len(linked)))
     _, label = connected_components(graph, directed=False)
-    image = np.repeat(np.arange(len(features)), np.diff(offsets))
-    size = np.bincount(label, minlength=label.max(initial=-1) + 1)
-    pixels = np.concatenate([each.points for each in features]).astype(np.float64)
-    distinct = np.bincount(np.unique(np.column_stack([label, image]), axis=0)[:, 0], minlength=len(size))
-    usable = (size >= 2) & (distinct == size)  # a track with two features of one image is of two things
-    rows = np.flatnonzero(usable[label])
+    image = np.searchsorted(offsets, linked, side="right") - 1
+    size = np.bincount(label, minlength=1)
+    distinct = np.bincount(np.unique(label.astype(np.int64) * len(features) + image) // len(features), minlength=1)
+    rows = np.flatnonzero((distinct == size)[label])  # a track with two features of one image is of two things
+    rows = rows[np.argsort(label[rows], kind="stable")]
+    image, feature = image[rows], linked[rows] - offsets[image[rows]]
     _, tracks = np.unique(label[rows], return_inverse=True)
-    found = triangulate(pixels[rows], image[rows], tracks, poses, list(cameras))
+    pixels, order = np.empty((len(rows), 2)), np.argsort(image, kind="stable")
+    for part in np.split(order, np.flatnonzero(np.diff(image[order])) + 1):
+        if len(part):
+            pixels[part] = features[image[part[0]]].points[feature[part]]
     unit = np.array([each.pixel for each in features])
-    largest = np.zeros(len(found.points))
-    np.maximum.at(largest, tracks, unit[image[rows]])
-    variance = np.bincount(tracks, unit[image[rows]] ** 2) / np.bincount(tracks)
-    covariances = found.covariances * variance[:, None, None]
-    kept = found.valid & (found.errors_px < ERROR_PX * largest) & (found.angles_deg > LEAST_ANGLE_DEG)
+    points, covariances, kept = _triangulated_tracks(pixels, image, tracks, poses, cameras, unit)
     number = np.where(kept, np.cumsum(kept) - 1, -1)
-    point_of = np.full(total, -1)
-    point_of[rows] = number[tracks]
+    point_of = np.full(int(offsets[-1]), -1, np.int32)
+    point_of[linked[rows]] = number[tracks]
     each = [point_of[start:end] for start, end in pairwise(offsets)]
-    return PosedMap(features, poses, cameras, found.points[kept], covariances[kept], each)
+    return PosedMap(features, poses, cameras, points[kept], covariances[kept], each)
+
+
+def _triangulated_tracks(
+    pixels: ndarray, image: ndarray, tracks: ndarray, poses: ndarray, cameras: Sequence[Pinhole], unit: ndarray
+) -> tuple[ndarray, ndarray, ndarray]:
+    """Points, covariances and whether they are kept, of sorted tracks."""
+    parts = []
+    count = int(tracks.max(initial=-1)) + 1
+    for first in range(0, max(count, 1), TRACKS):
+        start, stop = np.searchsorted(tracks, [first, first + TRACKS])
+        own, seen = tracks[start:stop] - first, image[start:stop]
+        found = triangulate(pixels[start:stop], seen, own, poses, list(cameras))
+        largest = np.zeros(len(found.points))
+        np.maximum.at(largest, own, unit[seen])
+        variance = np.bincount(own, unit[seen] ** 2) / np.bincount(own)
+        kept = found.valid & (found.errors_px < ERROR_PX * largest) & (found.angles_deg > LEAST_ANGLE_DEG)
+        parts.append((found.points, found.covariances * variance[:, None, None], kept))
+    points, covariances, kept = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return points, covariances, kept

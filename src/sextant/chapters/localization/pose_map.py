@@ -26,6 +26,7 @@ from sextant.correspondence import (
     PosedMap,
     XFeatures,
     build_map,
+    calibrated,
     focal_length_of,
 )
 from sextant.errors import ArgumentError, UserError
@@ -66,7 +67,8 @@ class LocatedPhoto:
     Attributes:
         verdict: *located*, or *not in the map*: no more matches agree than chance allows.
         world_from_camera: x right, y down, z forward; None if it is not in the map.
-        covariance: of a displacement (in units of the map) and a rotation (radians) in the axes of the camera.
+        covariance: of a displacement (in units of the map) and a rotation (radians) in the axes of the camera,
+            scaled by what the map's own images show (:mod:`sextant.correspondence.left_out`).
         inliers: matches that agree with the pose.
         matches: matches with points of the map.
         log10_false_alarms: decimal logarithm of the expected number of poses as well supported by chance.
@@ -155,7 +157,7 @@ class PoseMap:
         features = XFeatures(keypoints, side)
         described_by = kept_network(resolve_run(str(descriptor), default_outputs(), "descriptor").checkpoint)
         found, descriptors = _features_of(images, features, described_by, progress)
-        posed = build_map(found, matrices, _cameras(cameras, found, matrices))
+        posed = calibrated(build_map(found, matrices, _cameras(cameras, found, matrices)))
         if not len(posed.points):
             raise UserError(*_without_points(found))
         return cls(posed, _checked_names(names, images), descriptors, described_by, features)
@@ -195,7 +197,7 @@ class PoseMap:
         if cameras is not None:
             more = _cameras(cameras, found, matrices)
         everything, joined = [*self.posed.features, *found], np.concatenate([self.posed.poses, matrices])
-        posed = build_map(everything, joined, [*self.posed.cameras, *more])
+        posed = calibrated(build_map(everything, joined, [*self.posed.cameras, *more]))
         if not len(posed.points):
             raise UserError(*_without_points(found))
         self.posed, self.names = posed, [*self.names, *named]

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import BinaryIO, Literal
 
 import numpy as np
 from jaxtyping import Float32
@@ -15,6 +16,8 @@ from sextant.correspondence import LocalFeatures, Pinhole, PosedMap, XFeatures
 
 FORMAT = FolderFormat("a map of posed photos", "sextant pose map", 1, "pose_map.json")
 DESCRIPTOR = "descriptor"
+#: arrays that stay on the disk: nine tenths of a map
+MAPPED: dict[str, Literal["r"]] = {"pixels": "r", "local_descriptors": "r"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,19 +50,19 @@ def save_pose_map(saved: SavedPoseMap, folder: Path) -> None:
     (folder / DESCRIPTOR).mkdir(exist_ok=True)
     saved.described_by.save(folder / DESCRIPTOR)
     posed = saved.posed
-    arrays = {
-        "poses": posed.poses,
-        "points": posed.points,
-        "covariances": posed.covariances.astype(np.float32),
-        "point_of": np.concatenate(posed.point_of).astype(np.int32),
-        "pixels": np.concatenate([each.points for each in posed.features]),
-        "local_descriptors": np.concatenate([each.descriptors for each in posed.features]),
-        "descriptors": saved.descriptors,
+    arrays: dict[str, Sequence[ndarray]] = {
+        "poses": [posed.poses],
+        "points": [posed.points],
+        "covariances": [posed.covariances.astype(np.float32)],
+        "point_of": posed.point_of,
+        "pixels": [each.points for each in posed.features],
+        "local_descriptors": [each.descriptors for each in posed.features],
+        "descriptors": [saved.descriptors],
     }
     hashes = {}
-    for name, array in arrays.items():
+    for name, parts in arrays.items():
         path = folder / f"{name}.npy"
-        write_atomically(path, lambda file, array=array: np.save(file, array, allow_pickle=False))  # type: ignore[misc]
+        write_atomically(path, lambda file, parts=parts: _write_parts(file, parts))  # type: ignore[misc]
         hashes[name] = file_sha256(path)
     options = {"keypoints": saved.features.keypoints, "side": saved.features.side}
     FORMAT.write_header(
@@ -71,19 +74,30 @@ def save_pose_map(saved: SavedPoseMap, folder: Path) -> None:
             "keypoints_of": [len(each) for each in posed.features],
             "pixel": [each.pixel for each in posed.features],
             "cameras": [asdict(each) for each in posed.cameras],
+            "variance_factor": posed.variance_factor,
         },
     )
 
 
+def _write_parts(file: BinaryIO, parts: Sequence[ndarray]) -> None:
+    """Write arrays as one, joined along the first axis, without a copy of all."""
+    first = parts[0]
+    shape = (sum(len(part) for part in parts), *first.shape[1:])
+    described = {"descr": np.lib.format.dtype_to_descr(first.dtype), "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(file, described)
+    for part in parts:
+        file.write(np.ascontiguousarray(part, first.dtype).tobytes())
+
+
 def open_pose_map(folder: Path) -> SavedPoseMap:
-    """Open a map that :func:`save_pose_map` wrote.
+    """Open a map that :func:`save_pose_map` wrote; local features are read from the disk when they are matched.
 
     Raises:
         UserError: it is not one, or is damaged.
     """
     header = FORMAT.read_header(folder)
     arrays = {
-        name: np.asarray(FORMAT.open_array(folder, folder / f"{name}.npy", None, sha256=sha256))
+        name: np.asarray(FORMAT.open_array(folder, folder / f"{name}.npy", MAPPED.get(name), sha256=sha256))
         for name, sha256 in header["sha256"].items()
     }
     ends = np.cumsum(header["keypoints_of"])[:-1]
@@ -95,9 +109,10 @@ def open_pose_map(folder: Path) -> SavedPoseMap:
     ]
     if not len(header["names"]) == len(cameras) == len(arrays["poses"]) == len(arrays["descriptors"]):
         raise FORMAT.damaged(folder, "its images, names and cameras differ in number")
-    point_of = [each.astype(np.int64) for each in np.split(arrays["point_of"], ends)]
+    point_of = np.split(arrays["point_of"], ends)
+    factor = float(header.get("variance_factor", 1.0))  # maps of earlier versions have none
     covariances = arrays["covariances"].astype(np.float64)
-    posed = PosedMap(features, arrays["poses"], cameras, arrays["points"], covariances, point_of)
+    posed = PosedMap(features, arrays["poses"], cameras, arrays["points"], covariances, point_of, factor)
     options = {key: value for key, value in header["features"].items() if key != "name"}
     described_by = load_descriptor(folder / DESCRIPTOR)
     return SavedPoseMap(posed, header["names"], described_by, arrays["descriptors"], XFeatures(**options))

@@ -1,0 +1,100 @@
+r"""How much larger the errors of a map's poses are than their covariances say, from the map itself.
+
+The covariance of a pose knows the noise of pixels and points. It does not know that points seen in one image share
+the errors of that image's pose and lens, so that they do not average out. Each of some images is therefore located by
+points of the other images, as a photo would be, and compared with the pose that it was given: with the error
+:math:`e_i` and the covariance :math:`\Sigma_i`,
+
+.. math:: \hat s^2 = \frac{\mathrm{median}_i \, e_i^\top \Sigma_i^{-1} e_i}{5.348} \cdot \frac{\nu}{\nu - 2},
+          \qquad \nu = 3.48 \, n,
+
+where 5.348 is the median of :math:`\chi^2_6`, and the second factor is for the uncertainty of a median of n values.
+Covariances are multiplied by it, and never made smaller.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from sextant.correspondence.absolute_pose import EstimatedPose
+from sextant.correspondence.posed_map import LEAST_ANGLE_DEG, PosedMap
+from sextant.correspondence.triangulation import triangulate
+
+#: images that are left out, spread over the map, and those of which a factor is estimated at least
+MOST, LEAST = 30, 5
+#: images that a left-out image is matched to
+CANDIDATES = 10
+#: degrees of freedom of a scaled chi-square distribution as variable as the median of n values of chi2_6, over n:
+#: 2 / (relative standard deviation of the median)^2 = 2 (2 m f(m))^2 with its density f at its median m
+_MEDIAN = float(chi2.median(6))
+FREEDOM = 2 * (2 * _MEDIAN * float(chi2.pdf(_MEDIAN, 6))) ** 2
+
+
+def calibrated(posed: PosedMap) -> PosedMap:
+    """The map with its variance factor; 1 where fewer than five of its images are found by the others."""
+    squared = []
+    for image in np.unique(np.linspace(0, len(posed.features) - 1, MOST).round().astype(int)).tolist():
+        rest, candidates = without(posed, image)
+        found = rest.locate(posed.features[image], candidates, posed.cameras[image]).pose
+        if found is not None:
+            squared.append(squared_error(found, posed.poses[image]))
+    if len(squared) < LEAST:
+        return replace(posed, variance_factor=1.0)
+    freedom = FREEDOM * len(squared)
+    factor = float(np.median(squared)) / _MEDIAN * freedom / (freedom - 2)
+    return replace(posed, variance_factor=max(1.0, factor))
+
+
+def squared_error(found: EstimatedPose, pose: Float64[ndarray, "4 4"]) -> float:
+    r"""The squared error of a pose by its covariance, :math:`e^\top \Sigma^{-1} e`."""
+    error = displacement(found.world_from_camera, pose)
+    return float(error @ np.linalg.solve(found.covariance, error))
+
+
+def displacement(found: Float64[ndarray, "4 4"], pose: Float64[ndarray, "4 4"]) -> Float64[ndarray, "6"]:
+    """What moves ``pose`` to ``found``: a displacement and a rotation vector in the axes of the camera.
+
+    Example:
+        >>> moved = np.eye(4)
+        >>> moved[0, 3] = 0.5
+        >>> displacement(moved, np.eye(4)).tolist()
+        [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]
+    """
+    between = np.linalg.inv(pose) @ found
+    return np.concatenate([between[:3, 3], Rotation.from_matrix(between[:3, :3]).as_rotvec()])
+
+
+def without(posed: PosedMap, image: int) -> tuple[PosedMap, Sequence[int]]:
+    """The map with its points triangulated without an image, and the images that share most points with it."""
+    own = posed.point_of[image]
+    shared = np.zeros(len(posed.points), bool)
+    shared[own[own >= 0]] = True
+    common = np.array([np.count_nonzero(shared[each[each >= 0]]) for each in posed.point_of])
+    common[image] = 0
+    candidates = [int(k) for k in np.argsort(-common, kind="stable")[:CANDIDATES] if common[k]]
+    others = np.flatnonzero(common)
+    seen = [np.flatnonzero((posed.point_of[k] >= 0) & shared[posed.point_of[k]]) for k in others]
+    numbers = np.concatenate([posed.point_of[k][rows] for k, rows in zip(others, seen, strict=True)] or [own[:0]])
+    pixels = np.concatenate(
+        [posed.features[k].points[rows] for k, rows in zip(others, seen, strict=True)] or [np.empty((0, 2))]
+    )
+    images = np.repeat(others, [len(rows) for rows in seen])
+    twice = np.bincount(numbers, minlength=len(posed.points)) >= 2
+    kept = twice[numbers]
+    ids, tracks = np.unique(numbers[kept], return_inverse=True)
+    cameras = list(posed.cameras)
+    found = triangulate(pixels[kept].astype(np.float64), images[kept], tracks, posed.poses, cameras)
+    points, covariances = posed.points.copy(), posed.covariances.copy()
+    unit = posed.features[image].pixel
+    points[ids], covariances[ids] = found.points, found.covariances * unit**2
+    valid = ~shared
+    valid[ids] = found.valid & (found.angles_deg > LEAST_ANGLE_DEG)
+    point_of = list(posed.point_of)
+    for k in (*others.tolist(), image):
+        point_of[k] = np.where((point_of[k] >= 0) & valid[point_of[k]], point_of[k], -1)
+    return replace(posed, points=points, covariances=covariances, point_of=point_of, variance_factor=1.0), candidates
