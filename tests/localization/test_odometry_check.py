@@ -5,13 +5,13 @@ import torch
 
 from sextant.localization.odometry_check import COMPARED, STANDS, TURNS, OdometryCheck
 
-NOWHERE = torch.zeros(3, dtype=torch.float64)
+NOWHERE, SEEN = torch.zeros(3, dtype=torch.float64), torch.tensor([True])
 
 
 def told(images, motion=NOWHERE, spacing=1.0):
-    still = OdometryCheck()
+    still = OdometryCheck.none(1, 32)
     for image in images:
-        still = still.moved(motion, spacing).updated(image)
+        still = still.moved(motion[None], spacing).updated(image[None], SEEN)
     return still
 
 
@@ -52,9 +52,10 @@ def test_only_a_robot_that_is_said_to_stand_is_contradicted(motion, said_to_stan
 
 
 def test_steps_to_and_fro_are_not_a_stand():
-    images, still = of_places(12), OdometryCheck()
+    images, still = of_places(12), OdometryCheck.none(1, 32)
     for turn, image in enumerate(images):
-        still = still.moved(torch.tensor([(-1.0) ** turn, 0.0, 0.0], dtype=torch.float64), 1.0).updated(image)
+        moved = torch.tensor([[(-1.0) ** turn, 0.0, 0.0]], dtype=torch.float64)
+        still = still.moved(moved, 1.0).updated(image[None], SEEN)
     assert not still.contradicted(1.0)
 
 

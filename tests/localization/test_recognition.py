@@ -81,7 +81,7 @@ def test_another_world_is_not_recognised_and_the_own_one_is(kind, count, dimensi
     for world in (here, elsewhere):
         seen = world.see(way, 1)
         drift = seen.mean(0) - mean
-        found.append(np.mean([known.share(one, one - drift * 12 / 17) for one in seen]))
+        found.append(float(known.share(seen, seen - drift * 12 / 17).mean()))
     own, other = found
     assert own > max(LEAST + 0.1, other + 0.1)
     assert other < 0.55  # one more such world is at chance by design; real ones are less alike
@@ -127,12 +127,12 @@ def test_a_map_of_too_few_places_gives_no_verdict(count):
 def test_a_descriptor_without_values_is_no_evidence(odd):
     poses, here = layout(LINE, 40), World(3)
     known = MapRecognition.of(DescriptorMap.of(torch.from_numpy(poses), here.see(poses, 0)))
-    seen = torch.full((48,), odd)
-    assert math.isnan(known.share(seen, known.map.mean.clone() if odd == 0 else seen))
+    seen = torch.full((1, 48), odd)
+    assert math.isnan(known.share(seen, known.map.mean[None] if odd == 0 else seen))
 
 
 def test_ties_count_half():
     poses, here = layout(LINE, 40), World(3)
     known = MapRecognition.of(DescriptorMap.of(torch.from_numpy(poses), here.see(poses, 0)))
-    same = replace(known, unknown=np.repeat(known._numbers(*[known.map.descriptors[:1]] * 2, None), 20, axis=1))
-    assert same.share(*[known.map.descriptors[0]] * 2) == pytest.approx(0.5)
+    same = replace(known, unknown=known._numbers(*[known.map.descriptors[:1]] * 2, None).repeat(1, 20))
+    assert same.share(*[known.map.descriptors[:1]] * 2).item() == pytest.approx(0.5)

@@ -32,7 +32,7 @@ SLOWLY = 5.0
 
 @dataclass(frozen=True)
 class AppearanceChange:
-    """The change of appearance estimated from a drive so far.
+    """The change of appearance estimated from the drives of r runs so far.
 
     Attributes:
         mean: :math:`\\bar z`, the weighted mean descriptor.
@@ -40,39 +40,40 @@ class AppearanceChange:
         images: n, the sum of the images' weights.
 
     Example:
-        >>> change, bright = AppearanceChange.none(2), torch.tensor([6.0, 0.0])
+        >>> change, bright = AppearanceChange.none(1, 2), torch.tensor([[6.0, 0.0]])
         >>> for _ in range(5):  # a drive that is brighter everywhere than the map, whose mean is 0
-        ...     change = change.updated(bright, weight=1.0)
+        ...     change = change.updated(bright, weight=torch.ones(1).double())
         >>> change.centred(bright, map_mean=torch.zeros(2))  # after five images half of the change is removed
-        tensor([3., 0.])
+        tensor([[3., 0.]])
     """
 
-    mean: Float64[Tensor, " d"]
-    excess: float = 0.0
-    images: float = 0.0
+    mean: Float64[Tensor, "r d"]
+    excess: Float64[Tensor, " r"]
+    images: Float64[Tensor, " r"]
 
     @classmethod
-    def none(cls, dimension: int) -> Self:
+    def none(cls, runs: int, dimension: int, device: torch.device | None = None) -> Self:
         """The state before the first image."""
-        return cls(torch.zeros(dimension, dtype=torch.float64))
+        nothing = torch.zeros(runs, dimension + 2, dtype=torch.float64, device=device)
+        return cls(nothing[:, 2:], nothing[:, 0], nothing[:, 1])
 
-    def updated(self, descriptor: Float32[Tensor, " d"], weight: float) -> Self:
-        """The state after one more image."""
+    def updated(self, descriptors: Float32[Tensor, "r d"], weight: Float64[Tensor, " r"]) -> Self:
+        """The state after one more image of each run."""
         images = self.images + weight
-        step = weight / images if images else 0.0
-        return replace(self, mean=self.mean + step * (descriptor.double() - self.mean), images=images)
+        step = torch.where(images > 0, weight / images, 0.0)[:, None]
+        return replace(self, mean=self.mean + step * (descriptors.double() - self.mean), images=images)
 
-    def exceeded(self, residuals: Residuals, dimension: int, weight: float) -> Self:
-        """The state with the excess of that image added, given one row of its residuals to the map."""
-        least = (residuals.squared / dimension - residuals.variance).amin()
-        step = weight / self.images if self.images else 0.0
-        return replace(self, excess=self.excess + step * (max(float(least), 0.0) - self.excess))
+    def exceeded(self, residuals: Residuals, dimension: int, weight: Float64[Tensor, " r"]) -> Self:
+        """The state with the excess of that image added, given its residuals to the map."""
+        least = (residuals.squared / dimension - residuals.variance).amin(1)
+        step = torch.where(self.images > 0, weight / self.images, 0.0)
+        return replace(self, excess=self.excess + step * (least.clamp(min=0.0) - self.excess))
 
-    def centred(self, descriptor: Float32[Tensor, " d"], map_mean: Float32[Tensor, " d"]) -> Float32[Tensor, " d"]:
-        """z', a descriptor with the change common to all images removed."""
-        learned = self.images / (self.images + SLOWLY)
-        return descriptor - (learned * (self.mean - map_mean)).to(descriptor.dtype)
+    def centred(self, descriptors: Float32[Tensor, "r d"], map_mean: Float32[Tensor, " d"]) -> Float32[Tensor, "r d"]:
+        """z', descriptors with the change common to all images of their run removed."""
+        learned = (self.images / (self.images + SLOWLY))[:, None]
+        return descriptors - (learned * (self.mean - map_mean)).to(descriptors.dtype)
 
     def likelihood(self, calibrated: Likelihood) -> Likelihood:
-        """The calibrated likelihood with the appearance variance learned so far added to its own."""
-        return replace(calibrated, appearance_variance=calibrated.appearance_variance + 2 * self.excess)
+        """The calibrated likelihood with the appearance variance that each run has learned so far added to its own."""
+        return replace(calibrated, appearance_variance=calibrated.appearance_variance + 2 * self.excess[:, None])

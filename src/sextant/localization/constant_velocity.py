@@ -11,11 +11,10 @@ The constants were chosen on walks of Gardens Point, the railway of Nordland, a 
 results/localization_change.md, "Without odometry".
 """
 
-import math
 from dataclasses import dataclass
 from typing import Self
 
-import numpy as np
+import torch
 from jaxtyping import Float64
 from torch import Tensor
 
@@ -33,49 +32,62 @@ ENOUGH = 5
 
 @dataclass(frozen=True)
 class ConstantVelocity:
-    """The displacement from one step to the next.
+    """The displacements of r runs from one step to the next.
 
     Attributes:
-        ways: the last displacements, in the unit of the map, with their weights.
+        ways: the last displacements, in the unit of the map, the newest last.
+        weights: their weights; 0 where there is none.
 
     Example:
-        >>> import torch
-        >>> pace, here = ConstantVelocity(), torch.zeros(3, dtype=torch.float64)
+        >>> pace, here = ConstantVelocity.none(1), torch.zeros(1, 3).double()
         >>> for way in (2.0, 2.1, -40.0, 1.9, 2.0):
-        ...     pace = pace.updated(here, torch.tensor([way, 0.0, 0.0], dtype=torch.float64), 1.0)
-        >>> pace.along(spacing=1.0)
-        2.0
+        ...     there = torch.tensor([[way, 0.0, 0.0]], dtype=torch.float64)
+        ...     pace = pace.updated(here, there, weight=torch.ones(1).double(), steps=torch.ones(1).double())
+        >>> pace.along(spacing=1.0).tolist()
+        [2.0]
     """
 
-    ways: tuple[tuple[float, float], ...] = ()
+    ways: Float64[Tensor, "r m"]
+    weights: Float64[Tensor, "r m"]
 
-    def along(self, spacing: float) -> float | None:
-        """The weighted median of the displacements; None while they are too few, or where they disagree.
+    @classmethod
+    def none(cls, runs: int, device: torch.device | None = None) -> Self:
+        """The state before the first displacement."""
+        nothing = torch.zeros(runs, MOST, dtype=torch.float64, device=device)
+        return cls(nothing, nothing)
+
+    def along(self, spacing: float) -> Float64[Tensor, " r"]:
+        """The weighted median of the displacements; nan while they are too few, or where they disagree.
 
         Args:
             spacing: spacing of the map.
         """
-        if len(self.ways) < ENOUGH:
-            return None
-        ways, weights = np.array(self.ways).T
-        first, middle, last = np.quantile(ways, [0.25, 0.5, 0.75], weights=weights, method="inverted_cdf")
-        return float(middle) if last - first <= AGREE * spacing + abs(middle) else None
+        ways, order = self.ways.where(self.weights > 0, torch.inf).sort(dim=1, stable=True)
+        shares = self.weights.gather(1, order).cumsum(1)
+        quarters = shares.new_tensor([0.25, 0.5, 0.75]).expand(len(shares), 3).contiguous()
+        rows = torch.searchsorted(shares / shares[:, -1:], quarters).clamp(max=MOST - 1)
+        first, middle, last = ways.gather(1, rows).unbind(1)
+        agree = last - first <= AGREE * spacing + middle.abs()
+        return torch.where(((self.weights > 0).sum(1) >= ENOUGH) & agree, middle, torch.nan)
 
-    def updated(self, before: Float64[Tensor, "3"], after: Float64[Tensor, "3"], weight: float, steps: int = 1) -> Self:
+    def updated(
+        self,
+        before: Float64[Tensor, "r 3"],
+        after: Float64[Tensor, "r 3"],
+        weight: Float64[Tensor, " r"],
+        steps: Float64[Tensor, " r"],
+    ) -> Self:
         """The pace with the displacement between two estimated poses added.
 
         Args:
             before, after: the poses.
-            weight: confidence in them, in [0, 1].
+            weight: confidence in them, in [0, 1]; 0 adds nothing.
             steps: number of steps from one to the other.
         """
-        way = float(se2_between(before, after)[0]) / steps
-        if not (math.isfinite(way) and weight > 0):
-            return self
-        ways, total = [(way, weight)], weight
-        for one in reversed(self.ways):
-            if total >= REMEMBERED or len(ways) == MOST:
-                break
-            ways.append(one)
-            total += one[1]
-        return type(self)(tuple(reversed(ways)))
+        way = se2_between(before, after)[:, 0] / steps
+        counts = (way.isfinite() & (weight > 0))[:, None]
+        ways = torch.cat([self.ways[:, 1:], way[:, None]], 1)
+        weights = torch.cat([self.weights[:, 1:], weight[:, None]], 1)
+        newer = torch.nn.functional.pad(weights.flip(1).cumsum(1)[:, :-1], (1, 0)).flip(1)
+        weights = weights.where(newer < REMEMBERED, 0.0)
+        return type(self)(torch.where(counts, ways, self.ways), torch.where(counts, weights, self.weights))

@@ -34,7 +34,7 @@ LOOKED_AT = 4096
 
 @dataclass(frozen=True)
 class EvidenceScale:
-    r"""The scale estimated from the images of a drive so far.
+    r"""The scale estimated from the images of the drives of r runs so far.
 
     Attributes:
         odds: :math:`\delta`, above 1.
@@ -44,34 +44,46 @@ class EvidenceScale:
     Raises:
         ArgumentError: the odds are not above 1 and finite.
 
-    >>> scale = EvidenceScale(odds=5.0).updated(torch.linspace(-1000.0, 0.0, 1001).double(), 1.0)
-    >>> scale.spread, round(scale.tempering * scale.spread, 3)  # log 5
+    >>> seen, weight = torch.linspace(-1000.0, 0.0, 1001).double()[None], torch.ones(1).double()
+    >>> scale = EvidenceScale.none(1, odds=5.0).updated(seen, weight)
+    >>> float(scale.spread), round(float(scale.tempering * scale.spread), 3)  # log 5
     (950.0, 1.609)
     """
 
-    odds: float = USUAL_ODDS
-    spread: float = 0.0
-    images: float = 0.0
+    odds: float
+    spread: Float64[Tensor, " r"]
+    images: Float64[Tensor, " r"]
 
     def __post_init__(self) -> None:
         if not 1 < self.odds < math.inf:
             raise ArgumentError(f"odds={self.odds} must be above 1 and finite", "odds=5")
 
-    def updated(self, over_map: Float64[Tensor, " n"], weight: float) -> Self:
-        """The scale after one more image, given its log-likelihoods over the map; non-finite ones are ignored."""
-        some = over_map[:: -(-len(over_map) // LOOKED_AT)]
-        some = some[some.isfinite()]
-        if len(some) < 2:
-            return self
-        low, high = torch.quantile(some, some.new_tensor([0.025, 0.975])).tolist()
+    @classmethod
+    def none(cls, runs: int, odds: float = USUAL_ODDS, device: torch.device | None = None) -> Self:
+        """The state before the first image."""
+        nothing = torch.zeros(runs, dtype=torch.float64, device=device)
+        return cls(odds, nothing, nothing)
+
+    def updated(self, over_map: Float64[Tensor, "r n"], weight: Float64[Tensor, " r"]) -> Self:
+        """The scale after one more image of each run, given its log-likelihoods over the map.
+
+        Those that are not finite are ignored; a run with fewer than two others keeps its scale.
+        """
+        some = over_map[:, :: -(-over_map.shape[1] // LOOKED_AT)]
+        finite = some.isfinite()
+        low, high = torch.nanquantile(some.where(finite, torch.nan), some.new_tensor([0.025, 0.975]), dim=1)
         images = self.images + weight
-        step = weight / images if images else 0.0
-        return replace(self, spread=self.spread + step * (high - low - self.spread), images=images)
+        step = torch.where(images > 0, weight / images, 0.0)
+        known = finite.sum(1) >= 2
+        spread = torch.where(known, self.spread + step * (high - low - self.spread), self.spread)
+        return replace(self, spread=spread, images=torch.where(known, images, self.images))
 
     @property
-    def tempering(self) -> float:
+    def tempering(self) -> Float64[Tensor, " r"]:
         r""":math:`\beta`, at most 1."""
-        return min(1.0, math.log(self.odds) / self.spread) if self.spread > 0 else 1.0
+        return torch.where(self.spread > 0, torch.full_like(self.spread, math.log(self.odds)) / self.spread, 1.0).clamp(
+            max=1.0
+        )
 
 
 class ScaledEvidence(Evidence):
@@ -80,20 +92,20 @@ class ScaledEvidence(Evidence):
     Args:
         evidence: the evidence to be tempered.
         over_map: its log-likelihoods at the images of the map, already computed.
-        tempering: the factor of its log-likelihoods.
+        tempering: the factor of the log-likelihoods of each run.
 
     Example:
         >>> class AtTen(Evidence):  # the observation matches the place at 10 m
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
-        >>> scaled = ScaledEvidence(AtTen(), AtTen().over_map(), tempering=0.25)
+        >>> scaled = ScaledEvidence(AtTen(), AtTen().over_map(), tempering=torch.tensor([0.25]).double())
         >>> scaled.log_likelihood(line[None, 6:10]).tolist()  # a quarter of -16, -9, -4 and -1
         [[-4.0, -2.25, -1.0, -0.25]]
     """
 
-    def __init__(self, evidence: Evidence, over_map: Float64[Tensor, "r n"], tempering: float):
-        self.evidence, self._over_map, self.tempering = evidence, over_map, tempering
+    def __init__(self, evidence: Evidence, over_map: Float64[Tensor, "r n"], tempering: Float64[Tensor, " r"]):
+        self.evidence, self._over_map, self.tempering = evidence, over_map, tempering[:, None]
 
     def over_map(self) -> Float64[Tensor, "r n"]:
         """See :class:`Evidence`."""

@@ -16,12 +16,11 @@ Tracking and Navigation", 2001, section 5.4) in terms of ranks, which do not req
 constants were chosen on Gardens Point and the railway of Nordland (results/localization_change.md, "When it is lost").
 """
 
-import math
 from dataclasses import dataclass
 from typing import Self
 
 import torch
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
 #: n: after this many images, a new one contributes one part in n to the mean
@@ -36,43 +35,50 @@ LOOKED_AT, ASKED = 4096, 128
 
 @dataclass(frozen=True)
 class InnovationTest:
-    r"""How well the belief predicted recent images.
+    r"""How well the beliefs of r runs predicted recent images.
 
     Attributes:
         mean: running mean of f.
         images: sum of the images' weights, at most n.
 
     Example:
-        >>> foresight, over_map = InnovationTest(), torch.arange(10.0).double()  # each image is most like the tenth
+        >>> foresight, over_map = InnovationTest.none(1), torch.arange(10.0).double()[None]  # most like the tenth place
         >>> for _ in range(5):
-        ...     foresight = foresight.updated(foreseen(over_map, torch.tensor([2])), 1.0)  # the third was expected
-        >>> round(foresight.told, 2), foresight.failed
-        (0.22, True)
+        ...     found = foreseen(over_map, torch.tensor([[2]]))  # the third was expected
+        ...     foresight = foresight.updated(found, torch.ones(1).double())
+        >>> foresight.told.round(decimals=2).tolist(), foresight.failed.tolist()
+        ([0.22], [True])
     """
 
-    mean: float = 0.5
-    images: float = 0.0
+    mean: Float64[Tensor, " r"]
+    images: Float64[Tensor, " r"]
 
-    def updated(self, foreseen: float, weight: float) -> Self:
-        """The state after one more image; a value that is not a number is ignored."""
-        if weight <= 0 or not math.isfinite(foreseen):
-            return self
-        images = min(self.images + weight, REMEMBERED)
-        return type(self)(self.mean + min(1.0, weight / images) * (foreseen - self.mean), images)
+    @classmethod
+    def none(cls, runs: int, images: float = 0.0, device: torch.device | None = None) -> Self:
+        """The state before the first image, or after a weight of ``images`` at chance."""
+        chance = torch.full((runs,), 0.5, dtype=torch.float64, device=device)
+        return cls(chance, torch.full_like(chance, images))
+
+    def updated(self, foreseen: Float64[Tensor, " r"], weight: Float64[Tensor, " r"]) -> Self:
+        """The state after one more image of each run; a value that is not a number is ignored."""
+        images = (self.images + weight).clamp(max=REMEMBERED)
+        mean = self.mean + (weight / images).clamp(max=1.0) * (foreseen - self.mean)
+        counts = (weight > 0) & foreseen.isfinite()
+        return type(self)(torch.where(counts, mean, self.mean), torch.where(counts, images, self.images))
 
     @property
-    def told(self) -> float:
+    def told(self) -> Float64[Tensor, " r"]:
         """The running mean; nan before the fifth image."""
-        return self.mean if self.images >= FEWEST else math.nan
+        return torch.where(self.images >= FEWEST, self.mean, torch.nan)
 
     @property
-    def failed(self) -> bool:
+    def failed(self) -> Bool[Tensor, " r"]:
         """Whether the belief failed to predict the recent images."""
         return self.told < LEAST
 
 
-def foreseen(over_map: Float64[Tensor, " n"], expected: Int64[Tensor, " k"]) -> float:
-    """The foresight f of one image.
+def foreseen(over_map: Float64[Tensor, "r n"], expected: Int64[Tensor, "r k"]) -> Float64[Tensor, " r"]:
+    """The foresight f of one image of each run.
 
     Args:
         over_map: log-likelihoods of the image at the images of the map.
@@ -83,25 +89,25 @@ def foreseen(over_map: Float64[Tensor, " n"], expected: Int64[Tensor, " k"]) -> 
         other image.
 
     Example:
-        >>> over_map = torch.tensor([0.0, -1.0, -2.0, -3.0, -4.0], dtype=torch.float64)
-        >>> foreseen(over_map, torch.tensor([0, 1]))  # the most similar one, and the next
+        >>> over_map = torch.tensor([[0.0, -1.0, -2.0, -3.0, -4.0]], dtype=torch.float64)
+        >>> float(foreseen(over_map, torch.tensor([[0, 1]])))  # the most similar one, and the next
         0.875
     """
-    some = over_map[:: -(-len(over_map) // LOOKED_AT)]
-    some = some[some.isfinite()].sort().values
-    if len(some) < 2:
-        return math.nan
-    told = over_map[expected].nan_to_num(-torch.inf)
+    some = over_map[:, :: -(-over_map.shape[1] // LOOKED_AT)]
+    some = some.where(some.isfinite(), torch.inf).sort(1).values  # what is not finite comes last
+    others = some.isfinite().sum(1) - 1
+    told = over_map.gather(1, expected).nan_to_num(-torch.inf)
     below = torch.searchsorted(some, told) + torch.searchsorted(some, told, right=True) - 1  # ties count half
-    return float((below / (2 * (len(some) - 1))).clamp(0, 1).mean())
+    return torch.where(others > 0, (below / (2 * others[:, None])).clamp(0, 1).mean(1).double(), torch.nan)
 
 
-def drawn_evenly(weights: Float64[Tensor, " p"]) -> Int64[Tensor, " k"]:
+def drawn_evenly(weights: Float64[Tensor, "r p"]) -> Int64[Tensor, "r k"]:
     """Rows of equally weighted particles, chosen deterministically at the middles of 128 equal parts of the weight.
 
     Example:
-        >>> drawn_evenly(torch.tensor([0.5, 0.0, 0.25, 0.25])).bincount()
+        >>> drawn_evenly(torch.tensor([[0.5, 0.0, 0.25, 0.25]]))[0].bincount()
         tensor([64,  0, 32, 32])
     """
     middles = (torch.arange(ASKED, dtype=weights.dtype, device=weights.device) + 0.5) / ASKED
-    return torch.searchsorted(weights.cumsum(0), middles * weights.sum()).clamp(max=len(weights) - 1)
+    parts = middles * weights.sum(1, keepdim=True)
+    return torch.searchsorted(weights.cumsum(1), parts).clamp(max=weights.shape[1] - 1)

@@ -37,7 +37,8 @@ class Likelihood:
     Attributes:
         form: one of the module's equations.
         tempering: :math:`\\beta` in (0, 1], the number of independent observations that one image is worth.
-        appearance_variance: :math:`s_a^2`, the variance of one dimension between the seasons of map and query.
+        appearance_variance: :math:`s_a^2`, the variance of one dimension between the seasons of map and query; or a
+            column of them, one for each run.
         dof: degrees of freedom :math:`\\nu` of the Student form; the others ignore it.
 
     Example:
@@ -52,7 +53,7 @@ class Likelihood:
 
     form: Form = "full"
     tempering: float = 1.0
-    appearance_variance: float = 0.0
+    appearance_variance: float | Float64[Tensor, "r 1"] = 0.0
     dof: float = 4.0
 
     def __post_init__(self) -> None:
@@ -60,7 +61,8 @@ class Likelihood:
             raise ValueError(f"form={self.form!r} must be one of {', '.join(FORMS)}")
         if not 0 < self.tempering <= 1:
             raise ValueError(f"tempering={self.tempering} must be in (0, 1]")
-        if not (self.appearance_variance >= 0 and math.isfinite(self.appearance_variance)):
+        variances = torch.as_tensor(self.appearance_variance)
+        if not bool(((variances >= 0) & variances.isfinite()).all()):
             raise ValueError(f"appearance_variance={self.appearance_variance} must be at least 0 and finite")
         if not (self.dof > 0 and math.isfinite(self.dof)):
             raise ValueError(f"dof={self.dof} must be above 0 and finite")

@@ -1,8 +1,8 @@
-"""Running a particle filter along whole runs, many at once."""
+"""Running a particle filter along whole runs, many at once or one robot step by step."""
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -10,16 +10,106 @@ from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from torch import Tensor
 
+from sextant.localization.adaptation import Adaptation, Learned
 from sextant.localization.belief import Belief
-from sextant.localization.estimate import estimate
+from sextant.localization.estimate import Estimate, estimate
 from sextant.localization.initialisation import Initialisation
+from sextant.localization.motion import MotionModel
 from sextant.localization.observation.evidence import Evidence, EvidenceOfSome
-from sextant.localization.observers import Observer
-from sextant.localization.particle_filter import FilterState, ParticleFilter
+from sextant.localization.observers import Camera, Observer
+from sextant.localization.particle_filter import FilterState, FilterStep, ParticleFilter
 from sextant.reporter import Advance
 
 #: called with the number of a step and the belief after it
 Watch = Callable[[int, Belief], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Localized:
+    """The state of r runs after a step, and what happened in it.
+
+    Attributes:
+        state: the filter's state.
+        found: the estimate.
+        told: the filter's step.
+        moved, moves: the motion of the particles, and the model that drew it.
+        learned: what was learned on the way; None without an adaptation.
+    """
+
+    state: FilterState
+    found: Estimate
+    told: FilterStep
+    moved: Float64[Tensor, "r 3"]
+    moves: MotionModel
+    learned: Learned | None = None
+
+    @property
+    def belief(self) -> Belief:
+        """The belief after the step."""
+        return self.state.belief
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """The steps of a filter with its sensor; the state is passed to each.
+
+    Attributes:
+        filter: the filter, whose prior is the map's.
+        start: initial distribution of the particles.
+        particles: number of particles of a run, unless it adapts.
+        radius: radius of the reported mode, in the unit of the map.
+        adaptation: learns along the drive, and judges the belief; for a camera.
+    """
+
+    filter: ParticleFilter
+    start: Initialisation
+    particles: int
+    radius: float
+    adaptation: Adaptation | None = None
+
+    def step(
+        self,
+        before: Localized | None,
+        motion: Float64[Tensor, "r 3"],
+        observer: Observer,
+        frames: Int64[ndarray, " r"],
+        seen: Bool[Tensor, "r"],
+        generator: torch.Generator,
+    ) -> Localized:
+        """Move, observe and estimate.
+
+        Args:
+            before: the result of the previous step; None for the first.
+            motion: odometry since then, nan where it is missing; particles do not move in the first step.
+            observer: the sensor.
+            frames: the frame of the drive that each run is at.
+            seen: whether there is an image.
+            generator: generator of all random numbers.
+        """
+        rules, filter, learned = self.adaptation, self.filter, None if before is None else before.learned
+        if rules is not None:
+            assert isinstance(observer, Camera)
+            images, learned = observer.images(frames), learned or rules.start(len(seen))
+            learned, motion = rules.believed(learned, motion, images, seen)
+        if before is not None:
+            seen = seen & filter.counts(before.state, motion)
+        if rules is None:
+            evidence = _observed(observer, frames, seen)
+        else:
+            belief = None if before is None else before.belief
+            learned, evidence, seen = rules.observed(learned, motion, images, seen, belief, filter.support)
+            filter = replace(filter, motion=rules.motion(learned, filter.motion))
+        if before is None:
+            state = filter.start(self.start, len(seen), self.particles, generator, evidence, seen)
+            weighed = self.start.uses_evidence and evidence is not None  # then the belief contains the first image
+            state, told = filter.step(state, None, None if weighed else evidence, seen, generator)
+        else:
+            state, told = filter.step(before.state, motion, evidence, seen, generator)
+        found = estimate(state.belief, self.radius)
+        if rules is not None:
+            off_map = torch.zeros_like(found.mass) if filter.support is None else filter.support.off_map(state.belief)
+            learned = rules.after(learned, motion, found, off_map, seen & ~told.degenerate)
+        return Localized(state, found, told, motion, filter.motion, learned)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +152,7 @@ def localize(
     *,
     particles: int,
     radius: float,
+    adaptation: Adaptation | None = None,
     watch: Watch | None = None,
     progress: Advance | None = None,
 ) -> Track:
@@ -77,6 +168,7 @@ def localize(
         generator: generator of all random numbers.
         particles: number of particles of a run, unless it adapts.
         radius: radius of the reported mode, in the unit of the map.
+        adaptation: learns along the drive, for a camera; None for a filter that does not adapt.
         watch: called with every step and the belief after it.
         progress: called with the number of steps done and of all.
 
@@ -94,33 +186,22 @@ def localize(
         >>> track.pose[:, 0, 0].round()
         array([2., 3., 4.])
     """
-    steps = len(frames)
+    steps, seconds = Steps(filter, start, particles, radius, adaptation), np.zeros(len(frames))
+    now: Localized | None = None
     columns: dict[str, list[Tensor]] = {}
-    seconds = np.zeros(steps)
-    state: FilterState | None = None
-    for step in range(steps):
+    for step in range(len(frames)):
         began = time.perf_counter()
-        moved = None if state is None else torch.from_numpy(motion[step])
-        looked = torch.from_numpy(seen[step])
-        if state is not None:
-            looked = looked & filter.counts(state, moved)
-        evidence = _observed(observer, frames[step], looked)
-        if state is None:
-            state = filter.start(start, frames.shape[1], particles, generator, evidence, looked)
-            weighed = start.uses_evidence and evidence is not None  # then the belief contains the first image
-            state, told = filter.step(state, None, None if weighed else evidence, looked, generator)
-        else:
-            state, told = filter.step(state, moved, evidence, looked, generator)
-        found = estimate(state.belief, radius)
+        moved, looked = torch.from_numpy(motion[step]), torch.from_numpy(seen[step])
+        now = steps.step(now, moved, observer, frames[step], looked, generator)
         seconds[step] = time.perf_counter() - began
         for name in ("pose", "covariance", "mode_covariance", "mass", "modes"):
-            columns.setdefault(name, []).append(getattr(found, name))
+            columns.setdefault(name, []).append(getattr(now.found, name))
         for name in ("ess", "particles", "injected", "degenerate"):
-            columns.setdefault(name, []).append(getattr(told, name))
+            columns.setdefault(name, []).append(getattr(now.told, name))
         if watch is not None:
-            watch(step, state.belief)
+            watch(step, now.belief)
         if progress is not None:
-            progress(step + 1, steps)
+            progress(step + 1, len(frames))
     return Track(**{name: torch.stack(values).numpy() for name, values in columns.items()}, seconds=seconds)
 
 

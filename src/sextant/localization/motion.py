@@ -237,19 +237,20 @@ class PacedMotion(MotionModel):
 
     Args:
         measured: model of known motions, and of the standard deviations of unknown ones.
-        pace: distance along the heading from one step to the next, in the unit of the map
-            (:class:`~sextant.localization.constant_velocity.ConstantVelocity`); None if it is not known.
+        pace: distance along the heading from one step to the next of each run, in the unit of the map
+            (:class:`~sextant.localization.constant_velocity.ConstantVelocity`); nan if it is not known.
 
     Example:
         >>> from sextant.localization.motion import ExponentialMotion
-        >>> model = PacedMotion(ExponentialMotion((0.1, 0.0, 0.0), unknown=(1e-9, 0.0, 0.0)), pace=2.0)
+        >>> measured, pace = ExponentialMotion((0.1, 0.0, 0.0), unknown=(1e-9, 0.0, 0.0)), torch.tensor([2.0]).double()
+        >>> model = PacedMotion(measured, pace)
         >>> unknown = torch.full((1, 3), torch.nan).double()
         >>> model.sample(torch.zeros(1, 4, 3).double(), unknown, torch.Generator())[0, :, 0].round().abs().tolist()
         [2.0, 2.0, 2.0, 0.0]
     """
 
     measured: MotionModel
-    pace: float | None
+    pace: Float64[Tensor, " r"]
 
     def if_unknown(self) -> Sequence[float]:
         """The standard deviations of ``measured``."""
@@ -263,9 +264,9 @@ class PacedMotion(MotionModel):
         """Of four particles, the last (without a pace every second) spreads further along, the third in heading."""
         deviations = noise.new_tensor(self.if_unknown())
         twist = noise * deviations
-        kept = twist.new_tensor([(self.pace or 0.0) if deviations[0] > 0 else 0.0, 0.0, 0.0])
-        number = torch.arange(noise.shape[1], device=noise.device)[:, None]
-        one_in = UNPACED_ONE_IN if self.pace is None else FURTHER_ONE_IN
+        paced, number = self.pace.isfinite()[:, None, None], torch.arange(noise.shape[1], device=noise.device)[:, None]
+        kept = self.pace[:, None, None].where(paced & (deviations[0] > 0), 0.0) * deviations.new_tensor([1.0, 0.0, 0.0])
+        one_in = torch.where(paced, FURTHER_ONE_IN, UNPACED_ONE_IN)
         further, turning = number % one_in == one_in - 1, number % TURNING_ONE_IN == 2
         turned = torch.where(turning, twist * twist.new_tensor([1.0, 1.0, FURTHER]), twist)
         return se2_exp(torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), turned + kept))

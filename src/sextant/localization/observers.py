@@ -46,8 +46,11 @@ class Camera(Observer):
 
     def observe(self, frames: Int64[ndarray, " r"]) -> Evidence:
         """See :class:`Observer`."""
-        rows = torch.from_numpy(np.ascontiguousarray(self.descriptors[frames]))
-        return self.model.observe(rows, self.likelihood)
+        return self.model.observe(self.images(frames), self.likelihood)
+
+    def images(self, frames: Int64[ndarray, " r"]) -> Float32[Tensor, "r d"]:
+        """The descriptors of frames."""
+        return torch.from_numpy(np.ascontiguousarray(self.descriptors[frames]))
 
 
 class Laser(Observer):

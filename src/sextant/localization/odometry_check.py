@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float32, Float64
 from torch import Tensor
 
 from sextant.geometry.planar import se2_compose
@@ -33,43 +33,63 @@ ALIKE = 0.2
 
 @dataclass(frozen=True)
 class OdometryCheck:
-    """The images taken while odometry reports that the robot stands still.
+    """The images taken while odometry reports that the robots of r runs stand still.
 
     Attributes:
-        images: at most the last six, each with the reported motion since then.
+        images: the last six, the newest last.
+        since: the reported motion since each; nan where there is no image, or the robot has moved away.
 
     Example:
-        >>> still, nowhere = OdometryCheck(), torch.zeros(3, dtype=torch.float64)
+        >>> still, nowhere = OdometryCheck.none(1, 6), torch.zeros(1, 3).double()
         >>> for image in torch.eye(6):  # no two of them alike
-        ...     still = still.moved(nowhere, spacing=1.0).updated(image)
+        ...     still = still.moved(nowhere, spacing=1.0).updated(image[None], torch.tensor([True]))
         >>> still.contradicted(apart=2.0), still.contradicted(apart=20.0)
-        (True, False)
+        (tensor([True]), tensor([False]))
     """
 
-    images: tuple[tuple[Float64[Tensor, "3"], Float[Tensor, " d"]], ...] = ()
+    images: Float32[Tensor, "r 6 d"]
+    since: Float64[Tensor, "r 6 3"]
 
-    def moved(self, motion: Float64[Tensor, "3"], spacing: float) -> Self:
+    @classmethod
+    def none(cls, runs: int, dimension: int, device: torch.device | None = None) -> Self:
+        """The state before the first image."""
+        since = torch.full((runs, COMPARED, 3), torch.nan, dtype=torch.float64, device=device)
+        return cls(torch.zeros(runs, COMPARED, dimension, device=device), since)
+
+    def moved(self, motion: Float64[Tensor, "r 3"], spacing: float) -> Self:
         """The state after a motion; an unknown motion, of nan, drops all images.
 
         Args:
             motion: dx, dy, dtheta in the robot's frame before the motion.
             spacing: spacing of the map.
         """
-        told = ((se2_compose(since, motion), image) for since, image in self.images)
-        return type(self)(tuple(each for each in told if float(way_moved(each[0], STANDS * spacing, TURNS)) < 1))
+        since = se2_compose(self.since, motion[:, None])
+        stands = way_moved(since, STANDS * spacing, TURNS) < 1
+        return type(self)(self.images, since.where(stands[..., None], torch.nan))
 
-    def updated(self, image: Float[Tensor, " d"]) -> Self:
-        """The state after one more image, given by its descriptor."""
-        here = torch.zeros(3, dtype=torch.float64)
-        return type(self)((*self.images[-(COMPARED - 1) :], (here, image)))
+    def updated(self, images: Float32[Tensor, "r d"], seen: Bool[Tensor, " r"]) -> Self:
+        """The state after one more image, given by its descriptor, of the runs that have ``seen`` one."""
+        kept = self._held.to(torch.uint8).argsort(dim=1, stable=True)[
+            :, 1:, None
+        ]  # gaps come first, and the first goes
+        since = torch.cat([self.since.gather(1, kept.expand(-1, -1, 3)), torch.zeros_like(self.since[:, :1])], 1)
+        held = torch.cat([self.images.gather(1, kept.expand(-1, -1, images.shape[1])), images[:, None]], 1)
+        some = seen[:, None, None]
+        return type(self)(torch.where(some, held, self.images), torch.where(some, since, self.since))
 
-    def contradicted(self, apart: float) -> bool:
+    @property
+    def _held(self) -> Bool[Tensor, "r 6"]:
+        return self.since[..., 0].isfinite()
+
+    def contradicted(self, apart: float) -> Bool[Tensor, " r"]:
         """Whether the images show that the robot moves.
 
         Args:
             apart: the median squared distance between two images of the map.
         """
-        if len(self.images) < COMPARED or not apart > 0:
-            return False
-        rows = torch.stack([image for _, image in self.images]).double()
-        return float(torch.pdist(rows).square().median()) > ALIKE * apart
+        full = self._held.all(1)
+        if not apart > 0 or not bool(full.any()):
+            return torch.zeros_like(full)
+        rows, (first, second) = self.images[full].double(), torch.triu_indices(COMPARED, COMPARED, 1).unbind()
+        differ = [(rows[:, i] - rows[:, j]).square().sum(1) for i, j in zip(first, second, strict=True)]
+        return full.masked_scatter(full, torch.stack(differ, 1).median(1).values > ALIKE * apart)

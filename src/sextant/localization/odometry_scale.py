@@ -36,31 +36,36 @@ FURTHEST = 2.0
 
 @dataclass(frozen=True)
 class OdometryScale:
-    """The factor by which odometry is multiplied.
+    """The factors by which the odometry of r runs is multiplied.
 
     Attributes:
         factor: s.
 
     Example:
-        >>> scale, here = OdometryScale(), torch.zeros(3, dtype=torch.float64)
+        >>> scale, here = OdometryScale.none(1), torch.zeros(1, 3).double()
         >>> for _ in range(100):  # odometry reports a metre each time, and it is 1.25 m
-        ...     told = scale.applied(torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64))
-        ...     scale = scale.updated(told, here, torch.tensor([1.25, 0.0, 0.0], dtype=torch.float64), spacing=1.0)
-        >>> round(scale.factor, 2)
-        1.25
+        ...     told = scale.applied(torch.tensor([[1.0, 0.0, 0.0]], dtype=torch.float64))
+        ...     scale = scale.updated(told, here, torch.tensor([[1.25, 0.0, 0.0]], dtype=torch.float64), spacing=1.0)
+        >>> scale.factor.round(decimals=2).tolist()
+        [1.25]
     """
 
-    factor: float = 1.0
+    factor: Float64[Tensor, " r"]
 
-    def applied(self, motion: Float64[Tensor, "3"]) -> Float64[Tensor, "3"]:
+    @classmethod
+    def none(cls, runs: int, device: torch.device | None = None) -> Self:
+        """No error."""
+        return cls(torch.ones(runs, dtype=torch.float64, device=device))
+
+    def applied(self, motion: Float64[Tensor, "r 3"]) -> Float64[Tensor, "r 3"]:
         """The corrected motion: its translation is scaled, its rotation is not."""
-        return torch.cat([self.factor * motion[:2], motion[2:]])
+        return torch.cat([self.factor[:, None] * motion[:, :2], motion[:, 2:]], 1)
 
     def updated(
         self,
-        moved: Float64[Tensor, "3"],
-        before: Float64[Tensor, "3"],
-        after: Float64[Tensor, "3"],
+        moved: Float64[Tensor, "r 3"],
+        before: Float64[Tensor, "r 3"],
+        after: Float64[Tensor, "r 3"],
         spacing: float,
     ) -> Self:
         """The scale after one more step.
@@ -70,11 +75,10 @@ class OdometryScale:
             before, after: estimated poses before and after the step.
             spacing: spacing of the map.
         """
-        way = moved[:2]
-        length = float(way.norm())
-        left = se2_compose(se2_inverse(before), after)[:2] - way
-        if length == 0 or not float(left.norm()) < FURTHEST * spacing:  # nan too
-            return self
-        error = float(left @ way) / (length * max(length, spacing))
-        factor = self.factor * (1 + GAIN * min(1.0, max(-1.0, error)))
-        return type(self)(min(BOUNDS[1], max(BOUNDS[0], factor)))
+        way = moved[:, :2]
+        length = way.norm(dim=1)
+        left = se2_compose(se2_inverse(before), after)[:, :2] - way
+        error = (left * way).sum(1) / (length * length.clamp(min=spacing))
+        factor = (self.factor * (1 + GAIN * error.clamp(-1.0, 1.0))).clamp(*BOUNDS)
+        near = (length > 0) & (left.norm(dim=1) < FURTHEST * spacing)  # nan is not
+        return type(self)(torch.where(near, factor, self.factor))

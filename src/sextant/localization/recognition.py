@@ -23,14 +23,12 @@ Vovk, A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, s
 on the walks of results/localization_change.md, "When it is lost".
 """
 
-import math
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float32, Float64
-from numpy import ndarray
 from torch import Tensor
 
 from sextant.localization.descriptor_map import DescriptorMap
@@ -61,45 +59,43 @@ class MapRecognition:
         >>> poses = torch.tensor([[float(x), 0.0, 0.0] for x in range(40)], dtype=torch.float64)
         >>> draws = torch.Generator().manual_seed(0)
         >>> places = DescriptorMap.of(poses, torch.randn(40, 16, generator=draws))
-        >>> known, image = MapRecognition.of(places), places.descriptors[7]
-        >>> here, elsewhere = known.share(image, image), known.share(3 * torch.ones(16), torch.ones(16))
-        >>> round(here, 2), round(elsewhere, 2)
-        (0.87, 0.54)
+        >>> images = torch.stack([places.descriptors[7], 3 * torch.ones(16)])
+        >>> centred = torch.stack([places.descriptors[7], torch.ones(16)])
+        >>> MapRecognition.of(places).share(images, centred).round(decimals=2).tolist()  # here, and elsewhere
+        [0.87, 0.54]
     """
 
     map: DescriptorMap
     spacing: float
     norms: Float32[Tensor, " n"]
-    unknown: Float64[ndarray, "3 m"]
+    unknown: Float64[Tensor, "3 m"]
 
     @classmethod
     def of(cls, found: DescriptorMap) -> Self | None:
         """The null distribution of a map; None if its images are of too few places."""
         norms = (found.descriptors - found.mean).norm(dim=1).clamp(min=1e-12)
-        empty = cls(found, map_spacing(found.poses), norms, np.empty((3, 0)))
+        empty = cls(found, map_spacing(found.poses), norms, found.poses.new_empty(3, 0))
         count = min(len(found), max(BLOCK * 4 // len(found), FEWEST * 3), MOST)
         rows = torch.from_numpy(np.unique(np.linspace(0, len(found) - 1, count).astype(np.int64)))
         parts = []
         for some in rows.split(max(1, BLOCK // len(found))):
             own = found.descriptors[some]
             parts.append(empty._numbers(own, own, empty._beyond(some)))
-        unknown = np.concatenate(parts, 1)
-        unknown = unknown[:, np.isfinite(unknown).all(0)]
-        return cls(found, empty.spacing, norms, np.sort(unknown)) if unknown.shape[1] >= FEWEST else None
+        unknown = torch.cat(parts, 1)
+        unknown = unknown[:, unknown.isfinite().all(0)].sort(1).values
+        return cls(found, empty.spacing, norms, unknown) if unknown.shape[1] >= FEWEST else None
 
-    def share(self, descriptor: Float32[Tensor, " d"], centred: Float32[Tensor, " d"]) -> float:
-        """The recognition of an image, in [0, 1]; nan if one of its statistics is not finite.
+    def share(self, descriptors: Float32[Tensor, "r d"], centred: Float32[Tensor, "r d"]) -> Float64[Tensor, " r"]:
+        """The recognition of images, in [0, 1]; nan if one of their statistics is not finite.
 
         Args:
-            descriptor: its descriptor z.
+            descriptors: their descriptors z.
             centred: z', without the change common to the drive.
         """
-        found = self._numbers(descriptor[None], centred[None], None)
-        sides = [
-            np.searchsorted(null, one, "left") + np.searchsorted(null, one, "right")
-            for null, one in zip(self.unknown, found[:, 0], strict=True)
-        ]
-        return float(np.mean(sides)) / (2 * self.unknown.shape[1]) if np.isfinite(found).all() else math.nan
+        found = self._numbers(descriptors, centred, None)
+        sides = torch.searchsorted(self.unknown, found) + torch.searchsorted(self.unknown, found, right=True)
+        mean = sides.double().mean(0) / (2 * self.unknown.shape[1])
+        return torch.where(found.isfinite().all(0), mean, torch.nan)
 
     def _beyond(self, rows: Tensor) -> Bool[Tensor, "r n"]:
         """Which images show other places than those in the given rows of the map."""
@@ -108,7 +104,7 @@ class MapRecognition:
 
     def _numbers(
         self, seen: Float32[Tensor, "r d"], centred: Float32[Tensor, "r d"], among: Bool[Tensor, "r n"] | None
-    ) -> Float64[ndarray, "3 r"]:
+    ) -> Float64[Tensor, "3 r"]:
         """The three statistics of descriptors in the map, or in those of its images that are in ``among``."""
         mapped, mean, positions = self.map.descriptors, self.map.mean, self.map.poses[:, :2]
         apart = (mapped.square().sum(1) - 2 * seen @ mapped.T).add(seen.square().sum(1, keepdim=True))
@@ -122,4 +118,4 @@ class MapRecognition:
         other = alike.masked_fill(~self._beyond(rows[:, 0]), -torch.inf).amax(1)
         spread = (positions[rows] - positions[rows[:, :1]]).norm(dim=2).median(1).values
         spread = spread.masked_fill(~best.isfinite().all(1), torch.nan)
-        return np.stack([-apart.amin(1).numpy(), (best[:, 0] - other).numpy(), -spread.numpy()]).astype(np.float64)
+        return torch.stack([-apart.amin(1).double(), (best[:, 0] - other).double(), -spread])

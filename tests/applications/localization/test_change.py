@@ -18,7 +18,6 @@ from sextant.chapters.localization.localizer import LEFT_NOISE, SHARPER, fitted_
 from sextant.chapters.localization.saved_filter import filter_of, filter_values
 from sextant.errors import UserError
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.motion import PacedMotion
 
 
 class Street:
@@ -71,18 +70,18 @@ def test_an_image_counts_by_the_way_since_the_last_that_did(street, localizer):
     for _ in range(4):
         localizer.step((street.step / 8, 0.0, 0.0))  # odometry comes more often than images
     localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 10))
-    assert localizer._change.images == pytest.approx(1 + 0.5)
+    assert localizer._now.learned.change.images.item() == pytest.approx(1 + 0.5)
     localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 10))  # and stands still
     localizer.step((street.step / 8, 0.0, 0.0), street.at(street.summer, 10))
-    assert localizer._change.images == pytest.approx(1.5)
+    assert localizer._now.learned.change.images.item() == pytest.approx(1.5)
     localizer.step((street.step / 4, 0.0, 0.0), street.at(street.summer, 10))  # the way adds up
-    assert localizer._change.images == pytest.approx(1.5 + 3 / 8, rel=1e-3)
+    assert localizer._now.learned.change.images.item() == pytest.approx(1.5 + 3 / 8, rel=1e-3)
     localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 60))  # it was carried
-    counted = localizer._change.images
+    counted = localizer._now.learned.change.images.item()
     assert counted > 1.5 + 3 / 8 + 0.5
     localizer.step(None)
     localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 60))
-    assert localizer._change.images == pytest.approx(counted + 1)
+    assert localizer._now.learned.change.images.item() == pytest.approx(counted + 1)
 
 
 @pytest.mark.slow
@@ -220,10 +219,10 @@ def test_the_pace_is_that_of_steps_where_images_are_rarer_and_only_of_localizers
     localizer.reset(0)
     for k in range(40):
         localizer.step(None, street.at(street.summer, 10 + k) if k % 2 == 0 else None)
-    assert localizer._pace.along(street.step) == pytest.approx(street.step, rel=0.2)
-    assert isinstance(localizer._paced(), PacedMotion)
+    assert localizer._now.moves.pace.item() == pytest.approx(street.step, rel=0.2)
     plain = Localizer(localizer.model, Likelihood(), localizer.filter, radius=localizer.radius)
-    assert plain._paced() is localizer.filter.motion
+    plain.step(None)
+    assert plain._now.moves is localizer.filter.motion
 
 
 @pytest.mark.slow

@@ -175,7 +175,8 @@ def test_where_motion_is_unknown_most_particles_keep_the_pace_and_some_spread_or
     measured = ExponentialMotion((0.05, 0.02, 0.01), unknown=(1.0, 0.1, 0.05))
     poses, unknown = torch.zeros(1, 40_000, 3, dtype=torch.float64), torch.full((1, 3), math.nan, dtype=torch.float64)
     for pace, one_in in ((5.0, 4), (None, 2)):
-        twist = se2_log(PacedMotion(measured, pace).sample(poses, unknown, generator(1)))[0]
+        paced = torch.tensor([math.nan if pace is None else pace], dtype=torch.float64)
+        twist = se2_log(PacedMotion(measured, paced).sample(poses, unknown, generator(1)))[0]
         number = torch.arange(40_000)
         further, turning = number % one_in == one_in - 1, number % 4 == 2
         for some, along, spread in (
@@ -189,5 +190,5 @@ def test_where_motion_is_unknown_most_particles_keep_the_pace_and_some_spread_or
 
 def test_a_pace_changes_nothing_of_a_motion_that_is_known():
     poses, motion = start(), torch.tensor([[1.0, 0.1, 0.2]], dtype=torch.float64)
-    paced = PacedMotion(NOISY[0], 5.0).sample(poses, motion, generator(1))
+    paced = PacedMotion(NOISY[0], torch.tensor([5.0], dtype=torch.float64)).sample(poses, motion, generator(1))
     assert torch.equal(paced, NOISY[0].sample(poses, motion, generator(1)))

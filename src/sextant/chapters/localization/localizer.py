@@ -10,8 +10,7 @@ The map may also be built from arrays, with :meth:`Localizer.from_images`, and s
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -20,7 +19,6 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32, Float64, UInt8
 from numpy import ndarray
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from sextant.applications.arguments import check_kind, check_whole, make_folder
@@ -38,25 +36,19 @@ from sextant.chapters.places.saved_descriptor import Describes, SavedDescriptor
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
-from sextant.geometry.planar import se2_compose
 from sextant.localization import recognition
-from sextant.localization.appearance_change import AppearanceChange
+from sextant.localization.adaptation import Adaptation
 from sextant.localization.belief import Belief
-from sextant.localization.constant_velocity import ConstantVelocity
 from sextant.localization.descriptor_map import DescriptorMap
-from sextant.localization.estimate import estimate
-from sextant.localization.evidence_scale import USUAL_ODDS, EvidenceScale, ScaledEvidence
+from sextant.localization.estimate import Estimate, estimate
+from sextant.localization.evidence_scale import USUAL_ODDS
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
-from sextant.localization.innovation_test import InnovationTest, drawn_evenly, foreseen
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.map_support import images_near, map_spacing
-from sextant.localization.motion import MotionModel, PacedMotion
+from sextant.localization.localize import Localized, Steps
+from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
-from sextant.localization.observation.evidence import Evidence
-from sextant.localization.observation.neighbourhoods import Neighbourhoods
-from sextant.localization.odometry_check import OdometryCheck
-from sextant.localization.odometry_scale import OdometryScale
-from sextant.localization.particle_filter import FilterState, ParticleFilter, way_moved
+from sextant.localization.observers import Camera
+from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
 from sextant.localization.smoothing import smoothed
@@ -188,14 +180,14 @@ class Localizer:
         self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
         self.lag, self.pictures, self.odds, self.region_scale = lag, pictures, odds, region_scale
         self._start = _start_of(start)
-        self._spacing = map_spacing(filter.prior.poses)
+        self._adaptation = Adaptation(model, likelihood, learns=adapts, odds=odds)
         self.reset()
 
     def __repr__(self) -> str:
         whose, found = self.descriptor.facts["kind"], self.model.map
         return (
             f"{type(self).__name__}({len(found):,} images, {found.dimension} numbers each by descriptor {whose!r}, "
-            f"spacing={self._spacing:.2g} {self.unit}, particles={self.particles:,})"
+            f"spacing={self._adaptation.spacing:.2g} {self.unit}, particles={self.particles:,})"
         )
 
     # -- live use ------------------------------------------------------------------------------------------------------
@@ -215,20 +207,8 @@ class Localizer:
         _check_start(start or self._start)
         self._begins = self._start if start is None else _start_of(start)
         self._generator = torch.Generator().manual_seed(self.seed)
-        self._state: FilterState | None = None
-        self._past: list[tuple[Belief, Tensor, MotionModel, InnovationTest, float]] = []
-        self._change = AppearanceChange.none(self.model.map.dimension)
-        self._counted, self._way = torch.empty(0), math.inf  # the last image that counted, and the distance since
-        self._scale = None if self.odds is None else EvidenceScale(self.odds)
-        self._foresight = InnovationTest()
-        # counts one image of no evidence, so that the first alone does not decide
-        self._recognised, self._drive = InnovationTest(images=1.0), AppearanceChange.none(self.model.map.dimension)
-        self._odometry = OdometryScale()
-        self._standstill = OdometryCheck()
-        self._pace = ConstantVelocity()
-        self._before: LocalizedPose | None = None
-        self._sighted: LocalizedPose | None = None  # after the last image, and the steps since
-        self._steps = 0
+        self._now: Localized | None = None
+        self._past: list[Localized] = []
 
     @torch.no_grad()
     def step(
@@ -250,72 +230,19 @@ class Localizer:
             UserError: the motion is not three finite numbers, the image or descriptor is not like the map's, or the map
                 has no descriptor for images.
         """
-        seen = self._seen(image, descriptor)
-        moved, disbelieved = self._believed(self._odometry.applied(_motion(motion)), seen)
-        if self._state is not None and not bool(self.filter.counts(self._state, moved[None])):
-            seen = None  # too close to the last one
-        self._way += self._steps_of_map(moved)
-        follows = self._state is None or bool(moved.isfinite().all())
-        new = 0.0 if seen is None else self._newness(seen)
-        evidence = None if seen is None else self._evidence(seen, new, follows=follows)
-        looked = torch.tensor([evidence is not None])
-        if self._state is not None and evidence is not None and bool(moved.isfinite().all()):
-            self._foresight = self._compared(self._state.belief, moved, evidence, new)
-        recognised = math.nan if bool(moved.isfinite().all()) else self._recognise(seen, new)
-        moves = self._paced()
-        if self._state is None:
-            state = self.filter.start(self._begins, 1, self.particles, self._generator, evidence, looked)
-            weighed = self._begins.uses_evidence and evidence is not None  # then the belief includes the first image
-            state, told = self.filter.step(state, None, None if weighed else evidence, looked, self._generator)
-        else:
-            paced = replace(self.filter, motion=moves)
-            state, told = paced.step(self._state, moved[None], evidence, looked, self._generator)
-        self._state = state
-        self._past = (
-            [*self._past[-self.lag :], (state.belief, moved, moves, self._foresight, recognised)] if self.lag else []
-        )
-        found = self._told(
-            state.belief, self._foresight, recognised, degenerate=bool(told.degenerate[0]), disbelieved=disbelieved
-        )
-        if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
-            before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
-            self._odometry = self._odometry.updated(moved, before, after, self._spacing)
-        self._before, self._steps = found, self._steps + 1
-        if evidence is not None and not found.degenerate:
-            self._pace = self._pace_with(found)
-            self._sighted, self._steps = found, 0
-        return found
-
-    def _believed(self, moved: Tensor, seen: Tensor | None) -> tuple[Tensor, bool]:
-        """The motion, unknown if images contradict odometry that reports a standstill; and whether they do."""
-        if not self.adapts:
-            return moved, False
-        self._standstill = self._standstill.moved(moved, self._spacing)
-        if seen is not None:
-            self._standstill = self._standstill.updated(seen)
-        if not self._standstill.contradicted(self._anywhere):
-            return moved, False
-        return torch.full_like(moved, torch.nan), True
-
-    def _pace_with(self, found: LocalizedPose) -> ConstantVelocity:
-        """The pace, updated with the motion since the last image; in between, the belief follows the motion model."""
-        if self._sighted is None:
-            return self._pace
-        before, after = torch.from_numpy(self._sighted.pose), torch.from_numpy(found.pose)
-        sure = self._sighted.mass * found.mass * (1 - found.off_map)
-        return self._pace.updated(before, after, sure, self._steps)
+        row = self._seen(image, descriptor)
+        moved, seen = _motion(motion)[None], torch.tensor([row is not None])
+        shown = np.zeros((1, self.model.map.dimension), np.float32) if row is None else row[None].numpy()
+        camera, filter = Camera(self.model, self.likelihood, shown), self.filter
+        steps = Steps(filter, self._begins, self.particles, self.radius, self._adaptation)
+        self._now = now = steps.step(self._now, moved, camera, np.zeros(1, np.int64), seen, self._generator)
+        self._past = [*self._past[-self.lag :], now] if self.lag else []
+        return self._told(now, now.belief, now.found)
 
     @property
     def odometry_scale(self) -> float:
         """The learned factor of odometry since the last reset; 1 for a localizer that does not adapt."""
-        return self._odometry.factor
-
-    def _paced(self) -> MotionModel:
-        """The filter's motion model; without odometry most particles keep the pace of the drive."""
-        if not self.adapts:
-            return self.filter.motion
-        strayed = self._before is not None and self._before.off_map > 0.5  # it would only go further away
-        return PacedMotion(self.filter.motion, None if strayed else self._pace.along(self._spacing))
+        return 1.0 if self._now is None else float(self._now.learned.odometry.factor[0])
 
     def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
         """Smoothed poses of the last ``lag`` steps and the current one, given all images so far; the oldest first.
@@ -327,55 +254,32 @@ class Localizer:
         """
         if not self._past:
             return []
-        beliefs, motions, models, *told = zip(*self._past, strict=True)
         draws = torch.Generator().manual_seed(self.seed)  # separate: calling this does not affect later steps
-        ways = [motion[None] for motion in motions[1:]]
-        better = smoothed(beliefs, ways, models[1:], draws, progress=progress)
-        return [self._told(belief, *each) for belief, *each in zip(better, *told, strict=True)]
+        beliefs, later = [each.belief for each in self._past], self._past[1:]
+        motions, models = [each.moved for each in later], [each.moves for each in later]
+        better = smoothed(beliefs, motions, models, draws, progress=progress)
+        return [
+            self._told(each, belief, estimate(belief, self.radius))
+            for each, belief in zip(self._past, better, strict=True)
+        ]
 
-    @cached_property
-    def _known_map(self) -> recognition.MapRecognition | None:
-        return recognition.MapRecognition.of(self.model.map)
-
-    def _recognise(self, seen: Tensor | None, new: float) -> float:
-        """How well recent images, including this one, were recognised; for steps without odometry."""
-        if seen is not None and new > 0 and self._known_map is not None:
-            self._drive = self._drive.updated(seen, new)
-            centred = self._drive.centred(seen, self.model.map.mean)
-            self._recognised = self._recognised.updated(self._known_map.share(seen, centred), new)
-        return self._recognised.mean if self._drive.images else math.nan
-
-    def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> InnovationTest:
-        """The innovation test, updated with how well the belief before an image predicted it."""
-        rows = drawn_evenly(belief.weights[0])
-        poses, support = se2_compose(belief.poses[:, rows], moved[None, None]), self.filter.support
-        on_map = 1.0 if support is None else float(support.share(poses).mean())
-        found = foreseen(evidence.over_map()[0], self._near.nearest(poses[0]))
-        return self._foresight.updated(found, new * on_map)
-
-    def _told(
-        self,
-        belief: Belief,
-        foresight: InnovationTest,
-        recognised: float,
-        *,
-        degenerate: bool = False,
-        disbelieved: bool = False,
-    ) -> LocalizedPose:
-        found = estimate(belief, self.radius)
-        mass = float(found.mass[0])
-        support = self.filter.support
+    def _told(self, step: Localized, belief: Belief, found: Estimate) -> LocalizedPose:
+        """The report of a step, with its belief or a smoothed one."""
+        assert step.learned is not None
+        learned, smooth = step.learned, belief is not step.belief
+        mass, recognised, support = float(found.mass[0]), float(learned.recognised[0]), self.filter.support
+        off_map = support.off_map(belief) if smooth and support is not None else learned.last.off_map
         return LocalizedPose(
             found.pose[0].numpy(),
             self.region_scale**2 * found.covariance[0].numpy(),
             mass,
             int(found.modes[0]),
-            mass < MODE_MASS or foresight.failed or recognised < recognition.LEAST,
-            degenerate,
-            0.0 if support is None else float(support.off_map(belief)[0]),
-            foresight.told,
+            mass < MODE_MASS or bool(learned.innovation.failed[0]) or recognised < recognition.LEAST,
+            bool(step.told.degenerate[0]) and not smooth,
+            float(off_map[0]),
+            float(learned.innovation.told[0]),
             recognised,
-            disbelieved,
+            bool(learned.disbelieved[0]) and not smooth,
         )
 
     @property
@@ -385,9 +289,9 @@ class Localizer:
         Raises:
             UserError: no step was made since the last reset.
         """
-        if self._state is None:
+        if self._now is None:
             raise UserError("there is no belief before the first step", "Call step(motion, image) first.")
-        return self._state.belief
+        return self._now.belief
 
     def picture_near(self, pose: Float64[ndarray, "3"]) -> UInt8[ndarray, "h w c"] | None:
         """The small picture of the map's image nearest to a pose; None for a map without pictures.
@@ -399,11 +303,7 @@ class Localizer:
             return None
         if (at := _numbers(pose)).shape != (3,) or not np.isfinite(at).all():
             raise UserError(f"pose={pose} must be three finite numbers: x, y, heading", "For example step(...).pose.")
-        return np.asarray(self.pictures[int(self._near.nearest(torch.from_numpy(at)[None])[0])])
-
-    @cached_property
-    def _near(self) -> Neighbourhoods:
-        return images_near(self.model.map.poses)
+        return np.asarray(self.pictures[int(self._adaptation.near.nearest(torch.from_numpy(at)[None])[0])])
 
     def describe(self, image: AnyImage) -> Float32[ndarray, " d"]:
         """The descriptor of an image, before whitening.
@@ -418,65 +318,6 @@ class Localizer:
             )
         pixels = as_pixels(image, self.image_size)
         return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
-
-    def _evidence(self, seen: Tensor, new: float, *, follows: bool) -> Evidence | None:
-        """The evidence of an image, weighted by how new it is; None if it repeats the previous one.
-
-        ``follows``: particles follow odometry, so that errors of consecutive images add up. Where motion is unknown,
-        particles spread far between images, and weaker evidence would not concentrate them again.
-        """
-        if new >= SAME:
-            self._counted, self._way = seen, 0.0
-        if not self.adapts:
-            plain = self.model.observe(seen[None], self.likelihood)
-            return ScaledEvidence(plain, plain.over_map(), 1.0)
-        if new < SAME:
-            return None
-        where, dimension = self.model.map, self.model.map.dimension
-        change = self._change.updated(seen, new)
-        residuals = self.model.residuals_over_map(change.centred(seen, where.mean)[None])
-        if bool(residuals.squared.isfinite().all()):  # nothing can be learned from values that overflow
-            self._change = change.exceeded(residuals, dimension, new)
-        centred = self._change.centred(seen, where.mean)[None]
-        evidence = self.model.observe(centred, self._change.likelihood(self.likelihood))
-        over_map = evidence.over_map()
-        if self._scale is not None:
-            self._scale = self._scale.updated(over_map[0], new)
-        scale = self._scale.tempering if self._scale is not None and follows else 1.0
-        return ScaledEvidence(evidence, over_map, scale * new)
-
-    def _newness(self, seen: Tensor) -> float:
-        """How new an image is relative to the last that counted, in [0, 1], by the distance since or the change in it.
-
-        Both are in units of the step between neighbouring map images. At a standstill every image repeats the same
-        error, which must not accumulate; after a kidnapping only the image changes.
-        """
-        if not math.isfinite(self._way):
-            return 1.0
-        changed = float((seen - self._counted).double().square().sum())
-        return min(1.0, max(self._way, changed / self._apart if self._apart > 0 else 0.0))
-
-    @cached_property
-    def _apart(self) -> float:
-        """The median squared distance between descriptors of neighbouring images of the map."""
-        features, descriptors = self._near.features, self.model.map.descriptors
-        rows = np.unique(np.linspace(0, len(features) - 1, min(FITTED_TO, len(features))).astype(np.int64))
-        beside = cKDTree(features).query(features[rows], k=min(2, len(features)))[1].reshape(len(rows), -1)[:, -1]
-        apart = descriptors[torch.from_numpy(rows)] - descriptors[torch.from_numpy(beside)]
-        return float(apart.double().square().sum(1).median())
-
-    @cached_property
-    def _anywhere(self) -> float:
-        """The median squared distance between descriptors of any two images of the map."""
-        descriptors = self.model.map.descriptors
-        rows = np.unique(np.linspace(0, len(descriptors) - 1, min(FITTED_TO, len(descriptors))).astype(np.int64))
-        apart = descriptors[torch.from_numpy(rows)] - descriptors[torch.from_numpy(np.roll(rows, len(rows) // 2))]
-        return float(apart.double().square().sum(1).median())
-
-    def _steps_of_map(self, moved: Tensor) -> float:
-        """The motion in steps between neighbouring map images; infinite if it is unknown."""
-        support = self.filter.support
-        return math.inf if support is None else float(way_moved(moved, self._spacing, 2 * support.heading_reach))
 
     def _seen(self, image: AnyImage | None, descriptor: ndarray | None) -> Tensor | None:
         if image is not None and descriptor is not None:

@@ -178,28 +178,31 @@ def interpolation_weights(  # type: ignore[no-untyped-def]
 def mean_scores(  # type: ignore[no-untyped-def]
     weights, neighbours, products, offsets, norms, levels, slopes, out
 ):
-    r"""``out[r, i] = levels[i] + slopes[i] (2 m_ri - norms[r])``, m the product of a run's descriptor and a mean.
+    r"""``out[r, i] = levels[r, i] + slopes[r, i] (2 m_ri - norms[r])``, m the product of a run's descriptor and a mean.
 
     .. math:: m_{ri} = \sum_j \mathrm{weights}_{ij} \, (\mathrm{products}_{r, N(i, j)} - \mathrm{offsets}_r)
 
-    This is summed in float32, the type of the products, as one instruction then handles twice as many.
+    This is summed in float32, the type of the products, as one instruction then handles twice as many. Levels and
+    slopes of one row are those of all runs.
     """
     for run in range(len(products)):
+        level, slope = levels[min(run, len(levels) - 1)], slopes[min(run, len(slopes) - 1)]
         row, offset, norm = products[run], np.float32(offsets[run]), norms[run]
         for image in range(len(neighbours)):
             shares, near = weights[image], neighbours[image]
             total = np.float32(0)
             for j in range(len(near)):
                 total += shares[j] * (row[np.uint32(near[j])] - offset)  # unsigned: saves the test for negative indices
-            out[run, image] = levels[image] + slopes[image] * (2 * np.float64(total) - norm)
+            out[run, image] = level[image] + slope[image] * (2 * np.float64(total) - norm)
 
 
 @compiled
 def image_scores(products, constants, levels, slopes, out):  # type: ignore[no-untyped-def]
-    """``out[r, i] = levels[i] + slopes[i] (2 products[r, i] - constants[r])`` in one pass."""
+    """``out[r, i] = levels[r, i] + slopes[r, i] (2 products[r, i] - constants[r])``; see :func:`mean_scores`."""
     for run in range(len(products)):
-        for image in range(len(levels)):
-            out[run, image] = levels[image] + slopes[image] * (2 * np.float64(products[run, image]) - constants[run])
+        level, slope = levels[min(run, len(levels) - 1)], slopes[min(run, len(slopes) - 1)]
+        for image in range(len(level)):
+            out[run, image] = level[image] + slope[image] * (2 * np.float64(products[run, image]) - constants[run])
 
 
 @compiled

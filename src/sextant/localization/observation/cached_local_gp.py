@@ -206,18 +206,22 @@ class CachedLocalGP(ObservationModel):
         squared = self.observe(descriptors, Likelihood()).squared_over_map()
         return Residuals(squared, torch.from_numpy(self.caches.variances).expand_as(squared))
 
-    def map_terms(self, likelihood: Likelihood) -> tuple[Float64[Tensor, " n"], Float64[Tensor, " n"]]:
+    def map_terms(self, likelihood: Likelihood) -> tuple[Float64[Tensor, "#r n"], Float64[Tensor, "#r n"]]:
         r"""Level and slope of the log-likelihood over the map, which is affine in the squared distance if Gaussian.
 
         With :math:`\|z - y_i\|^2 = c + \|y_i - m\|^2 - 2 s_i`, it is ``level + slope (2 s - c)``. The variances of the
-        map do not change, so their logarithms are computed once for each likelihood.
+        map do not change, so their logarithms are computed once for each likelihood that all runs share.
         """
-        if self._terms is None or self._terms[0] != likelihood:
-            variances, norms = torch.from_numpy(self.caches.variances), torch.from_numpy(self._map_norms)
-            at = [likelihood.log_prob(torch.full_like(norms, q), variances, self.map.dimension) for q in (0.0, 1.0)]
-            slopes = at[0] - at[1]
-            self._terms = (likelihood, at[0] - slopes * norms, slopes)
-        return self._terms[1:]
+        shared = not isinstance(likelihood.appearance_variance, Tensor)
+        if shared and self._terms is not None and self._terms[0] == likelihood:
+            return self._terms[1:]
+        variances, norms = torch.from_numpy(self.caches.variances)[None], torch.from_numpy(self._map_norms)[None]
+        at = [likelihood.log_prob(torch.full_like(norms, q), variances, self.map.dimension) for q in (0.0, 1.0)]
+        slopes = at[0] - at[1]
+        levels = at[0] - slopes * norms
+        if shared:
+            self._terms = likelihood, levels, slopes
+        return levels, slopes
 
     @property
     def _map_norms(self) -> Float64[ndarray, " n"]:
@@ -280,7 +284,8 @@ class CachedEvidence(Evidence):
         if self.unread.any():
             self._read_around(images)
         residuals = self._residuals(flat, images, particles)
-        told = self.likelihood.log_prob(residuals.squared, residuals.variance, model.map.dimension)
+        by_run = (each.view(runs, -1) for each in (residuals.squared, residuals.variance))
+        told = self.likelihood.log_prob(*by_run, model.map.dimension).view(shares.shape)
         return (shares * told).sum(dim=1).view(runs, particles)
 
     def _residuals(self, poses: Tensor, images: Tensor, particles: int) -> Residuals:
@@ -310,9 +315,9 @@ class CachedEvidence(Evidence):
     def squared_over_map(self) -> Float64[Tensor, "r n"]:
         """Squared distances from the observation to the images of the map, or to the predictions at their poses."""
         self._read(np.ones_like(self.unread))
-        return self._over_map(self.model._map_norms, np.full(len(self.model.map), -1.0)).clamp_min_(0)
+        return self._over_map(self.model._map_norms[None], np.full((1, len(self.model.map)), -1.0)).clamp_min_(0)
 
-    def _over_map(self, levels: Float64[ndarray, " n"], slopes: Float64[ndarray, " n"]) -> Float64[Tensor, "r n"]:
+    def _over_map(self, levels: Float64[ndarray, "#r n"], slopes: Float64[ndarray, "#r n"]) -> Float64[Tensor, "r n"]:
         r""":math:`\mathrm{level} + \mathrm{slope}\,(2 z_c^T m - \|z_c\|^2)`, m the image or the prediction there."""
         caches, norms, offsets = self.model.caches, self.norms.numpy(), self.offsets.numpy()
         scores = np.empty(self.products.shape)
