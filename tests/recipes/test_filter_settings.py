@@ -77,3 +77,27 @@ def test_what_no_step_would_mend_is_not_drawn(motion, line):
     along, across, heading = filter_of([f"motion={motion}"]).prior.sigmas
     assert along > 0
     assert (across == 0, heading == 0) == (line, line)
+
+
+def test_a_filter_that_does_not_adapt_is_that_of_configs_without_the_key():
+    plain = to_plain(compose(["task=localization"]))
+    on = validate(to_plain(compose(["task=localization", "filter.adapts=true"])))
+    earlier = {name: value for name, value in plain["filter"].items() if name not in ("adapts", "odds")}
+    assert digest({**plain, "filter": earlier}) == digest(plain) != digest(on.plain)
+    data = SimpleNamespace(drives=SimpleNamespace(map=SimpleNamespace(poses=LINE), unit="m"))
+    assert (settings_of(validate(plain), data).adapts, settings_of(on, data).adapts) == (False, True)
+    assert LocalizationChapter().summary(on)["filter"] == "1000 particles, start=uniform, adapts"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        (["filter.odds=20"], "filter.odds=20 is of a filter that adapts: filter.adapts=true"),
+        (["filter.adapts=true", "filter.odds=1"], "filter.odds"),
+        (["filter.adapts=true", "filter=interpolated"], "filter.adapts=true: filter.best=2 averages poses"),
+        (["filter.adapts=true", "observation=laser_beam"], "filter.adapts=true: a laser's scans do not change"),
+    ],
+)
+def test_what_cannot_adapt_is_refused(overrides, told):
+    with pytest.raises(UserError, match=told):
+        LocalizationChapter().check_parts(validate(to_plain(compose(["task=localization", *overrides]))))

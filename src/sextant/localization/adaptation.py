@@ -122,8 +122,8 @@ class Adaptation:
     def start(self, runs: int) -> Learned:
         """The state before the first step."""
         found, device = self.model.map, self.model.map.poses.device
-        nowhere = torch.zeros(runs, 5, dtype=torch.float64, device=device)
-        nowhere = Place(nowhere[:, :3], nowhere[:, 3], nowhere[:, 4])  # without mass: nothing is learned from it
+        nothing = torch.zeros(runs, 5, dtype=torch.float64, device=device)
+        nowhere = Place(nothing[:, :3], nothing[:, 3], nothing[:, 4])  # without mass: nothing is learned from it
         return Learned(
             counted=torch.zeros(runs, found.dimension, dtype=torch.float32, device=device),
             way=torch.full((runs,), math.inf, dtype=torch.float64, device=device),
@@ -191,17 +191,17 @@ class Adaptation:
         counts = new >= SAME
         counted = torch.where(counts[:, None], images, learned.counted)
         learned = replace(learned, counted=counted, way=way.masked_fill(counts, 0.0))
-        used, evidence = looked & counts if self.learns else looked, None
+        used, found = looked & counts if self.learns else looked, None
         if bool(used.any()):
             # particles follow odometry, so that errors of consecutive images add up. Where motion is unknown,
             # particles spread far between images, and weaker evidence would not concentrate them again
             follows = known | (belief is None)
-            learned, evidence = self._weighed(learned, images, new, used, follows)
+            learned, found = self._weighed(learned, images, new, used, follows)
             if belief is not None:
-                learned = self._compared(learned, belief, moved, evidence, new, used, support)
-            evidence = evidence if bool(used.all()) else EvidenceOfSome(evidence, used)
+                learned = self._compared(learned, belief, moved, found, new, used, support)
         learned = self._recognised(learned, images, new, ~known)
         recognised = learned.recognition.mean.where(~known & (learned.drive.images > 0), torch.nan)
+        evidence = found if found is None or bool(used.all()) else EvidenceOfSome(found, used)
         return replace(learned, recognised=recognised), evidence, used
 
     def motion(self, learned: Learned, measured: MotionModel) -> MotionModel:

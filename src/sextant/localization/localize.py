@@ -93,7 +93,7 @@ class Steps:
             learned, motion = rules.believed(learned, motion, images, seen)
         if before is not None:
             seen = seen & filter.counts(before.state, motion)
-        if rules is None:
+        if rules is None or learned is None:
             evidence = _observed(observer, frames, seen)
         else:
             belief = None if before is None else before.belief
@@ -106,7 +106,7 @@ class Steps:
         else:
             state, told = filter.step(before.state, motion, evidence, seen, generator)
         found = estimate(state.belief, self.radius)
-        if rules is not None:
+        if rules is not None and learned is not None:
             off_map = torch.zeros_like(found.mass) if filter.support is None else filter.support.off_map(state.belief)
             learned = rules.after(learned, motion, found, off_map, seen & ~told.degenerate)
         return Localized(state, found, told, motion, filter.motion, learned)

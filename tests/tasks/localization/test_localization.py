@@ -181,6 +181,22 @@ def test_poses_between_the_best_images_are_judged_as_those_of_a_filter(run):
     assert not (directory.path / "map").exists()
 
 
+@pytest.mark.slow
+def test_a_filter_that_adapts_is_trained_tested_and_kept_as_one(run, outputs):
+    quick = ("task.starts=2", "trainer.max_epochs=1", "task.save_map=true", "filter.regions=null")
+    likelihood = ("likelihood.tempering=0.125", "likelihood.appearance_noise=0.0")
+    adapting = (*quick, *likelihood, "filter.adapts=true", "filter.odds=20.0")
+    directory, plain = run(*adapting), run(*quick, *likelihood)
+    assert directory.path != plain.path
+    assert not np.array_equal(arrays(directory)["position_error/night_clear"], arrays(plain)["position_error/night_clear"])
+    for found, adapts in ((directory, True), (plain, False)):
+        localizer = Localizer.load(found.path / "map")
+        assert (localizer.adapts, localizer.odds) == (adapts, 20.0 if adapts else None)
+        assert f"adapts={adapts}" in repr(localizer)
+    command = [f"run={directory.path}", f"paths.outputs={outputs}", "task.starts=1", "task.replay=false"]
+    evaluate.main(command)
+
+
 # -- identity, resuming, evaluation ------------------------------------------------------------------------------------
 
 

@@ -66,6 +66,11 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
                 f"filter.best={config.filter.best}: scans are compared with walls, not with images of the map",
                 "Leave out filter.best (filter=particles), or localize a camera: observation=cached_local",
             )
+        if config.filter.adapts and _is_laser(config):
+            raise UserError(
+                "filter.adapts=true: a laser's scans do not change with the appearance of the world",
+                "Leave out filter.adapts, or localize a camera: observation=cached_local",
+            )
 
     def identity(self, config: LocalizationConfig) -> dict[str, Any]:
         """The base identity, with that of the descriptor."""
@@ -122,6 +127,8 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         told = {name: part_name(config.plain[name]) for name in names}
         particles = config.task.particle_counts or [config.filter.particles]
         told["filter"] = f"{', '.join(map(str, particles))} particles, start={config.filter.start}"
+        if config.filter.adapts:
+            told["filter"] += ", adapts"
         if config.filter.best is not None:
             told["filter"] = f"none: poses averaged over the {config.filter.best} most similar images"
         told["test"] = conditions_name(config.plain["corruption"])
@@ -344,6 +351,8 @@ def test_settings(config: LocalizationConfig, data: "LocalizationDataModule") ->
         outliers=filter.outliers,
         apart=filter.apart,
         best=filter.best,
+        adapts=filter.adapts,
+        odds=filter.odds,
     )
 
 

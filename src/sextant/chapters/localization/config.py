@@ -389,7 +389,7 @@ class KLDSize(Node):
 class ParticleFilter(Node):
     """The particle filter."""
 
-    later = ("support", "outliers", "apart", "regions", "best")
+    later = ("support", "outliers", "apart", "regions", "best", "odds")
     particles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(examples=[1000])
     start: Literal["uniform", "appearance", "gaussian"]
     resampling: Literal["systematic", "stratified", "residual", "multinomial"]
@@ -402,6 +402,16 @@ class ParticleFilter(Node):
     apart: Positive | None = Field(default=None, examples=[1.0])
     regions: Literal["along_drives"] | None = None
     best: Count | None = Field(default=None, examples=[5])
+    adapts: bool = False
+    odds: Annotated[float, Field(gt=1)] | None = Field(default=None, examples=[20.0])
+
+    @model_validator(mode="after")
+    def _for_one_that_learns(self) -> Self:
+        if self.odds is not None and not self.adapts:
+            raise ValueError(f"filter.odds={self.odds:g} is of a filter that adapts: filter.adapts=true")
+        if self.adapts and self.best is not None:
+            raise ValueError(f"filter.adapts=true: filter.best={self.best} averages poses without a filter")
+        return self
 
 
 class LocalizationTask(TaskNode):

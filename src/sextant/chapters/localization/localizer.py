@@ -187,7 +187,7 @@ class Localizer:
         whose, found = self.descriptor.facts["kind"], self.model.map
         return (
             f"{type(self).__name__}({len(found):,} images, {found.dimension} numbers each by descriptor {whose!r}, "
-            f"spacing={self._adaptation.spacing:.2g} {self.unit}, particles={self.particles:,})"
+            f"spacing={self._adaptation.spacing:.2g} {self.unit}, particles={self.particles:,}, adapts={self.adapts})"
         )
 
     # -- live use ------------------------------------------------------------------------------------------------------
@@ -242,7 +242,8 @@ class Localizer:
     @property
     def odometry_scale(self) -> float:
         """The learned factor of odometry since the last reset; 1 for a localizer that does not adapt."""
-        return 1.0 if self._now is None else float(self._now.learned.odometry.factor[0])
+        learned = None if self._now is None else self._now.learned
+        return 1.0 if learned is None else float(learned.odometry.factor[0])
 
     def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
         """Smoothed poses of the last ``lag`` steps and the current one, given all images so far; the oldest first.

@@ -55,6 +55,8 @@ def run_localizer(
         image_size=None if drive.images is None else tuple(drive.images.shape[1:]),  # type: ignore[arg-type]
         unit=data.drives.unit,
         particles=settings.particle_counts[-1],
+        adapts=settings.adapts,
+        odds=settings.odds,
         region_scale=region_scale,
         pictures=None if drive.images is None or len(model.map) != len(drive) else map_pictures(drive.images),
         facts={

@@ -17,6 +17,7 @@ from sextant.chapters.localization.validation import protocol_of
 from sextant.evaluation.pose_posterior import particle_nll
 from sextant.evaluation.protocols import LocalizationProtocol
 from sextant.geometry.planar import se2_compose
+from sextant.localization.adaptation import Adaptation
 from sextant.localization.belief import Belief
 from sextant.localization.initialisation import AppearanceStart, GaussianStart, Initialisation, UniformStart
 from sextant.localization.interpolated_retrieval import interpolated
@@ -168,6 +169,8 @@ class TestSettings:
         outliers: share of images that carry no information about their pose; None: 1 % with ``support``, 0 without.
         apart: motion, in spacings of the map, after which the next image is used; None: every image is used.
         best: number of most similar images whose poses are averaged instead of filtering; None: filtering.
+        adapts: whether the filter adapts to the drive (:mod:`sextant.localization.adaptation`), for a camera.
+        odds: with ``adapts``, the scale of one image's evidence; None: that of the likelihood.
     """
 
     __test__ = False
@@ -189,6 +192,8 @@ class TestSettings:
     outliers: float | None = None
     apart: float | None = None
     best: int | None = None
+    adapts: bool = False
+    odds: float | None = None
 
     def filter(self, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> ParticleFilter:
         """The filter on a map of images at these poses, with the kernel learnt for it."""
@@ -302,8 +307,9 @@ def _one(
             replay.append((belief.poses[0].numpy().astype(np.float32), belief.weights[0].numpy().astype(np.float32)))
 
     seen = runs.seen & runs.inside
-    if settings.best is not None:
+    if settings.best is not None or settings.adapts:
         assert isinstance(observer, Camera)
+    if settings.best is not None:
         best, radius = settings.best, protocol.position * 2
         track = interpolated(observer, runs.frames, runs.motion, seen, best=best, radius=radius, watch=watch)
     else:
@@ -317,6 +323,7 @@ def _one(
             generator,
             particles=trial.particles,
             radius=protocol.position * 2,
+            adaptation=Adaptation(observer.model, observer.likelihood, odds=settings.odds) if settings.adapts else None,
             watch=watch,
         )
     return Outcome(trial, runs, track, np.where(runs.inside, nll, np.nan), replay)

@@ -284,8 +284,8 @@ class CachedEvidence(Evidence):
         if self.unread.any():
             self._read_around(images)
         residuals = self._residuals(flat, images, particles)
-        by_run = (each.view(runs, -1) for each in (residuals.squared, residuals.variance))
-        told = self.likelihood.log_prob(*by_run, model.map.dimension).view(shares.shape)
+        squared, variance = residuals.squared.view(runs, -1), residuals.variance.view(runs, -1)
+        told = self.likelihood.log_prob(squared, variance, model.map.dimension).view(shares.shape)
         return (shares * told).sum(dim=1).view(runs, particles)
 
     def _residuals(self, poses: Tensor, images: Tensor, particles: int) -> Residuals:
