@@ -174,6 +174,24 @@ def test_an_initial_pose_restarts_around_it_where_odometry_has_brought_the_robot
             core.on_initial_pose(0, np.array(pose, float), given)
 
 
+def test_the_transform_of_an_initial_pose_stays_until_images_decide():
+    stub = Stub(lost=True)  # spread as widely as the initial pose says, no place has half of the weight yet
+    core = RobotLocalizer(stub)
+    core.on_odometry(ns(1), np.array([1.0, 0, 0]))
+    core.on_initial_pose(ns(1), np.array([10.0, 0.0, 0.0]))
+    for second in (1, 2):
+        core.on_odometry(ns(second), np.array([second, 0.0, 0.0]))
+        (report,) = core.on_image(ns(second), image())
+        np.testing.assert_allclose(report.map_from_odom, [9, 0, 0], atol=1e-12)
+        assert report.lost
+        assert report.diagnostics.message == "not found yet near the initial pose"
+    stub.told["foreseen"] = 0.5
+    core.on_odometry(ns(3), np.array([3.0, 0, 0]))
+    (report,) = core.on_image(ns(3), image())
+    assert report.map_from_odom is None
+    assert report.diagnostics.level == "ERROR"
+
+
 @pytest.mark.parametrize(
     ("told", "level", "message"),
     [

@@ -1,6 +1,8 @@
 """ROS bags of both versions, written by the package ``rosbags``, read as drives."""
 
 import io
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from sextant.chapters.localization.data.ros_messages import camera_of
 from sextant.chapters.localization.data.rosbag import bag_summary, is_rosbag, open_rosbag
 from sextant.chapters.localization.locating import locate_frames
 from sextant.errors import UserError
+from sextant.tools.inspection.seen import found_files
 
 SIZE = (4, 6, 3)
 PICTURE = np.random.default_rng(0).integers(0, 256, SIZE, dtype=np.uint8)
@@ -151,6 +154,14 @@ def test_the_file_of_a_ros_2_bag_is_read_without_its_folder(tmp_path, storage):
     np.testing.assert_array_equal([frame.image for frame in drive.frames.read(SIZE)], [PICTURE] * 2)
     np.testing.assert_allclose(drive.motions[1], [2, 0, 0], atol=1e-9)
     assert "/camera (2 images, 2 Hz)" in bag_summary(bare)
+
+
+def test_inspect_lists_a_bag_once_and_files_that_are_alone(tmp_path):
+    bags = Bags(2)
+    folder = bags.write(tmp_path, [("/camera", 1, bags.image(1, PICTURE))], StoragePlugin.MCAP)
+    (file,) = folder.glob("*.mcap")
+    shutil.copy(file, tmp_path / "alone.mcap")
+    assert found_files(tmp_path).recordings == (Path("alone.mcap"), Path("drive"))
 
 
 MATRIX = [[500.0, 0, 5.5], [0, 510, 3.5], [0, 0, 1]]

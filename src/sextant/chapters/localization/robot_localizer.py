@@ -64,10 +64,11 @@ class Report:
 
     Attributes:
         stamp_ns: of the image.
-        lost: neither the pose nor the transform should be published.
+        lost: the pose should not be published.
         pose: x, y, heading of the base in the map.
         covariance: of x, y, z and the rotations about them, by rows; those of z, roll and pitch are 0.
-        map_from_odom: None while the robot is lost or odometry at the image's time is unknown.
+        map_from_odom: None while the robot is lost or odometry at the image's time is unknown; after an initial pose,
+            that pose's until the fifth image, from which on images decide whether the robot is lost.
         particles: base poses of equal weight, drawn from the belief.
         diagnostics: the state.
     """
@@ -162,6 +163,7 @@ class RobotLocalizer:
         self.camera: RosCamera | None = None
         self.map_from_odom: Float64[ndarray, "3"] | None = None  #: the newest; None until the robot is localized
         self._begins: tuple[int, Float64[ndarray, "3"], tuple[float, float, float]] | None = None
+        self._given: Float64[ndarray, "3"] | None = None  # map from odom by an initial pose, until images decide
         self._forget()
         self.images = self.left_out = 0
 
@@ -218,7 +220,7 @@ class RobotLocalizer:
         sigmas = tuple(math.sqrt(each) or usual for each, usual in zip(given.tolist(), USUAL_SIGMAS, strict=True))
         self._begins = (stamp_ns, pose, (sigmas[0], sigmas[1], sigmas[2]))
         at = self._odometry.at(stamp_ns or self._newest_ns)
-        self.map_from_odom = None if at is None else _map_from_odom(pose, at)
+        self._given = self.map_from_odom = None if at is None else _map_from_odom(pose, at)
 
     # -- steps ---------------------------------------------------------------------------------------------------------
 
@@ -252,7 +254,10 @@ class RobotLocalizer:
         self.images, self.left_out = self.images + 1, self.left_out + (pixels is None)
         told = self.localizer.step(motion, pixels)
         pose = self._base(told.pose[None])[0]
-        self.map_from_odom = None if told.lost or here is None else _map_from_odom(pose, here)
+        if not (told.lost and math.isnan(told.foreseen)):
+            self._given = None
+        found = None if told.lost or here is None else _map_from_odom(pose, here)
+        self.map_from_odom = self._given if found is None else found
         belief = self.localizer.belief
         rows = drawn_evenly(belief.weights[0])
         return Report(
@@ -274,7 +279,7 @@ class RobotLocalizer:
             pose = compose(pose[None], between(since[None], here[None]))[0]
         camera = compose(pose[None], self._base_from_camera)
         self.localizer.reset(start=GaussianStart(torch.from_numpy(camera), sigmas))
-        self._begins = None
+        self._begins, self._given = None, None if here is None else _map_from_odom(pose, here)
 
     def _pixels(self, message: Any, kind: str) -> tuple[ndarray | None, str]:
         """The image as the map's images are; None if it cannot be used, and why."""
@@ -309,6 +314,7 @@ class RobotLocalizer:
         level: Level = "OK"
         message = "localized"
         for wrong, severity, words in (
+            (self._given is not None, "WARN", "not found yet near the initial pose"),
             (told.lost, "ERROR", f"lost: the likeliest place has weight {told.mass:.0%}"),
             (bool(problem), "WARN", problem),
             (told.off_map > 0.5, "WARN", "probably outside of the mapped area"),
