@@ -89,6 +89,7 @@ class LocalizerNode:
             with self.lock:
                 pose, stamp = planar_pose(message.pose.pose), message.header.stamp.to_nsec()
                 self.core.on_initial_pose(stamp, pose, message.pose.covariance)
+            rospy.loginfo("starts again around %.2f, %.2f", pose[0], pose[1])
         except (UserError, ValueError) as error:
             rospy.logwarn(f"initialpose was ignored: {error}")
 

@@ -109,6 +109,7 @@ class LocalizerNode(Node):  # type: ignore[misc]
         try:
             pose, stamp_ns = planar_pose(message.pose.pose), nanoseconds(message.header.stamp)
             self.core.on_initial_pose(stamp_ns, pose, message.pose.covariance)
+            self.get_logger().info(f"starts again around {pose[0]:.2f}, {pose[1]:.2f}")
         except (UserError, ValueError) as error:
             self.warn(f"initialpose was ignored: {error}")
 

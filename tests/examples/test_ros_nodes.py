@@ -101,6 +101,7 @@ class Ros:
                 "Time": Stamp,
                 "get_name": lambda: "/sextant_localizer",
                 "resolve_name": lambda name: f"/{name}",
+                "loginfo": lambda text, *values: self.said.append(text % values),
                 "logwarn": self.said.append,
                 "logwarn_throttle": lambda seconds, text: self.said.append(text),
             }
@@ -129,7 +130,7 @@ class Ros:
                 return self.name
 
             def get_logger(self):
-                return SimpleNamespace(warning=lambda text, **_: ros.said.append(text))
+                return SimpleNamespace(warning=lambda text, **_: ros.said.append(text), info=ros.said.append)
 
         def time(nanoseconds):
             return SimpleNamespace(to_msg=lambda: ros.new_time(nanoseconds))
@@ -255,6 +256,7 @@ def test_an_initial_pose_is_taken(ros, monkeypatch):
     message.pose.covariance = np.diag([0.25, 0.25, 0, 0, 0, 0.07]).ravel()
     ros.send("initialpose", message)
     assert node.core.map_from_odom is not None  # before the next image
+    assert ros.said[-1] == "starts again around 30.00, 0.00"
     ros.send("odom", ros.bags.odometry(4, 3 + 2 * math.cos(0.5), 0.5, y=-1 + 2 * math.sin(0.5)))
     ros.send("image", ros.bags.image(4, seen_at(30.0)))
     assert ros.published["pose"][-1].pose.pose.position.x == pytest.approx(30.0, abs=0.7)
