@@ -75,7 +75,7 @@ def classifier(tmp_path, monkeypatch):
     spec = {"channels": 3, "height": 16, "width": 16, "classes": ["cat", "dog"]}
     content = {KEY: {"task": "classification", "spec": spec}}
     monkeypatch.setattr(handler, "resolve_run", lambda *_: FoundRun(tmp_path / "last.ckpt", None))
-    monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: content)
+    monkeypatch.setattr("sextant.kit.trained.read_trained", lambda path: content)
     module = "sextant.chapters.classification.predict"
     said = torch.tensor([[0.5, 0.25]])
     opened = SimpleNamespace(probabilities=lambda images: said.expand(len(images), 2))
@@ -173,7 +173,7 @@ def test_keys_of_several_tasks_do_not_go_together(tmp_path, picture, classifier,
 
 
 def test_a_checkpoint_of_a_task_that_is_none(tmp_path, picture, classifier, monkeypatch):
-    monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: {KEY: {"task": "dowsing"}})
+    monkeypatch.setattr("sextant.kit.trained.read_trained", lambda path: {KEY: {"task": "dowsing"}})
     with pytest.raises(UserError, match="run=x is a model of task=dowsing"):
         predict.main(["run=x", f"input={picture}", f"output={tmp_path / 'out'}"])
 

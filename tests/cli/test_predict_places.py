@@ -470,7 +470,7 @@ def test_descriptors_that_are_not_finite_are_failures(rides, tmp_path):
         ({"places": "imu"}, "places=imu must be one of none, csv, utm, gps, name, order"),
         ({"tolerance": "-1"}, "tolerance=-1 must be a number from 0 up"),
         ({"tolerance": "nan"}, "tolerance=nan must be a number"),
-        ({"descriptors": "yes"}, "descriptors=yes must be true or false"),
+        ({"descriptors": "yes"}, "descriptors=yes must be true, false or <map>"),
         ({"input": "x"}, "input= does not go with map="),
         ({"camera": "one"}, "camera= does not go with map="),
         ({"queries": None}, "queries= is missing"),
@@ -513,7 +513,7 @@ def test_a_truth_that_is_not_there(rides, tmp_path, places, says):
 @pytest.mark.parametrize("key", ["matches", "map", "descriptors"])
 def test_keys_of_places_are_refused_by_other_tasks(rides, tmp_path, monkeypatch, key):
     monkeypatch.setattr(handler, "resolve_run", lambda *_: FoundRun(tmp_path / "last.ckpt", None))
-    monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: {KEY: {"task": "classification"}})
+    monkeypatch.setattr("sextant.kit.trained.read_trained", lambda path: {KEY: {"task": "classification"}})
     given = [f"map={rides[0]}", f"queries={rides[1]}"] if key == "map" else [f"input={rides[0]}", f"{key}=3"]
     with pytest.raises(UserError, match=f"{key}= belongs to place_recognition; this is a model of classification"):
         predict.main(["run=x", f"output={tmp_path / 'out'}", *given])

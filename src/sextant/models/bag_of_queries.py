@@ -34,7 +34,7 @@ class QueryBlock(nn.Module):
         """The encoded cells, and what each query found in them."""
         cells, own = self.encoder(cells), self.queries
         asked = self.norm_q(own + self.self_attn(own, own, own, need_weights=False)[0])  # the same for all images
-        found, _ = self.cross_attn(asked.expand(len(cells), -1, -1), cells, cells, need_weights=False)
+        found, _ = self.cross_attn(asked.expand(cells.shape[0], -1, -1), cells, cells, need_weights=False)
         return cells, self.norm_out(found)
 
 

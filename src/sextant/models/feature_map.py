@@ -130,7 +130,8 @@ class FeatureMap(nn.Module):
         if self.tokens is None:
             return x
         before, grid = self.tokens
-        return x[:, before:].transpose(1, 2).reshape(len(x), -1, *grid)
+        found: Tensor = x[:, before:].transpose(1, 2).unflatten(2, grid)
+        return found
 
 
 def _stop(module: nn.Module, inputs: object, output: Tensor) -> None:

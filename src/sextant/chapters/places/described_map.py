@@ -168,8 +168,9 @@ class DescribedMap:
             UserError: they are not finite rows of floats, one per photo, or of other length than the map's.
         """
         rows = given_rows(descriptors, count)
-        known = self._parts[0].index.dimension if self._parts else getattr(self._describer, "dimension", rows.shape[1])
-        if rows.shape[1] != known:
+        own = getattr(self._describer, "dimension", None)
+        known = self._parts[0].index.dimension if self._parts else own
+        if known is not None and rows.shape[1] != known:
             raise UserError(
                 f"descriptors: {rows.shape[1]} numbers per photo, but those of the map have {known}",
                 "Map and queries must be described by the same network.",

@@ -70,6 +70,7 @@ class TrainedPlaceNetwork:
 
     def __init__(self, network: nn.Module, size: ImageSize, model: str):
         self.network, self.size, self.model = network.eval(), size, model
+        self.dimension = getattr(network, "dimension", None)
 
     @torch.no_grad()
     def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
