@@ -172,15 +172,8 @@ def of_timm(name, **smaller):
         (lambda: PlaceCNN(3, SIZE, 4), SIZE, "head", r"\(1, 4\), not"),
         (lambda: CaffeNet(3, SIZE, 4), SIZE, "features.pool5", "32x64.*pool5"),
         (lambda: torchvision_backbone("googlenet", 3, SIZE, 4), SIZE, "aux1", "is not used by"),
-        (
-            lambda: of_timm("vit_tiny_patch16_224", depth=1),
-            SIZE,
-            None,
-            r"\(1, 9, 192\), not(?s:.*)network of convolutions",
-        ),
         (lambda: of_timm("vit_small_patch14_dinov2", depth=1), (96, 128), None, "96x128(?s:.*)layer"),
         (lambda: of_timm("regnetx_002"), SIZE, None, "no layer named any of(?s:.*)s4"),
-        (lambda: of_timm("swin_tiny_patch4_window7_224", depths=(1, 1)), SIZE, "layers", "not(?s:.*)convolutions"),
     ],
 )
 def test_a_layer_that_gives_no_map_is_named(make, size, layer, told):
