@@ -66,6 +66,9 @@ RUN = {
     "sextant runs": ((), "classification/"),
     "sextant runs delete <task>/<run>": ((), "deleted classification/"),
     "sextant data list": ((), "office_walk"),
+    "sextant data posed folder=/tmp/office": ((), "to locate the photos: sextant locate"),
+    "sextant locate map=/tmp/office/map input=/tmp/office/photos output=/tmp/office/found "
+    "camera=207.18,207.18,159.5,119.5": ((), "images located"),
     "make help": ((), "dashboard"),
 }
 #: why the others are not: what such a command begins with or holds
@@ -117,6 +120,7 @@ def filled_in(text, folder, run):
     """The words of a command, its placeholders and paths replaced by what the desk has."""
     own = {
         "/path": folder / "classes",
+        "/tmp/office": folder / "office",
         "dataset.folder=<folder>": f"dataset.folder={folder / 'drives'}",
         "input=<folder>": f"input={folder / 'photos'}",
         "output=<folder>": f"output={folder / 'found'}",
