@@ -16,6 +16,7 @@ from sextant.cli import (
     corruptions_make,
     dashboard,
     data,
+    data_posed,
     demo,
     gallery,
     inspect,
@@ -188,14 +189,15 @@ def _claims(command: Command, words: list[str]) -> None:
 
 def _data(command: Command, words: list[str]) -> None:
     verb, *rest = words
-    _among("sextant data", verb, ["list", "render", "describe", "verify", "gallery"])
+    _among("sextant data", verb, ["list", "render", "describe", "verify", "gallery", "posed"])
     if verb == "render":
         _, overrides = data.render_options(rest)
         checked(to_plain(compose(overrides)))
     elif verb == "describe":
         DescribeOptions.of(parse_arguments(rest, DescribeOptions.meanings(), command.text), command.text)
-    elif verb == "gallery":
-        parse_arguments(rest, gallery.GalleryOptions.meanings(), command.text)
+    elif verb in ("gallery", "posed"):
+        options = gallery.GalleryOptions if verb == "gallery" else data_posed.PosedOptions
+        parse_arguments(rest, options.meanings(), command.text)
 
 
 def _runs(command: Command, words: list[str]) -> None:
