@@ -1,8 +1,9 @@
 """Time and memory of maps of posed photos by their size: ``python -m benchmarks.pose_map_scale``.
 
 A map of 29 of the 30 photos of castle (``strecha_posed``) is built; larger maps are copies of it, a kilometre apart,
-whose global descriptors are turned at random, so that copies are as unlike as places of one city. The photo left out is
-located in each saved and opened map. Building grows with the pairs of neighbours: shown with the 128 strongest keypoints.
+whose global descriptors are turned at random, so that copies are as unlike as places of one city. The photo left out
+is located in each saved and opened map. Building grows with the pairs of neighbours, which is shown with the 128
+strongest keypoints.
 """
 
 import os
@@ -42,7 +43,9 @@ def main(largest: int = 10005) -> None:
     poses = np.delete(poses, LEFT_OUT, axis=0)
     seconds, built = timed(lambda: PoseMap.from_images(files, poses, camera))
     images = len(files)
-    print(f"built of {images} photos: {seconds / images:.2f} CPU s an image, {built.posed.nbytes / images / 1e6:.2f} MB")
+    print(
+        f"built of {images} photos: {seconds / images:.2f} CPU s an image, {built.posed.nbytes / images / 1e6:.2f} MB"
+    )
     print("| images | open CPU s | memory MB more | locate CPU s | m from the truth | build CPU s, 128 keypoints |")
     print("|---|---|---|---|---|---|")
     for size in (size for size in SIZES if size <= largest):

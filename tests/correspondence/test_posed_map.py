@@ -5,9 +5,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("poselib")
-from sextant.correspondence import LocalFeatures, Pinhole, build_map, focal_length_of, log_false_alarms, mutual_matches
+from sextant.correspondence import (
+    LocalFeatures,
+    Pinhole,
+    build_map,
+    calibrated,
+    focal_length_of,
+    likely_convention,
+    log_false_alarms,
+    mutual_matches,
+)
+from sextant.correspondence.left_out import squared_error, without
+from sextant.correspondence.posed_map import neighbouring
 
 CAMERA = Pinhole.centred(640, 480, 520.0)
 
@@ -111,3 +124,95 @@ def test_chance_explains_few_inliers_and_not_many():
     assert log_false_alarms(500, 3, 4, 640 * 480) == math.inf
     assert log_false_alarms(500, 6, 4, 640 * 480) > 0
     assert log_false_alarms(500, 60, 4, 640 * 480) < -50
+
+
+def line(n, rng):
+    """Poses along a line that look to its side, and points there."""
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, 0, 3] = np.linspace(0, 3, n)
+    poses[:, 1, 3] = rng.uniform(-0.3, 0.3, n)
+    points = np.column_stack([rng.uniform(-2, 5, 250), rng.uniform(-2, 2, 250), rng.uniform(4, 9, 250)])
+    return poses, points
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("metres", "least", "most"), [(0.0, 0.88, 1.0), (0.01, 0.85, 1.0)])
+def test_regions_in_a_map_hold_the_truth_whether_or_not_its_poses_are_exact(metres, least, most):
+    """95 % regions of 48 views; the given poses of the map's images and of the views err by ``metres``."""
+    held, plain = [], []
+    for seed in range(12):  # of 16 images each
+        rng = np.random.default_rng(seed)
+        poses, points = line(16, rng)
+        features = views(poses, points, seed=seed)
+        told = poses.copy()
+        told[:, :3, 3] += rng.normal(scale=metres, size=(16, 3))
+        queries = np.arange(16) % 4 == 2
+        rest = np.flatnonzero(~queries)
+        posed = calibrated(build_map([features[k] for k in rest], told[rest], [CAMERA] * len(rest)))
+        for k in np.flatnonzero(queries):
+            found = posed.locate(features[k], np.argsort(np.abs(rest - k))[:8].tolist(), CAMERA)
+            squared = squared_error(found.pose, told[k])
+            held.append(squared < stats.chi2.ppf(0.95, 6))
+            plain.append(squared * posed.variance_factor < stats.chi2.ppf(0.95, 6))
+    assert least <= np.mean(held) <= most
+    if metres:
+        assert np.mean(plain) < 0.5  # without the factor
+
+
+def test_points_without_an_image_are_those_of_the_others(world):
+    poses, points = world
+    features = views(poses, points)
+    posed = build_map(features, poses, [CAMERA] * 6)
+    rest, candidates = without(posed, 3)
+    assert 3 not in candidates
+    assert (rest.point_of[3] < 0).all() or (rest.point_of[3][rest.point_of[3] >= 0] < len(posed.points)).all()
+    others = build_map([features[k] for k in (0, 1, 2, 4, 5)], poses[[0, 1, 2, 4, 5]], [CAMERA] * 5)
+    mine = rest.points[rest.point_of[2][rest.point_of[2] >= 0]]
+    theirs = others.points[others.point_of[2][others.point_of[2] >= 0]]
+    apart = np.linalg.norm(mine[:, None] - theirs[None], axis=2).min(1)
+    assert np.quantile(apart, 0.95) < 1e-6
+
+
+def test_a_map_of_few_images_has_no_factor(world):
+    poses, points = world
+    assert calibrated(build_map(views(poses[:3], points), poses[:3], [CAMERA] * 3)).variance_factor == 1.0
+
+
+def test_neighbours_of_a_large_map_are_the_nearest_that_look_the_same_way():
+    rng = np.random.default_rng(0)
+    poses = np.tile(np.eye(4), (300, 1, 1))
+    poses[:, :3, 3] = rng.uniform(0, 50, (300, 3))
+    poses[::2, :3, :3] = np.diag([-1.0, 1.0, -1.0])
+    pairs = neighbouring(poses)
+    position = poses[:, :3, 3]
+    for i in (0, 17, 205):
+        distance = np.linalg.norm(position - position[i], axis=1)
+        same = [j for j in np.argsort(distance) if j != i and (i - j) % 2 == 0][:8]
+        assert {(min(i, j), max(i, j)) for j in same} <= set(pairs)
+    assert all((i - j) % 2 == 0 for i, j in pairs)
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        (lambda poses: poses @ np.diag([1.0, -1.0, -1.0, 1.0]), "OpenGL"),
+        (np.linalg.inv, "camera_from_world"),
+        (lambda poses: poses, None),
+    ],
+)
+def test_poses_of_another_convention_are_named(world, changed, named):
+    poses, points = world
+    turned = poses.copy()
+    for pose, angle in zip(turned, np.linspace(-0.3, 0.3, 6), strict=True):
+        pose[:3, :3] = Rotation.from_euler("yx", [angle, angle / 2]).as_matrix()
+    found = likely_convention(views(turned, points), changed(turned), [CAMERA] * 6)
+    assert (found is None) if named is None else (named in found)
+
+
+def test_contradicting_poses_name_no_convention(world):
+    poses, points = world
+    rng = np.random.default_rng(0)
+    wrong = poses.copy()
+    wrong[:, :3, 3] = rng.normal(size=(6, 3))
+    wrong[:, :3, :3] = Rotation.from_rotvec(rng.normal(scale=0.2, size=(6, 3))).as_matrix()
+    assert likely_convention(views(poses, points), wrong, [CAMERA] * 6) is None

@@ -5,6 +5,7 @@ camera with distortion are undistorted first. Poses are ``world_from_camera``, x
 """
 
 from sextant.correspondence.absolute_pose import EstimatedPose, absolute_pose
+from sextant.correspondence.conventions import likely_convention
 from sextant.correspondence.features import LocalFeatures, XFeatures
 from sextant.correspondence.left_out import calibrated
 from sextant.correspondence.matching import epipolar_inliers, mutual_matches
@@ -29,6 +30,7 @@ __all__ = [
     "count_inliers",
     "epipolar_inliers",
     "focal_length_of",
+    "likely_convention",
     "log_false_alarms",
     "mutual_matches",
     "relative_pose",

@@ -137,7 +137,7 @@ def build_map(
     links = [np.empty((0, 2), np.int64)]
     for i, j in neighbouring(poses):
         pairs = mutual_matches(features[i], features[j])
-        kept = pairs[_agree(features, poses, cameras, i, j, pairs)]
+        kept = pairs[agreeing(features, poses, cameras, i, j, pairs)]
         links.append(kept + offsets[[i, j]])
     return _triangulated(features, poses, cameras, np.concatenate(links), offsets)
 
@@ -192,7 +192,7 @@ def log_false_alarms(matches: int, inliers: int, radius_px: float, pixels: int) 
     return (ways + (inliers - 3) * math.log(chance)) / math.log(10)
 
 
-def _agree(
+def agreeing(
     features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], i: int, j: int, pairs: ndarray
 ) -> Bool[ndarray, "m"]:
     """Which matches agree with the poses of both images."""

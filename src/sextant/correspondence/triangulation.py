@@ -4,11 +4,13 @@ A point minimises the squared reprojection errors of its track, from the linear 
 covariance is :math:`\sigma^2 (\sum_k J_k^\top J_k)^{-1}` with the pixels' standard deviation :math:`\sigma`.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
+from scipy.sparse import csr_matrix
 
 from sextant.correspondence.pinhole import Pinhole
 
@@ -111,9 +113,10 @@ def _linearised(
 
 
 def _summed(values: ndarray, tracks: ndarray, count: int) -> ndarray:
-    total = np.zeros((count, *values.shape[1:]))
-    np.add.at(total, tracks, values)
-    return total
+    chosen = csr_matrix((np.ones(len(tracks)), (tracks, np.arange(len(tracks)))), (count, len(tracks)))
+    return np.asarray(chosen @ values.reshape(len(values), math.prod(values.shape[1:]))).reshape(
+        count, *values.shape[1:]
+    )
 
 
 def _angles(directions: ndarray, tracks: ndarray, count: int) -> ndarray:

@@ -28,12 +28,17 @@ def open_picture(path: Path) -> Image.Image:
     """Open a picture of any name without decoding it; the caller closes it.
 
     Raises:
-        UnreadableImageError: it is the preview in a raw file, or a TIFF that Pillow opens but reads wrongly.
+        UnreadableImageError: it is the preview in a raw file, a TIFF that Pillow opens but reads wrongly, or has more
+            pixels than Pillow decodes.
         OSError: or any other error of Pillow for a file that is not a picture; :func:`why_unreadable` gives the reason.
     """
     Image.init()  # until then Pillow supports only the commonest formats
     content = None if first_bytes(path, 8) != PNG else _without_odd_chunks(path)
-    image = Image.open(path if content is None else io.BytesIO(content), formats=known_formats())
+    try:
+        image = Image.open(path if content is None else io.BytesIO(content), formats=known_formats())
+    except Image.DecompressionBombError:
+        most = 2 * (Image.MAX_IMAGE_PIXELS or 0) / 1e6
+        raise UnreadableImageError(f"has more than {most:.0f} megapixels; scale it down") from None
     if reason := unfit_tiff(image, path.suffix.lower()):
         image.close()
         raise UnreadableImageError(reason)

@@ -17,8 +17,10 @@ pytest.importorskip("kornia")
 pytest.importorskip("poselib")
 
 from sextant import PoseMap, cli
+from sextant.applications.pixels import as_pixels
 from sextant.chapters.localization.data.posed_photos import PhotoLens, StraightPhotos, posed_photos
-from sextant.correspondence import Pinhole
+from sextant.chapters.localization.pose_map import _detected
+from sextant.correspondence import Pinhole, XFeatures
 from sextant.errors import UserError
 
 DATA = os.environ.get("SEXTANT_DATA")
@@ -121,12 +123,44 @@ def test_a_rough_focal_length_is_refined(desk):
 
 
 @real
-def test_axes_of_another_convention_are_named():
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        (lambda poses: poses @ np.diag([1.0, -1.0, -1.0, 1.0]), r"y up and z back \(OpenGL"),
+        (np.linalg.inv, "camera_from_world"),
+    ],
+)
+def test_axes_of_another_convention_are_named(changed, named):
     files, poses, camera = fountain()
-    flipped = poses @ np.diag([1.0, -1.0, -1.0, 1.0])
-    with pytest.raises(UserError, match="no matches of the map's images agree") as caught:
-        PoseMap.from_images(files[:3], flipped[:3], camera, side=320)
-    assert "OpenGL and Blender have y up" in str(caught.value)
+    with pytest.raises(UserError, match=named):
+        PoseMap.from_images(files[:3], changed(poses[:3]), camera, side=320)
+
+
+@real
+@pytest.mark.slow
+def test_photos_without_overlap_make_no_map():
+    files, poses, _ = fountain()
+    others = sorted((Path(DATA) / "york_urban").glob("*.jpg"))[:1]
+    with pytest.raises(UserError, match="images overlap"):
+        PoseMap.from_images([files[0], others[0]], poses[:2], (1035.0, 1035.0, 400.0, 300.0), side=320)
+
+
+def test_a_photo_of_200_megapixels_is_refused(tmp_path):
+    Image.new("1", (20_000, 10_000)).save(tmp_path / "large.png")
+    with pytest.raises(UserError, match="more than 179 megapixels; scale it down"):
+        as_pixels(tmp_path / "large.png")
+
+
+def test_features_of_a_large_photo_are_in_its_pixels():
+    rng = np.random.default_rng(0)
+    small = np.kron(rng.integers(0, 255, (24, 32, 3), np.uint8), np.ones((8, 8, 1), np.uint8))
+    large = np.kron(small, np.ones((4, 4, 1), np.uint8))
+    one = XFeatures(200, 128).detect([small])[0]
+    other = _detected(XFeatures(200, 128), large)
+    assert (other.width, other.height, other.pixel) == (1024, 768, 8.0)
+    apart = np.linalg.norm(((one.points + 0.5) * 4 - 0.5)[:, None] - other.points[None], axis=2).min(1)
+    assert np.median(apart) < other.pixel
 
 
 @pytest.mark.parametrize(

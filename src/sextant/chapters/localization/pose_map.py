@@ -28,6 +28,7 @@ from sextant.correspondence import (
     build_map,
     calibrated,
     focal_length_of,
+    likely_convention,
 )
 from sextant.errors import ArgumentError, UserError
 from sextant.runs.outputs_folder import default_outputs
@@ -41,6 +42,12 @@ CANDIDATES = 10
 #: assumes: photos of York reach -50 in maps that they do not show, photos of the maps stay below -2,000
 #: (python -m benchmarks.posed_photos).
 LOG10_FALSE_ALARMS = -100.0
+#: points an image below which another convention of the poses is looked for; maps of overlapping photos have hundreds
+FEW_POINTS = 50
+#: points of a map: fewer inliers than this do not reach the limit of false alarms, so that nothing would be located
+LEAST_POINTS = 30
+#: images with sides above this, in sides of the images that features are detected in, are reduced to 2 of these first
+REDUCED = 4
 #: largest deviation of a rotation from an orthonormal matrix
 ROTATION_TOLERANCE = 1e-3
 
@@ -157,9 +164,7 @@ class PoseMap:
         features = XFeatures(keypoints, side)
         described_by = kept_network(resolve_run(str(descriptor), default_outputs(), "descriptor").checkpoint)
         found, descriptors = _features_of(images, features, described_by, progress)
-        posed = calibrated(build_map(found, matrices, _cameras(cameras, found, matrices)))
-        if not len(posed.points):
-            raise UserError(*_without_points(found))
+        posed = _built(found, matrices, _cameras(cameras, found, matrices))
         return cls(posed, _checked_names(names, images), descriptors, described_by, features)
 
     @classmethod
@@ -197,9 +202,7 @@ class PoseMap:
         if cameras is not None:
             more = _cameras(cameras, found, matrices)
         everything, joined = [*self.posed.features, *found], np.concatenate([self.posed.poses, matrices])
-        posed = calibrated(build_map(everything, joined, [*self.posed.cameras, *more]))
-        if not len(posed.points):
-            raise UserError(*_without_points(found))
+        posed = _built(everything, joined, [*self.posed.cameras, *more])
         self.posed, self.names = posed, [*self.names, *named]
         self._descriptors = np.concatenate([self._descriptors, descriptors])
 
@@ -218,7 +221,7 @@ class PoseMap:
         """
         check_whole("candidates", candidates, 1, "For example candidates=10.")
         pixels = _colour(photo)
-        (features,) = self._features.detect([pixels])
+        features = _detected(self._features, pixels)
         similarity = self._descriptors @ _described(self._described_by, pixels)[0]
         order = np.argsort(-similarity, kind="stable")[:candidates].tolist()
         lens, sigma = _prior(camera, features, self.posed.cameras[order[0]])
@@ -245,6 +248,25 @@ class PoseMap:
         return cls(saved.posed, saved.names, saved.descriptors, saved.described_by, saved.features)
 
 
+def _built(found: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole]) -> PosedMap:
+    """The map, with its variance factor.
+
+    Raises:
+        UserError: no points agree with the poses, or few, and many with poses of another convention.
+    """
+    posed = build_map(found, poses, cameras)
+    if len(posed.points) < FEW_POINTS * len(found):
+        other = likely_convention(found, poses, cameras)
+        if other is not None:
+            raise UserError(
+                f"matches of the map's images contradict their poses, but agree with poses that have {other}",
+                "Convert them to world_from_camera with x right, y down, z forward.",
+            )
+    if len(posed.points) < LEAST_POINTS:
+        raise UserError(*_without_points(found))
+    return calibrated(posed)
+
+
 def _answer(posed: PosedMap, query: LocalFeatures, found: Located) -> LocatedPhoto:
     pose = found.pose
     if pose is None or found.log10_false_alarms > LOG10_FALSE_ALARMS:
@@ -269,6 +291,19 @@ def _described(described_by: SavedDescriptor, pixels: ndarray) -> Float32[ndarra
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True).clip(min=1e-12))
 
 
+def _detected(features: XFeatures, pixels: ndarray) -> LocalFeatures:
+    """Local features; of an image far larger than they are detected in, by a reduced one, which needs less memory."""
+    height, width = pixels.shape[:2]
+    if features.side is None or max(height, width) <= REDUCED * features.side:
+        return features.detect([pixels])[0]
+    scale = 2 * features.side / max(height, width)
+    rows, columns = (max(1, round(side * scale)) for side in (height, width))
+    found = features.detect([_resized(pixels, (rows, columns, 3))])[0]
+    back = np.array([width / columns, height / rows], np.float32)
+    points = ((found.points + 0.5) * back - 0.5).astype(np.float32)
+    return LocalFeatures(points, found.descriptors, width, height, found.pixel * float(back.max()))
+
+
 def _resized(pixels: ndarray, size: tuple[int, int, int]) -> ndarray:
     import cv2
 
@@ -285,7 +320,7 @@ def _features_of(
             pixels = _colour(image)
         except UserError as error:
             raise UserError(f"image {number}: {error.problem}", error.fix) from None
-        found += features.detect([pixels])
+        found.append(_detected(features, pixels))
         descriptors.append(_described(described_by, pixels))
         progress(number + 1, len(images))
     return found, np.concatenate(descriptors)
@@ -404,7 +439,7 @@ def _without_points(found: Sequence[LocalFeatures]) -> tuple[str, str]:
             "Give images with texture.",
         )
     return (
-        "no matches of the map's images agree with their poses",
+        f"fewer than {LEAST_POINTS} matches of the map's images agree with their poses",
         "Check that images overlap, that each pose belongs to its image, and the axes: world_from_camera, x right, "
         "y down, z forward (OpenGL and Blender have y up and z back; COLMAP's matrices are camera_from_world).",
     )
