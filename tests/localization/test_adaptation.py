@@ -1,27 +1,42 @@
 """One filter: many runs together are many runs alone, and one run of the engine is the live localizer, to the bit."""
 
 import math
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
 import torch
+from torch.overrides import TorchFunctionMode
+from torch.utils._pytree import tree_leaves
 
 from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.saved_filter import usual_filter, usual_radius
+from sextant.localization import recovery, resampling
 from sextant.localization.adaptation import Adaptation
 from sextant.localization.belief import Belief
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import AppearanceStart, UniformStart
+from sextant.localization.kld_size import KLDSize
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.localize import Steps, localize
-from sextant.localization.observation import CachedLocalGP, KernelMixture, LocalGP
+from sextant.localization.motion import OdometryMotion
+from sextant.localization.observation import (
+    SGPR,
+    SKI,
+    SVGP,
+    CachedLocalGP,
+    ExactGP,
+    KernelMixture,
+    KernelSum,
+    LocalGP,
+    RandomFeatures,
+)
 from sextant.localization.observers import Camera
 from sextant.localization.pose_kernel import PoseKernel
 
 PLACES, DIMENSION, STEPS, RUNS = 40, 16, 24, 5
-MODELS = [CachedLocalGP(8, map_evidence="mean"), CachedLocalGP(8, blend=2), LocalGP(8), KernelMixture(8)]
+MODELS = [CachedLocalGP(8, map_evidence="mean"), CachedLocalGP(8, blend=2), LocalGP(8), KernelMixture(8), KernelSum(3)]
 PARTS = ("change", "scale", "innovation", "recognition", "drive", "odometry", "standstill", "velocity")
 
 
@@ -62,7 +77,7 @@ def assert_same(many, single, run, name=""):
 
 
 @pytest.mark.parametrize("learns", [True, False])
-@pytest.mark.parametrize("model", MODELS, ids=["cached", "blended", "local", "mixture"])
+@pytest.mark.parametrize("model", MODELS, ids=["cached", "blended", "local", "mixture", "sum"])
 def test_runs_together_are_runs_alone(model, learns):
     """Given the same beliefs. Sums over several descriptors have another order than over one, so not to the bit."""
     fitted, filter, again = world(model)
@@ -159,3 +174,57 @@ def test_a_run_without_images_learns_nothing_beside_one_that_has_them():
     for name in PARTS:
         assert_same(getattr(now.learned, name), getattr(rules.start(1), name), 1, name)
     assert now.learned.change.images[0] == 9
+
+
+class NothingOnTheDefaultDevice(TorchFunctionMode):
+    """With ``meta`` as the default device, a tensor that was not put where the map is has that device."""
+
+    def __torch_function__(self, func, types, args=(), kwargs=None):
+        found = func(*args, **(kwargs or {}))
+        made = [each for each in tree_leaves(found) if isinstance(each, torch.Tensor) and each.device.type == "meta"]
+        assert not made, f"{func} made a tensor on the default device"
+        return found
+
+
+USUAL = MODELS[0]
+DEVICE_CASES = {
+    "usual": (USUAL, {}),
+    **{type(each).__name__: (USUAL, {"recovery": each}) for each in (
+        recovery.NoRecovery(), recovery.UniformInjection(), recovery.AugmentedMCL(), recovery.TopKInjection(),
+        recovery.BayesRestart(window=5, weigh_jitter=True),
+    )},
+    **{type(each).__name__: (USUAL, {"resampling": each}) for each in (
+        resampling.StratifiedResampling(), resampling.ResidualResampling(), resampling.MultinomialResampling()
+    )},
+    "kld": (USUAL, {"kld": KLDSize(0.1, 0.05, 50, 300, 1.0, 0.3)}),
+    "apart": (USUAL, {"apart": (3.0, 0.5)}),
+    "odometry": (USUAL, {"motion": OdometryMotion()}),
+    **{repr(number): (each, {}) for number, each in enumerate((
+        *MODELS[1:], ExactGP(), LocalGP(8, "nearest_image"), SGPR(10), SVGP(10, steps=5, batch=20), SKI(0.5, 20),
+        RandomFeatures(100), CachedLocalGP(8, rounded=True),
+    ))},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("case", "adapts"), [("usual", False), *((each, True) for each in DEVICE_CASES)])
+def test_no_tensor_of_a_step_is_on_the_default_device_by_accident(case, adapts):
+    model, changes = DEVICE_CASES[case]
+    fitted, filter, again = world(model)
+    rules = Adaptation(fitted, Likelihood(tempering=0.125), odds=20.0) if adapts else None
+    start = AppearanceStart() if case == "usual" else UniformStart()
+    steps, camera = Steps(replace(filter, **changes), start, 60, 5.0, rules), Camera(fitted, Likelihood(), again)
+    frames, motion, seen = drives(2)
+    motion, seen, draws, now = torch.from_numpy(motion), torch.from_numpy(seen), torch.Generator().manual_seed(0), None
+    with torch.device("meta"), NothingOnTheDefaultDevice():
+        for step in range(STEPS):
+            now = steps.step(now, motion[step], camera, frames[step], seen[step], draws)
+    assert now.found.pose.isfinite().all()
+
+
+def test_that_test_notices_one():
+    with (
+        pytest.raises(AssertionError, match="on the default device"),
+        torch.device("meta"),
+        NothingOnTheDefaultDevice(),
+    ):
+        torch.zeros(3)

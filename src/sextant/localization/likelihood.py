@@ -61,8 +61,9 @@ class Likelihood:
             raise ValueError(f"form={self.form!r} must be one of {', '.join(FORMS)}")
         if not 0 < self.tempering <= 1:
             raise ValueError(f"tempering={self.tempering} must be in (0, 1]")
-        variances = torch.as_tensor(self.appearance_variance)
-        if not bool(((variances >= 0) & variances.isfinite()).all()):
+        variance = self.appearance_variance
+        low, high = variance.aminmax() if isinstance(variance, Tensor) else (variance, variance)
+        if not (low >= 0 and high < math.inf):
             raise ValueError(f"appearance_variance={self.appearance_variance} must be at least 0 and finite")
         if not (self.dof > 0 and math.isfinite(self.dof)):
             raise ValueError(f"dof={self.dof} must be above 0 and finite")

@@ -14,6 +14,7 @@ and at a station are in results/localization_change.md, "When it is lost".
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Self
 
 import torch
@@ -90,6 +91,6 @@ class OdometryCheck:
         full = self._held.all(1)
         if not apart > 0 or not bool(full.any()):
             return torch.zeros_like(full)
-        rows, (first, second) = self.images[full].double(), torch.triu_indices(COMPARED, COMPARED, 1).unbind()
-        differ = [(rows[:, i] - rows[:, j]).square().sum(1) for i, j in zip(first, second, strict=True)]
+        rows = self.images[full].double()
+        differ = [(rows[:, i] - rows[:, j]).square().sum(1) for i, j in combinations(range(COMPARED), 2)]
         return full.masked_scatter(full, torch.stack(differ, 1).median(1).values > ALIKE * apart)

@@ -188,7 +188,9 @@ def test_a_filter_that_adapts_is_trained_tested_and_kept_as_one(run, outputs):
     adapting = (*quick, *likelihood, "filter.adapts=true", "filter.odds=20.0")
     directory, plain = run(*adapting), run(*quick, *likelihood)
     assert directory.path != plain.path
-    assert not np.array_equal(arrays(directory)["position_error/night_clear"], arrays(plain)["position_error/night_clear"])
+    assert not np.array_equal(
+        arrays(directory)["position_error/night_clear"], arrays(plain)["position_error/night_clear"]
+    )
     for found, adapts in ((directory, True), (plain, False)):
         localizer = Localizer.load(found.path / "map")
         assert (localizer.adapts, localizer.odds) == (adapts, 20.0 if adapts else None)

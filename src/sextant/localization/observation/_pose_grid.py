@@ -158,7 +158,7 @@ class PoseGrid:
         with_axis = {axis.dimension for axis in self.axes}
         absent = [d for d in range(3) if d not in with_axis]
         factors = [factor_of_dimension(poses[:, d] - self.origin[d], d, self.kernel) for d in absent]
-        return reduce(torch.mul, factors, torch.ones(len(poses), dtype=torch.float64))
+        return reduce(torch.mul, factors, poses.new_ones(len(poses)))
 
 
 def factor_of_dimension(difference: Float64[Tensor, " n"], dimension: int, kernel: PoseKernel) -> Float64[Tensor, " n"]:

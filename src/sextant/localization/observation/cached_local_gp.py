@@ -171,7 +171,7 @@ class CachedLocalGP(ObservationModel):
             self.neighbourhoods.features, self.caches.neighbours, self.caches.whiteners, weights, explained,
         )  # fmt: skip
         rows = torch.from_numpy(self.caches.neighbours)[images].long()
-        mean = torch.empty(len(images), self.map.dimension, dtype=torch.float64)
+        mean = poses.new_empty(len(images), self.map.dimension)
         at_a_time = max(1, ENTRIES // (self.neighbours * self.map.dimension))
         for start in range(0, len(images), at_a_time):
             some = slice(start, start + at_a_time)
@@ -186,7 +186,7 @@ class CachedLocalGP(ObservationModel):
     def _near(self, poses: Tensor) -> tuple[Tensor, Tensor]:
         """The ``blend`` nearest images and their weights."""
         if self.blend == 1:
-            return self.neighbourhoods.nearest(poses)[:, None], torch.ones(len(poses), 1, dtype=torch.float64)
+            return self.neighbourhoods.nearest(poses)[:, None], poses.new_ones(len(poses), 1)
         nearest = self.neighbourhoods.of_poses(poses, min(self.blend + 1, len(self.map)))
         return nearest.rows[:, : self.blend], blending_weights(nearest.squared, self.blend)
 

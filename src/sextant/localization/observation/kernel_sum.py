@@ -87,7 +87,7 @@ class KernelSum(ObservationModel):
 
     def _index(self) -> None:
         self._tree = cKDTree(self._points(self.map.poses), boxsize=[0.0, 0.0, 2 * math.pi * self.heading_weight])
-        self._over_map: tuple[Tensor, Tensor] | None = None
+        self._nearest_of_map: tuple[Tensor, Tensor] | None = None
 
     def _points(self, poses: Tensor) -> ndarray:
         circle = 2 * math.pi
@@ -104,9 +104,9 @@ class KernelSum(ObservationModel):
         :math:`e \le d \le \sqrt2 e`. Once the k-th best d among the nearest by e is at most the largest e among them,
         no other image can be nearer. Until then, twice as many are considered.
         """
-        images = torch.empty(len(poses), self.neighbours, dtype=torch.int64)
-        far = torch.empty(len(poses), self.neighbours, dtype=torch.float64)
-        points, asking = self._points(poses), torch.arange(len(poses))
+        images = poses.new_empty(len(poses), self.neighbours, dtype=torch.int64)
+        far = poses.new_empty(len(poses), self.neighbours)
+        points, asking = self._points(poses), torch.arange(len(poses), device=poses.device)
         ask = min(len(self.map), 4 * self.neighbours)
         while len(asking):
             euclidean, found = self._tree.query(points[asking.numpy()], k=range(1, ask + 1))
@@ -122,9 +122,9 @@ class KernelSum(ObservationModel):
 
     def nearest_of_map(self) -> tuple[Int64[Tensor, "n k"], Float64[Tensor, "n k"]]:
         """:meth:`nearest` of the map's own poses, computed once."""
-        if self._over_map is None:
-            self._over_map = self.nearest(self.map.poses)
-        return self._over_map
+        if self._nearest_of_map is None:
+            self._nearest_of_map = self.nearest(self.map.poses)
+        return self._nearest_of_map
 
     def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
         """The neighbours' mean under the weights of their poses, and their variance about it plus that of the noise."""

@@ -105,7 +105,7 @@ class ObservationModel(ABC):
     def residuals(self, descriptors: Float32[Tensor, "r d"], poses: Float64[Tensor, "r p 3"]) -> Residuals:
         """How far each run's descriptor is from the mean at its poses, without holding all means at once."""
         runs, particles, _ = poses.shape
-        owner = torch.arange(runs).repeat_interleave(particles)
+        owner = torch.arange(runs, device=poses.device).repeat_interleave(particles)
         squared, variance = [], []
         for some, whose in zip(poses.reshape(-1, 3).split(BLOCK), owner.split(BLOCK), strict=True):
             predicted = self.predict(some)
