@@ -326,7 +326,7 @@ class Localization(pl.LightningModule):
         """Log the NLL of the true places under the posterior over map images, and the fitted values."""
         found = self.place_posterior(self._data)
         values = {"place_nll": found.nll, "place_nll_uniform": found.chance, "tempering": self.likelihood.tempering}
-        values |= {"appearance_variance": self.likelihood.appearance_variance, "region_scale": float(self.region_scale)}
+        values |= {"appearance_variance": float(self.fitted[1]), "region_scale": float(self.region_scale)}
         self.log_dict({f"val/{name}": value for name, value in values.items()})
 
     def test_step(self, batch: Tensor, batch_idx: int) -> None:

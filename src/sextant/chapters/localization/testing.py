@@ -307,9 +307,12 @@ def _one(
             replay.append((belief.poses[0].numpy().astype(np.float32), belief.weights[0].numpy().astype(np.float32)))
 
     seen = runs.seen & runs.inside
-    if settings.best is not None or settings.adapts:
+    rules = None
+    if settings.adapts:
         assert isinstance(observer, Camera)
+        rules = Adaptation(observer.model, observer.likelihood, odds=settings.odds)
     if settings.best is not None:
+        assert isinstance(observer, Camera)
         best, radius = settings.best, protocol.position * 2
         track = interpolated(observer, runs.frames, runs.motion, seen, best=best, radius=radius, watch=watch)
     else:
@@ -323,7 +326,7 @@ def _one(
             generator,
             particles=trial.particles,
             radius=protocol.position * 2,
-            adaptation=Adaptation(observer.model, observer.likelihood, odds=settings.odds) if settings.adapts else None,
+            adaptation=rules,
             watch=watch,
         )
     return Outcome(trial, runs, track, np.where(runs.inside, nll, np.nan), replay)
