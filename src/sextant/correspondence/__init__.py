@@ -5,23 +5,28 @@ camera with distortion are undistorted first. Poses are ``world_from_camera``, x
 """
 
 from sextant.correspondence.absolute_pose import EstimatedPose, absolute_pose
-from sextant.correspondence.conventions import likely_convention
-from sextant.correspondence.features import LocalFeatures, XFeatures
+from sextant.correspondence.aliked_features import AlikedFeatures
+from sextant.correspondence.features import XFeatures
 from sextant.correspondence.left_out import calibrated
+from sextant.correspondence.local_features import LocalFeatureExtractor, LocalFeatures
 from sextant.correspondence.matching import epipolar_inliers, mutual_matches
 from sextant.correspondence.pinhole import Pinhole
 from sextant.correspondence.posed_map import Located, PosedMap, build_map, focal_length_of, log_false_alarms
 from sextant.correspondence.relative_pose import TwoViews, relative_pose, shared_focal_length
 from sextant.correspondence.reranking import count_inliers, reranked
 from sextant.correspondence.triangulation import Triangulated, triangulate
+from sextant.correspondence.trunk_features import TrunkFeatures
 
 __all__ = [
+    "AlikedFeatures",
     "EstimatedPose",
+    "LocalFeatureExtractor",
     "LocalFeatures",
     "Located",
     "Pinhole",
     "PosedMap",
     "Triangulated",
+    "TrunkFeatures",
     "TwoViews",
     "XFeatures",
     "absolute_pose",

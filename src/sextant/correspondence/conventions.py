@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.correspondence.features import LocalFeatures
+from sextant.correspondence.local_features import LocalFeatures
 from sextant.correspondence.matching import mutual_matches
 from sextant.correspondence.pinhole import Pinhole
 from sextant.correspondence.posed_map import agreeing, neighbouring

@@ -26,7 +26,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sextant.correspondence.absolute_pose import FOCAL_LENGTHS, EstimatedPose, absolute_pose
-from sextant.correspondence.features import LocalFeatures
+from sextant.correspondence.local_features import LocalFeatures
 from sextant.correspondence.matching import mutual_matches
 from sextant.correspondence.pinhole import Pinhole, cross_matrices
 from sextant.correspondence.relative_pose import sampson_errors

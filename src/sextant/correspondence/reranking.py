@@ -12,16 +12,17 @@ with the level :math:`\alpha = 0.05` divided by the number c of candidates that 
 cluster in an image, so the level is nominal.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 from scipy.stats import binom
 
-from sextant.correspondence.features import LocalFeatures
+from sextant.correspondence.local_features import LocalFeatures
 from sextant.correspondence.matching import epipolar_inliers, mutual_matches
 
+Matcher = Callable[[LocalFeatures, LocalFeatures], Int64[ndarray, "m 2"]]
 #: matches that any fundamental matrix fits
 FITTED = 7
 #: the conventional level of a test
@@ -29,7 +30,12 @@ LEVEL = 0.05
 
 
 def count_inliers(
-    query: LocalFeatures, candidates: Sequence[LocalFeatures], *, side: int = 640, error_px: float = 3.0
+    query: LocalFeatures,
+    candidates: Sequence[LocalFeatures],
+    *,
+    side: int = 640,
+    error_px: float = 3.0,
+    match: Matcher = mutual_matches,
 ) -> Int64[ndarray, "n"]:
     """The number of matches of each candidate that agree with one fundamental matrix.
 
@@ -38,6 +44,7 @@ def count_inliers(
         candidates: features of the candidates.
         side: longer side of the images in which ``error_px`` is measured: that to which they were scaled for detection.
         error_px: largest distance from the epipolar lines.
+        match: matches the features of two images.
 
     Example:
         >>> rng = np.random.default_rng(0)
@@ -48,7 +55,7 @@ def count_inliers(
     """
     found = np.zeros(len(candidates), np.int64)
     for number, candidate in enumerate(candidates):
-        first, second = mutual_matches(query, candidate).T
+        first, second = match(query, candidate).T
         points = _scaled(query, side)[first], _scaled(candidate, side)[second]
         found[number] = epipolar_inliers(*points, error_px).sum()
     return found

@@ -10,13 +10,13 @@ from scipy.ndimage import gaussian_filter
 from tiny_places import Pixels, ride, scene
 
 from sextant import PlaceMap
-from sextant.chapters.places import reranked_matches, written_matches
+from sextant.chapters.places import written_matches
+from sextant.chapters.places.match_confidence import UNSEEN, RerankedConfidence
 from sextant.chapters.places.options import read_inputs
 from sextant.chapters.places.place_map import LookedUp
 from sextant.chapters.places.predict import predict_places
-from sextant.chapters.places.reranked_matches import PhotoFeatures
 from sextant.chapters.places.saved_map import Temperature
-from sextant.correspondence import LocalFeatures, XFeatures, reranking
+from sextant.correspondence import LocalFeatures, XFeatures, mutual_matches, reranking
 from sextant.errors import ArgumentError, UserError
 
 PLACES = 6
@@ -25,7 +25,8 @@ PLACES = 6
 class Mean:
     """Features by which photos can be told from one another: one keypoint, whose position is the mean of an image."""
 
-    side = 64
+    side, name, model = 64, "mean", "mean"
+    match = staticmethod(mutual_matches)
 
     def __init__(self):
         self.detected = 0
@@ -45,14 +46,15 @@ def rides(tmp_path):
 
 @pytest.fixture
 def features():
-    return PhotoFeatures(Mean())
+    return Mean()
 
 
 @pytest.fixture
-def places(rides, features):
+def places(rides, features, monkeypatch):
     found = PlaceMap(Pixels(), temperature=Temperature(0.1))
     found.add(rides[0])
-    found._features = features
+    for module in ("place_map", "predict"):
+        monkeypatch.setattr(f"sextant.chapters.places.{module}.extractor_of", lambda local, describer: features)
     return found
 
 
@@ -61,7 +63,7 @@ def inliers(monkeypatch, rides):
     """Sets how many inliers each photo of the map has with any query."""
     counts = {}
 
-    def count(query, candidates, *, side):
+    def count(query, candidates, *, side, match):
         assert side == Mean.side
         names = {np.asarray(scene(k)).mean(dtype=np.float32): f"{k:03d}.png" for k in range(PLACES)}
         means = np.array(list(names))
@@ -86,7 +88,7 @@ def test_a_candidate_with_significantly_more_inliers_becomes_the_best_match(ride
     assert [each.inliers for each in found.matches] == [
         inliers.get(name, 0) if name in names(plain)[:4] else None for name in names(found)
     ]
-    assert (found.margin, found.found) == (None, None)
+    assert found.margin is None
     known = {each.photo: (each.similarity, each.confidence) for each in plain.matches}
     assert all(known[each.photo] == (each.similarity, each.confidence) for each in found.matches)
     assert names(places.look_up(query, k=2, rerank=4)) == names(found)[:2]
@@ -105,9 +107,9 @@ def test_the_retrieval_decides_among_equally_good_candidates(rides, places, inli
 
 def test_features_of_the_map_are_detected_once(rides, places, features, inliers):
     places.look_up(rides[1] / "000.png", rerank=PLACES)
-    assert features.features.detected == PLACES + 1
+    assert features.detected == PLACES + 1
     places.look_up_many([scene(1, night=True), np.asarray(scene(2, night=True))[..., :1]], rerank=PLACES)
-    assert features.features.detected == PLACES + 3
+    assert features.detected == PLACES + 3
 
 
 def test_photos_that_are_missing_are_named_in_one_error(rides, places, features, inliers):
@@ -115,16 +117,77 @@ def test_photos_that_are_missing_are_named_in_one_error(rides, places, features,
         (rides[0] / name).unlink()
     with pytest.raises(UserError, match=r"rerank=6 reads the photos .* missing: 2 of the 6 .* such as .*001\.png"):
         places.look_up_many(sorted(rides[1].iterdir()), rerank=6)
-    assert features.features.detected == 0
+    assert features.detected == 0
     with pytest.raises(ArgumentError, match="rerank=0 must be a whole number, at least 1"):
         places.look_up(rides[1] / "000.png", rerank=0)
 
 
+def test_features_are_saved_with_the_map_and_then_need_neither_photos_nor_detection(rides, places, features, inliers):
+    inliers |= {"004.png": 80}
+    query = scene(2, night=True)
+    before = places.look_up(query, rerank=PLACES)
+    assert places.features().bytes_per_photo == 2 * 4 + 64 * 2
+    saved = rides[0].parent / "map"
+    places.save(saved)
+    for photo in rides[0].iterdir():
+        photo.unlink()
+    detected = features.detected
+    after = PlaceMap.open(saved, descriptor=Pixels()).look_up(query, rerank=PLACES)
+    assert names(after) == names(before)
+    assert [each.inliers for each in after.matches] == [each.inliers for each in before.matches]
+    assert features.detected == detected + 1  # the query's
+    features.model = "another"
+    with pytest.raises(UserError, match=r"rerank=6 reads the photos"):
+        PlaceMap.open(saved, descriptor=Pixels()).look_up(query, rerank=PLACES)
+
+
+def test_saved_features_that_are_damaged_are_told(rides, places, inliers):
+    places.look_up(rides[1] / "000.png", rerank=PLACES)
+    saved = rides[0].parent / "map"
+    places.save(saved)
+    file = saved / "local_features" / "points.npy"
+    file.write_bytes(file.read_bytes()[:-1] + b"x")
+    with pytest.raises(UserError, match=r"points\.npy is not the file that local_features\.json was written for"):
+        PlaceMap.open(saved, descriptor=Pixels()).look_up(rides[1] / "000.png", rerank=PLACES)
+
+
+def test_local_none_does_not_re_rank_and_unknown_kinds_are_refused(rides, inliers, tmp_path):
+    places = PlaceMap(Pixels(), temperature=Temperature(0.1))
+    places.add(rides[0])
+    query = rides[1] / "000.png"
+    assert all(each.inliers is None for each in places.look_up(query, rerank=5, local="none").matches)
+    with pytest.raises(ArgumentError, match="local='sift' must be xfeat, trunk, or aliked:<folder"):
+        places.look_up(query, rerank=5, local="sift")
+    with pytest.raises(ArgumentError, match="local=trunk: Pixels is not a network"):
+        places.look_up(query, rerank=5, local="trunk")
+    with pytest.raises(ArgumentError, match=r"aliked-n16\.pth is missing"):
+        places.look_up(query, rerank=5, local=f"aliked:{tmp_path}")
+
+
+def test_the_verdict_follows_from_inliers_and_margin(rides, inliers, monkeypatch):
+    """A network's map tells whether the place is there; a descriptor of another kind does not."""
+    monkeypatch.setattr(XFeatures, "detect", lambda self, images: Mean().detect(images))
+    monkeypatch.setattr(Mean, "side", 640)
+    places = PlaceMap(Pixels())
+    places.add(rides[0])
+    inliers |= {"002.png": 300}
+    query = rides[1] / "002.png"
+    assert places.look_up(query, rerank=PLACES).verdict is None
+    monkeypatch.setattr("sextant.chapters.places.place_map.fitted_confidence", lambda facts: UNSEEN)
+    fitted = RerankedConfidence(margin=1.0, inliers=2.0, rival=2.0, offset=-1.0)
+    monkeypatch.setattr("sextant.chapters.places.place_map.RERANKED", fitted)
+    seen = places.look_up(query, k=PLACES, rerank=PLACES)
+    assert (seen.best.photo.name, seen.verdict) == ("002.png", "in the map")
+    assert seen.found == pytest.approx(fitted.probability([300], [0], [seen.margin])[0])
+    inliers.clear()
+    lost = places.look_up(scene(77), k=PLACES, rerank=PLACES)
+    assert lost.found < 0.5
+    assert lost.verdict == "not in the map"
+
+
 @pytest.mark.parametrize("rerank", [None, PLACES])
-def test_the_command_writes_inliers_where_it_re_ranked(rides, inliers, features, tmp_path, monkeypatch, rerank):
+def test_the_command_writes_inliers_where_it_re_ranked(rides, inliers, places, tmp_path, monkeypatch, rerank):
     monkeypatch.setattr(written_matches, "QUERIES", 1)
-    monkeypatch.setattr(reranked_matches, "PhotoFeatures", lambda: features)
-    monkeypatch.setattr("sextant.chapters.places.place_map.PhotoFeatures", lambda: features)
     inliers |= {"005.png": 90}
     given = {"map": str(rides[0]), "queries": str(rides[1]), "output": str(tmp_path / "out"), "matches": "3"}
     given |= {"sequence": "2"} if rerank is None else {"sequence": "2", "rerank": str(rerank)}
@@ -140,7 +203,8 @@ def test_the_command_writes_inliers_where_it_re_ranked(rides, inliers, features,
         return
     assert {line["match"] for line in lines if line["rank"] == "1"} == {"005.png"}
     assert {line["inliers"] for line in lines if line["rank"] == "1"} == {"90"}
-    assert told["rerank"] == PLACES
+    assert (told["rerank"], told["local"]) == (PLACES, "xfeat")
+    assert told["remarks"][1] == "local features of 6 photos of the map: 136 bytes a photo"
     assert "rerank=6: 5 of 6 best matches were replaced by one with significantly more inliers" in told["remarks"][0]
     assert [line["margin"] == "" for line in lines if line["rank"] == "1"] == [True] * 5 + [False]
 
@@ -165,9 +229,8 @@ def test_places_are_found_by_their_local_features(tmp_path):
         picture.save(tmp_path / "map" / f"{k}.png")
     places = PlaceMap(Blind())
     places.add(tmp_path / "map")
-    places._features = PhotoFeatures(XFeatures(keypoints=512, side=224))
     query = picture.crop((12, 6, 228, 150)).point(lambda value: 0.7 * value + 20)
     assert places.look_up(query).best.photo.name == "0.png"
-    best = places.look_up(query, rerank=3).best
+    best = places.look_up(query, rerank=3, local=XFeatures(keypoints=512, side=224)).best
     assert best.photo.name == "2.png"
     assert best.inliers > 50

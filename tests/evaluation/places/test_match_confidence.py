@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from sextant.chapters.places.match_confidence import MatchConfidence, fit_match_confidence
+from sextant.chapters.places.match_confidence import (
+    MatchConfidence,
+    RerankedConfidence,
+    fit_match_confidence,
+    fit_reranked_confidence,
+    verdict,
+)
 
 
 def drawn(model, seed, count=20_000):
@@ -41,3 +47,39 @@ def test_sets_that_say_nothing_are_refused(margins):
 def test_matches_that_a_margin_parts_are_refused(right):
     with pytest.raises(ValueError, match="add sets of images"):
         fit_match_confidence([(np.array([0.0, 0.1, 0.2, 0.3]), np.array(right, bool))])
+
+
+def drawn_after_re_ranking(model, seed, count=20_000):
+    rng = np.random.default_rng(seed)
+    inliers, rival = rng.integers(0, 200, count), rng.integers(0, 60, count)
+    margin = rng.normal(0.05, 0.1, count)
+    return inliers, rival, margin, rng.random(count) < model.probability(inliers, rival, margin)
+
+
+def test_what_was_drawn_after_re_ranking_is_fitted():
+    model = RerankedConfidence(margin=8.0, inliers=1.5, rival=1.2, offset=-2.0)
+    found = fit_reranked_confidence([drawn_after_re_ranking(model, 0), drawn_after_re_ranking(model, 1)])
+    for key in ("margin", "inliers", "rival", "offset"):
+        assert getattr(found, key) == pytest.approx(getattr(model, key), rel=0.1, abs=0.15)
+    *given, right = drawn_after_re_ranking(model, 2)
+    assert found.probability(*given).mean() == pytest.approx(right.mean(), abs=0.02)
+
+
+def test_seven_inliers_are_no_evidence():
+    model = RerankedConfidence(margin=8.0, inliers=1.5, rival=1.2, offset=-2.0)
+    few, none = (model.probability([count], [0], [0.1])[0] for count in (7, 0))
+    assert few == none
+    assert np.isnan(model.probability([50], [10], [np.nan])[0])
+
+
+def test_sets_whose_right_matches_are_separable_are_refused():
+    counts, right = np.array([0.0, 0.0, 90.0, 90.0]), np.array([False, False, True, True])
+    with pytest.raises(ValueError, match="separable"):
+        fit_reranked_confidence([(counts, np.zeros(4), np.zeros(4), right)])
+    with pytest.raises(ValueError, match="finite margins"):
+        fit_reranked_confidence([])
+
+
+@pytest.mark.parametrize(("found", "told"), [(None, None), (0.5, "in the map"), (0.49, "not in the map")])
+def test_a_place_is_not_in_the_map_if_its_match_is_more_probably_wrong(found, told):
+    assert verdict(found) == told

@@ -7,11 +7,19 @@ with the margin g of the best match over the best map image of another place. Th
 probability that the match is wrong or the place is not in the map. a and b are fitted to sets of images not used in
 training, each with its whole map and with half of it, so that queries without a place are included.
 
+After re-ranking, the evidence of the inliers is added: with the numbers :math:`n` of inliers of the best match and
+:math:`n'` of its best rival at another place, beyond the seven that any fundamental matrix fits,
+
+.. math:: p(\text{right}) = \sigma\bigl(a\, g + c \log(1 + n) - d \log(1 + n') + b\bigr),
+
+where g is negative if the retrieval preferred another place.
+
 Source: J. Platt, "Probabilistic outputs for support vector machines", 1999.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64
@@ -77,6 +85,88 @@ def _all_below(low: ndarray, high: ndarray) -> bool:
     return not len(low) or not len(high) or bool(low.max() < high.min())
 
 
+#: matches that any fundamental matrix fits
+FITTED = 7
 #: default of networks trained here, fitted to all sets of ``python -m benchmarks.unseen_places run=<run>``, whose
 #: scenes were not used in training
 UNSEEN = MatchConfidence(24.0, -2.28)
+
+
+@dataclass(frozen=True)
+class RerankedConfidence:
+    """The probability that a match is right after re-ranking.
+
+    Attributes:
+        margin: a, per unit of similarity.
+        inliers: c.
+        rival: d.
+        offset: b.
+
+    Example:
+        >>> told = RerankedConfidence(margin=10.0, inliers=2.0, rival=2.0, offset=-1.0)
+        >>> told.probability(np.array([150.0, 20.0]), np.array([20.0, 20.0]), np.array([0.1, 0.1])).round(2)
+        array([0.99, 0.5 ])
+    """
+
+    margin: float
+    inliers: float
+    rival: float
+    offset: float
+
+    def probability(
+        self, inliers: Float[ndarray, "m"], rival: Float[ndarray, "m"], margin: Float[ndarray, "m"]
+    ) -> Float64[ndarray, "m"]:
+        """Probability that each match is right; nan where there is no margin.
+
+        Args:
+            inliers: of the best match.
+            rival: most inliers of a candidate of another place.
+            margin: similarity of the best match minus that of the best map image of another place.
+        """
+        columns = reranked_columns(inliers, rival, margin)
+        return np.asarray(expit(columns @ [self.margin, self.inliers, -self.rival, self.offset]))
+
+
+def reranked_columns(
+    inliers: Float[ndarray, "m"], rival: Float[ndarray, "m"], margin: Float[ndarray, "m"]
+) -> Float64[ndarray, "m 4"]:
+    """What the logistic function after re-ranking is linear in: margin, both logarithms, one."""
+    beyond = (np.log1p(np.maximum(0.0, np.asarray(each, np.float64) - FITTED)) for each in (inliers, rival))
+    return np.stack([np.asarray(margin, np.float64), *beyond, np.ones(len(margin))], axis=1)
+
+
+def fit_reranked_confidence(
+    sets: Sequence[tuple[Float[ndarray, "m"], Float[ndarray, "m"], Float[ndarray, "m"], Bool[ndarray, "m"]]],
+) -> RerankedConfidence:
+    """Fit the parameters by maximum mean log-likelihood; each set counts the same.
+
+    Args:
+        sets: inliers, inliers of the rival, and margin of the best matches of each, and whether they are right.
+
+    Raises:
+        ValueError: there is no set, one has a margin that is not finite, or the likelihood has no maximum.
+    """
+    parts = [(reranked_columns(*given), np.where(right, 1, -1)) for *given, right in sets]
+    if not parts or not all(len(columns) and np.isfinite(columns).all() for columns, _ in parts):
+        raise ValueError("confidence is fitted to at least one set of matches, each with finite margins")
+
+    def loss(weights: ndarray) -> float:
+        return -float(np.mean([log_expit(columns @ weights * sign).mean() for columns, sign in parts]))
+
+    found = minimize(loss, np.zeros(4)).x
+    if all((columns @ found * sign > 0).all() for columns, sign in parts):
+        raise ValueError("right matches are separable from wrong ones; add sets of images in which these overlap")
+    margin, inliers, rival, offset = found.tolist()
+    return RerankedConfidence(margin, inliers, -rival, offset)
+
+
+#: for XFeat at its own settings and 15 candidates; fitted to all sets of ``python -m benchmarks.reranking fit=true``
+RERANKED = RerankedConfidence(margin=10.0, inliers=2.0, rival=2.0, offset=-1.0)
+
+#: what is answered about the place of a photo
+Verdict = Literal["in the map", "not in the map"]
+
+
+def verdict(found: float | None) -> Verdict | None:
+    """Whether a place is in the map: it is not if the best match is more probably wrong than right."""
+    return None if found is None else "in the map" if found >= 0.5 else "not in the map"

@@ -44,6 +44,20 @@ class Match(NamedTuple):
     inliers: int | None = None
 
 
+class Evidence(NamedTuple):
+    """What re-ranking tells of the best match of each query.
+
+    Attributes:
+        inliers: of the best match.
+        rival: most inliers of a candidate of another place; 0 without one.
+        margin: similarity of the best match minus that of the best map image of another place; nan without one.
+    """
+
+    inliers: Float64[ndarray, "m"]
+    rival: Float64[ndarray, "m"]
+    margin: Float64[ndarray, "m"]
+
+
 @dataclass(frozen=True)
 class Matches:
     """The matches of all queries.
@@ -55,6 +69,7 @@ class Matches:
             replaced the best match.
         sequences: best map images by sequences of queries; None if not requested.
         inliers: of each neighbour, ``NOT_COUNTED`` beyond those that were re-ranked; None without re-ranking.
+        evidence: for the best matches after re-ranking; None without it.
     """
 
     neighbours: Neighbours
@@ -62,6 +77,7 @@ class Matches:
     margin: Float64[ndarray, "m"]
     sequences: SequenceMatches | None
     inliers: Int64[ndarray, "m k"] | None = None
+    evidence: Evidence | None = None
 
     def single(self, query: int) -> list[Match]:
         """The matches of a single query, the best first."""

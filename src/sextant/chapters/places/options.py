@@ -28,6 +28,9 @@ class PlaceOptions(Options):
     """also match sequences of this length; the queries must be one traverse in order of file name"""
     rerank: int | None = Field(None, ge=1, examples=[15])
     """number of best matches to re-rank by local features shared with the query (default: none)"""
+    local: str = Field("xfeat", examples=["trunk"])
+    """the local features for rerank: xfeat (default), trunk (the activations of the run's network), aliked:<folder of
+    its weights>, or none"""
     places: KnownBy = Field("none", examples=["csv"])
     """source of the ground truth, as in dataset=place_folders: none (default), csv, utm, gps, name or order"""
     tolerance: float | None = Field(None, ge=0, examples=[5])

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, overload
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from sextant.applications.arguments import check_whole
@@ -17,10 +16,11 @@ from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, failed_photo, silent
 from sextant.chapters.places.describing import DescribedPhotos, describe
 from sextant.chapters.places.given_descriptors import GivenDescriptors, given_rows
-from sextant.chapters.places.match_confidence import MatchConfidence
+from sextant.chapters.places.match_confidence import RERANKED, Verdict, verdict
 from sextant.chapters.places.matching import Matches
+from sextant.chapters.places.photo_features import PhotoFeatures, extractor_of, save_features, saved_features
 from sextant.chapters.places.photo_folder import PhotoFolder
-from sextant.chapters.places.reranked_matches import PhotoFeatures, rerank
+from sextant.chapters.places.reranked_matches import rerank
 from sextant.chapters.places.saved_descriptor import Describes, kept_network, load_descriptor
 from sextant.chapters.places.saved_map import (
     ELSEWHERE,
@@ -32,6 +32,7 @@ from sextant.chapters.places.saved_map import (
     run_temperature,
 )
 from sextant.errors import UserError
+from sextant.evaluation.positives import Positives
 from sextant.kit.published_places import CARD
 from sextant.kit.trained import own_config, read_trained
 from sextant.reporter import Advance
@@ -40,6 +41,12 @@ from sextant.retrieval.without_mean import Centring
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import FoundRun, resolve_run
+
+if TYPE_CHECKING:
+    from sextant.correspondence import LocalFeatureExtractor
+
+#: local features by name, or what extracts them
+Local: TypeAlias = "LocalFeatureExtractor | str"
 
 
 @dataclass(frozen=True)
@@ -72,7 +79,8 @@ class LookedUp:
         margin: similarity of the best match minus that of the best photo of another place, at least 0; None if the map
             has no other place, if re-ranking replaced the best match, and by sequences.
         found: probability in [0, 1] that the best match shows the photo's place, which need not be in the map; for
-            networks, from the margin (:mod:`~sextant.chapters.places.match_confidence`). None without a margin.
+            networks, from the margin and, if re-ranked by XFeat, from inliers
+            (:mod:`~sextant.chapters.places.match_confidence`). None if unknown.
         stretched: the photo's aspect differs from that of the network's images by a factor above 1.4, so it was
             stretched that much.
     """
@@ -88,13 +96,18 @@ class LookedUp:
         """The best match."""
         return self.matches[0]
 
+    @property
+    def verdict(self) -> Verdict | None:
+        """Whether the place is in the map: it is not if :attr:`found` is below one half. None if that is unknown."""
+        return verdict(self.found)
+
 
 def looked_up(
     names: Sequence[str],
     stretched: Sequence[bool],
     reference: DescribedPhotos,
     found: Matches,
-    confidence: MatchConfidence | None = None,
+    found_probability: Float64[ndarray, "m"] | None = None,
 ) -> list[LookedUp]:
     """What was found for each photo: by sequences if they were matched that way, otherwise individually."""
     folder, files = reference.photos.folder, reference.index.names or ()
@@ -112,8 +125,8 @@ def looked_up(
             for each in (found.single(i) if sequenced is None else sequenced)
         )
         margin = found.margin_of(i) if sequenced is None else None
-        sure = None if confidence is None or margin is None else float(confidence.probability(np.array([margin]))[0])
-        results.append(LookedUp(name, matches, margin, sure, stretched[i]))
+        sure = None if found_probability is None or sequenced is not None else float(found_probability[i])
+        results.append(LookedUp(name, matches, margin, None if sure is None or sure != sure else sure, stretched[i]))
     return results
 
 
@@ -150,6 +163,10 @@ class PlaceMap(DescribedMap):
         ArgumentError: the size is unknown or not an ``ImageSize``, the descriptor takes only vectors, or the
             temperature is not above 0.
     """
+
+    _features: PhotoFeatures | None = None  # the kind that was used last
+    _local: "Local | None" = None
+    _folder: Path | None = None  # that the map was loaded from
 
     @classmethod
     def load(cls, run: Path | str, outputs: Path | str | None = None, *, trust: bool = False) -> Self:
@@ -267,19 +284,34 @@ class PlaceMap(DescribedMap):
         names = [f"row {i}" for i in range(len(rows))]
         return looked_up(names, [False] * len(rows), described, found, sure)
 
-    def look_up(self, photo: AnyImage, k: int = 5, rerank: int | None = None) -> LookedUp:
+    def save(self, folder: Path | str, *, descriptor: bool = True) -> None:
+        """Write the map as :meth:`DescribedMap.save` does, with the local features that were computed of its photos."""
+        super().save(folder, descriptor=descriptor)
+        if self._features is not None:
+            described = self.described
+            save_features(self._features, dict(zip(described.paths, described.names, strict=True)), Path(folder))
+
+    def take(self, folder: Path) -> Self:
+        """Load the photos of a saved map into this one, replacing its own; their local features are read on demand."""
+        super().take(folder)
+        self._folder, self._features = folder, None
+        return self
+
+    def look_up(self, photo: AnyImage, k: int = 5, rerank: int | None = None, local: Local = "xfeat") -> LookedUp:
         """Find the photos of the map that show the place of a photo.
 
         Args:
             photo: a file, bytes or a Pillow image.
             k: number of matches, at least 1; a smaller map returns all its photos.
             rerank: number of best matches that are re-ranked by local features, which are read from the map's files
-                (:mod:`sextant.correspondence.reranking`); None: not re-ranked.
+                (:mod:`sextant.correspondence.reranking`) once, and saved with the map; None: not re-ranked.
+            local: the local features: ``xfeat``; ``trunk``, the activations of the map's own network;
+                ``aliked:<folder>``; ``none`` does not re-rank; or an object that extracts features.
 
         Raises:
             UserError: the photo cannot be read, the map is empty, or files to re-rank are missing.
         """
-        (found,) = self.look_up_many([photo], k, rerank, errors="return")
+        (found,) = self.look_up_many([photo], k, rerank, local, errors="return")
         if isinstance(found, FailedPhoto):
             raise found.error
         return found
@@ -290,6 +322,7 @@ class PlaceMap(DescribedMap):
         photos: Iterable[AnyImage],
         k: int = 5,
         rerank: int | None = None,
+        local: Local = "xfeat",
         *,
         centring: Centring = "none",
         errors: Literal["raise"] = "raise",
@@ -300,6 +333,7 @@ class PlaceMap(DescribedMap):
         photos: Iterable[AnyImage],
         k: int = 5,
         rerank: int | None = None,
+        local: Local = "xfeat",
         *,
         centring: Centring = "none",
         errors: Literal["return"],
@@ -309,6 +343,7 @@ class PlaceMap(DescribedMap):
         photos: Iterable[AnyImage],
         k: int = 5,
         rerank: int | None = None,
+        local: Local = "xfeat",
         *,
         centring: Centring = "none",
         errors: Errors = "raise",
@@ -317,7 +352,7 @@ class PlaceMap(DescribedMap):
 
         Args:
             photos: files, bytes or Pillow images.
-            k, rerank: as for :meth:`look_up`.
+            k, rerank, local: as for :meth:`look_up`.
             centring: for photos of one ride: which mean descriptor is subtracted, as for :meth:`match`.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` puts a :class:`FailedPhoto` in
                 the place of each that did.
@@ -327,7 +362,7 @@ class PlaceMap(DescribedMap):
             ArgumentError: k or rerank is not a whole number of at least 1, or ``photos`` is not a collection of photos.
             UserError: the map is empty, or files to re-rank are missing.
         """
-        return self._look_up(photos, k, None, errors, centring, rerank)
+        return self._look_up(photos, k, None, errors, centring, None if local == "none" else rerank, local)
 
     @overload
     def look_up_sequence(
@@ -359,7 +394,14 @@ class PlaceMap(DescribedMap):
         return self._look_up(photos, k, length, errors)
 
     def reranked(
-        self, found: Matches, k: int, candidates: int, queries: Sequence[AnyImage], progress: Advance = silent
+        self,
+        found: Matches,
+        k: int,
+        candidates: int,
+        queries: Sequence[AnyImage],
+        progress: Advance = silent,
+        local: Local = "xfeat",
+        same: Positives | None = None,
     ) -> Matches:
         """Re-rank matches by local features, which stay in memory for the map's photos.
 
@@ -369,15 +411,43 @@ class PlaceMap(DescribedMap):
             candidates: number of best matches that are re-ranked.
             queries: photos of the queries.
             progress: called with the number of queries done and the total.
+            local: as for :meth:`look_up`.
+            same: as for :meth:`match`.
 
         Raises:
             UserError: files of the map are missing, or the features need a package that is not installed.
         """
-        return rerank(found, k, candidates, queries, self.described.paths, self._features, progress)
+        described = self.described
+        same = self._same_place(described) if same is None else same
+        return rerank(found, k, candidates, queries, described.paths, self.features(local), same, progress)
 
-    @cached_property
-    def _features(self) -> PhotoFeatures:
-        return PhotoFeatures()
+    def features(self, local: Local = "xfeat") -> PhotoFeatures:
+        """The local features of the map's photos, of the kind that was used last or is asked for.
+
+        Raises:
+            ArgumentError: there is no such kind, or its weights or packages are missing.
+        """
+        if self._features is None or self._local != local:
+            extractor, described = extractor_of(local, self._describer), self.described
+            files = dict(zip(described.names, described.paths, strict=True))
+            saved = {} if self._folder is None else saved_features(self._folder, extractor.model, files)
+            self._features, self._local = PhotoFeatures(extractor, saved), local
+        return self._features
+
+    def found(self, matches: Matches) -> Float64[ndarray, "m"] | None:
+        """Probability that each best match shows the place of its query, which need not be in the map.
+
+        nan where it is unknown: without re-ranking in a map of one place, and with it by other features than XFeat's
+        at their own settings. None for descriptors other than networks.
+        """
+        fitted = fitted_confidence(self.descriptor.facts)
+        if fitted is None:
+            return None
+        if matches.evidence is None:
+            return fitted.probability(matches.margin)
+        if self._features is None or self._features.extractor.model != extractor_of("xfeat", None).model:
+            return np.full(len(matches.margin), np.nan)
+        return RERANKED.probability(*matches.evidence)
 
     def _look_up(
         self,
@@ -387,6 +457,7 @@ class PlaceMap(DescribedMap):
         errors: Errors,
         centring: Centring = "none",
         rerank: int | None = None,
+        local: Local = "xfeat",
     ) -> list[LookedUp | FailedPhoto]:
         check_whole("k", k, 1, "For example k=5")
         if rerank is not None:
@@ -414,8 +485,8 @@ class PlaceMap(DescribedMap):
             far = {numbers[j] for j in found.stretched}
             matches = self.match(FlatIndex(found.rows), max(k, rerank or 0), centring=centring, sequence=sequence)
             if rerank is not None:
-                matches = self.reranked(matches, k, rerank, [originals[i] for i in good])
-            sure = fitted_confidence(self.descriptor.facts) if centring == "none" else None
+                matches = self.reranked(matches, k, rerank, [originals[i] for i in good], local=local)
+            sure = self.found(matches) if centring == "none" else None
             stretched = [i in far for i in good]
             results |= zip(good, looked_up([names[i] for i in good], stretched, described, matches, sure), strict=True)
         return [results[i] for i in range(len(names))]

@@ -10,6 +10,7 @@ from sextant.chapters.places.describing import LARGEST_STRETCH, DescribedPhotos
 from sextant.chapters.places.known_places import KnownPlaces, check_truth, known_places
 from sextant.chapters.places.matching import check_rides
 from sextant.chapters.places.options import PlaceInputs, PlaceOptions, refuse_overlap
+from sextant.chapters.places.photo_features import extractor_of
 from sextant.chapters.places.photo_folder import PhotoFolder
 from sextant.chapters.places.place_map import PlaceMap
 from sextant.chapters.places.saved_map import Temperature
@@ -42,6 +43,9 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
             of another network, or the disk is full.
     """
     output, options = inputs.output, inputs.options
+    candidates = None if options.local == "none" else options.rerank
+    if candidates:
+        extractor_of(options.local, places.descriptor.describer)  # wrong features are reported before the work
     _fill(places, inputs)
     asked = PlaceMap(places.descriptor, places.size)
     _add(asked, "queries", inputs.queries, inputs)
@@ -50,23 +54,32 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     with work_progress("looking up", "queries") as progress:
         found = places.match(
             queries.index,
-            max(options.matches, options.rerank or 0),
+            max(options.matches, candidates or 0),
             centring=options.centring,
             sequence=options.sequence,
             same=known.same_place,
             progress=progress,
         )
     remarked = []
-    if options.rerank:
+    if candidates:
         before = found.neighbours.indices[:, 0]
         with work_progress("re-ranking", "queries") as progress:
-            found = places.reranked(found, options.matches, options.rerank, queries.paths, progress)
+            found = places.reranked(
+                found, options.matches, candidates, queries.paths, progress, options.local, known.same_place
+            )
         replaced = int((before != found.neighbours.indices[:, 0]).sum())
         remarked.append(
-            f"rerank={options.rerank}: {replaced:,} of {len(before):,} best matches were replaced by one with "
+            f"rerank={candidates}: {replaced:,} of {len(before):,} best matches were replaced by one with "
             "significantly more inliers, and have no margin"
         )
-    rows = query_rows(reference, queries, known, found)
+        features = places.features(options.local)
+        remarked.append(
+            f"local features of {len(features.kept):,} photos of the map: {features.bytes_per_photo:,} bytes a photo"
+        )
+        if options.keep:
+            _save(places, inputs, "map")
+    sure = places.found(found) if options.centring == "none" else None
+    rows = query_rows(reference, queries, known, found, sure)
     counted = counts(rows)
     described = {"map": reference, "queries": queries}
     remarks = [*remarked, *_remarks(described, options, known, places.temperature, counted)]
@@ -79,7 +92,7 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
         "temperature": places.temperature.value,
         "matches": found.neighbours.indices.shape[1],
         "sequence": options.sequence,
-        **({"rerank": options.rerank} if options.rerank else {}),
+        **({"rerank": candidates, "local": options.local} if candidates else {}),
         "centring": options.centring,
         "places": options.places,
         "tolerance": known.tolerance.name,
@@ -127,8 +140,12 @@ def _add(places: PlaceMap, key: str, photos: PhotoFolder, inputs: PlaceInputs) -
         }
         raise nothing_usable(f"{key}={photos.folder}: none of {len(photos):,} photos can be used", named)
     if inputs.options.keep:
-        with telling_write_errors(inputs.output / key):
-            places.save(inputs.output / key, descriptor=False)
+        _save(places, inputs, key)
+
+
+def _save(places: PlaceMap, inputs: PlaceInputs, key: str) -> None:
+    with telling_write_errors(inputs.output / key):
+        places.save(inputs.output / key, descriptor=False)
 
 
 def _remarks(
@@ -215,6 +232,8 @@ def _line(row: Mapping[str, Any]) -> dict[str, str]:
     line = {"query": row["query"], "match": best["match"], "similarity": f"{best['similarity']:.3f}"}
     if "inliers" in best:
         line["inliers"] = str(best["inliers"])
+    if "verdict" in row:
+        line["found"] = f"{row['found']:.2f}"
     line["margin"] = "–" if row["margin"] is None else f"{row['margin']:.3f}"
     if "confidence" in best:
         line["confidence"] = f"{best['confidence']:.2f}"

