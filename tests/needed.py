@@ -26,6 +26,8 @@ NEEDED = {
     "sampling": ["task=calibration"],
     "pooling": ["task=place_recognition"],
     "mining": ["task=place_recognition"],
+    "local": ["task=place_recognition"],
+    "local=aliked": ["task=place_recognition", "local.weights=/nowhere"],
 }
 PLACE_TARGETS = {get_args(part.model_fields["target"].annotation)[0] for part in parts_of(PlaceLoss)}
 PLACE_LOSSES = {

@@ -25,6 +25,7 @@ from sextant.worlds.occupancy import occupancy_from_scans
 NAMES = {"panorama_mix": "town_panoramas+panorama_folder", "cold": "office_walk"}
 NOT_BUILT = {
     "trainer",
+    "local",
     "tracking",
     "launcher",
     "paths",

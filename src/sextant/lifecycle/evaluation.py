@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 #: Config groups that may differ from training; all others belong to the weights.
 FREE = (
     *("dataset", "corruption", "test_sampling", "trainer", "tracking", "paths", "reuse"),
+    "local",  # which local features re-rank matches
     *("fault", "faults", "recovery", "motion", "filter"),  # how a robot is localized in the trained map
 )
 #: groups that may be chosen for a classifier of others

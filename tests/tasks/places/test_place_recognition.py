@@ -14,9 +14,10 @@ from sextant.chapters.places.data import PlaceTolerance
 from sextant.chapters.places.whitening import Whitening, solve_projection
 from sextant.cli import evaluate
 from sextant.composing.compose import compose, to_plain
-from sextant.config import validate
+from sextant.config import digest, validate
 from sextant.errors import UserError
 from sextant.kit.trained import model_from_checkpoint, read_trained
+from sextant.lifecycle.evaluation import evaluate_run
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
 
@@ -97,6 +98,43 @@ def test_methods_that_cannot_learn_from_so_few_images_are_named(trained):
     methods = {row["method"] for row in run.results()["table"]}
     assert {"pixels", "HOG", "untrained network", "network"} <= methods
     assert set(run.results()["baselines_left_out"]["night"]) == {"LDA", "CCA"}
+
+
+@pytest.mark.slow
+def test_recall_with_and_without_re_ranking_is_measured_in_one_test(trained, folder):
+    outputs, run = trained
+    for package in ("kornia", "poselib"):
+        pytest.importorskip(package)
+    words = [f"paths.outputs={outputs}", "task.rerank=4", "local=trunk", "local.side=96", "task.baselines=false"]
+    tested = RunDirectory(evaluate_run(str(run.path), words).directory)
+    results = tested.results()
+    metrics, facts = results["metrics"], results["reranked"]
+    name = "R@1_reranked_pm0f_night_to_day"
+    assert metrics["test/R_at_1_pm0f_night_to_day"] == run.results()["metrics"]["test/R_at_1_pm0f_night_to_day"]
+    with np.load(tested.arrays) as arrays:
+        before, after = arrays["R@1_pm0f_night_to_day/network"], arrays[f"{name}/network"]
+    assert metrics["test/R_at_1_reranked_pm0f_night_to_day"] == after.mean()
+    assert facts["candidates"] == 4
+    assert facts["local"].startswith("trunk 2048 96")
+    assert facts["bytes_per_image"] > 0
+    assert (before != after).sum() <= facts["replaced"] <= len(after)
+    assert results["table"][0]["R@1 re-ranked"] == f"{100 * after.mean():.1f}"
+
+
+def test_re_ranking_changes_the_digest_only_if_it_is_asked_for(folder, tmp_path):
+    plain = config(folder, tmp_path)
+    digests = [digest(validate(each).model_dump(by_alias=True)) for each in (
+        plain,
+        {key: value for key, value in plain.items() if key != "local"}
+        | {"task": {key: value for key, value in plain["task"].items() if key != "rerank"}},
+        config(folder, tmp_path, "task.rerank=4"),
+        config(folder, tmp_path, "task.rerank=4", "local=xfeat", "local.side=320"),
+    )]  # fmt: skip
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 3
+    for words in (["task.rerank=0"], ["local=xfeat", "local.side=10"]):
+        with pytest.raises(UserError, match=words[-1].split("=")[0]):
+            validate(config(folder, tmp_path, *words))
 
 
 def test_pictures(trained):

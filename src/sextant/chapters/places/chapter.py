@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
+from copy import deepcopy
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from sextant.chapters.places.config import PlacesConfig
+from sextant.chapters.places.config import AlikedSettings, PlacesConfig, TrunkSettings
 from sextant.chapters.places.off_the_shelf import off_the_shelf, weights_identity
 from sextant.config.building import build, part_name
 from sextant.config.schema.networks import TimmBackbone, TorchvisionBackbone
@@ -46,7 +47,7 @@ class PlacesChapter(Chapter[PlacesConfig]):
     evaluation_example = ("dataset=place_folders", "dataset.folder=<folder of reference/ and query/>")
     monitor = ("val/recall_at_1", "max")
     sweep_example = ("loss", ("info_nce", "triplet_ratio"))
-    test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
+    test_settings = ("baselines", "off_the_shelf", "rerank", "sequence_length", "test_tolerance")
 
     def evaluation_words(self, config: PlacesConfig) -> tuple[str, ...]:
         """Folders of images of the size that the network takes."""
@@ -63,6 +64,8 @@ class PlacesChapter(Chapter[PlacesConfig]):
         found, shelf = super().identity(config), config.task.off_the_shelf
         if shelf is not None:
             found["task"]["off_the_shelf"]["weights"] = weights_identity(shelf, Path(config.paths.outputs))
+        if isinstance(config.local, AlikedSettings):  # its files are checked by their hashes when it is built
+            del found["local"]["weights"]
         return found
 
     def source(self, config: PlacesConfig) -> "PlaceSource":
@@ -81,6 +84,8 @@ class PlacesChapter(Chapter[PlacesConfig]):
         if world is not None:
             world.showing = partial(self.reporter.progress, f"rendering {world.name}, once", "images")
         task = config.task
+        if task.rerank is not None and not _needs_network(config):
+            build(config.plain, "local")  # reports missing files at once
         if task.off_the_shelf is not None:
             weights_identity(task.off_the_shelf, Path(config.paths.outputs))  # reports a missing file at once
         corrupts = is_corrupted(config)
@@ -199,6 +204,7 @@ class PlacesChapter(Chapter[PlacesConfig]):
         from sextant.chapters.places.invariance import condition_pairs, has_factors, pair_arrays, pair_metrics
         from sextant.chapters.places.methods import describe_all, network_descriptors
         from sextant.chapters.places.methods import fitted as learnt
+        from sextant.chapters.places.reranked_recall import rerank_reports
         from sextant.models import network_cost
 
         assert module.result is not None
@@ -229,6 +235,11 @@ class PlacesChapter(Chapter[PlacesConfig]):
             elsewhere = None if first is None else network_descriptors(network, first)
             fitted = report.temperature(network_descriptors(network, val), val, data.test_tolerance, elsewhere)
             posteriors = report.posteriors_of(found, fitted)
+        reranked = None
+        if task.rerank is not None:
+            with self.reporter.progress("re-ranking", "queries") as progress:
+                features = _local_features(config, module)
+                reranked = rerank_reports(found, result.places, features, task.rerank, progress)
         spec = module.spec
         cost = network_cost(network, (spec.height, spec.width), spec.channels)
         pairs = condition_pairs(own, result.places, data.test_tolerance)
@@ -237,10 +248,13 @@ class PlacesChapter(Chapter[PlacesConfig]):
             "recall@1", "%", "higher", {"clean": 1.0} | report.recall_under(found, result.places.copies, under)
         )
         return TestRecord(
-            report.arrays(found) | pair_arrays(pairs, data.test_tolerance),
+            report.arrays(found) | pair_arrays(pairs, data.test_tolerance) | (reranked.arrays if reranked else {}),
             report.figures(found, result.places, pairs),
-            report.metrics(found, posteriors) | pair_metrics(pairs, data.test_tolerance) | headline.metrics(),
-            report.table(found, task.sequence_length),
+            report.metrics(found, posteriors)
+            | pair_metrics(pairs, data.test_tolerance)
+            | headline.metrics()
+            | (reranked.metrics if reranked else {}),
+            report.table(found, task.sequence_length, reranked),
             facts={
                 "cost": {
                     **(
@@ -252,6 +266,7 @@ class PlacesChapter(Chapter[PlacesConfig]):
                 },
                 "skipped": {split: list(images.skipped) for split, images in data.splits.items()},
                 "ceiling": report.ceilings(found),
+                **({} if reranked is None else {"reranked": reranked.facts}),
                 "baselines_left_out": {each.protocol.query: each.left_out | shelf_left_out for each in found},
                 **about_headline(config, headline, (spec.height, spec.width)),
             },
@@ -395,6 +410,24 @@ def _untrained(config: PlacesConfig, module: "PlaceRecognition", places: Any) ->
             training=False,
         )
     return {"untrained network": network_descriptors(fresh.network.eval().to(module.device), places)}
+
+
+def _needs_network(config: PlacesConfig) -> bool:
+    return config.local is None or isinstance(config.local, TrunkSettings)
+
+
+def _local_features(config: PlacesConfig, module: "PlaceRecognition") -> Any:
+    """The local features of the config; XFeat at its own settings without any."""
+    from sextant.chapters.places.photo_features import extractor_of, trunk_features
+
+    if config.local is None:
+        return extractor_of("xfeat", None)
+    if not isinstance(config.local, TrunkSettings):
+        return build(config.plain, "local")
+    chosen = config.local
+    return trunk_features(
+        deepcopy(module.network).cpu().eval(), keypoints=chosen.keypoints, side=chosen.side, layers=chosen.layers
+    )
 
 
 def _tolerance(chosen: Any, source: "PlaceSource") -> Any:

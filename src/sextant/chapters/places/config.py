@@ -344,12 +344,40 @@ class DescriptorFiles(Descriptor):
     folder: str = Field(examples=["descriptors"])
 
 
+class LocalFeatureSettings(Part):
+    """Local features, by which matches are re-ranked."""
+
+    keypoints: Count = Field(examples=[2048])
+    side: Annotated[int, Field(ge=64, le=4096)] | None = Field(examples=[640])
+
+
+class XFeatSettings(LocalFeatureSettings):
+    """XFeat."""
+
+    target: Literal["sextant.correspondence.XFeatures"] = Field(alias="_target_")
+
+
+class TrunkSettings(LocalFeatureSettings):
+    """Activations of the network that describes the images."""
+
+    target: Literal["sextant.correspondence.TrunkFeatures"] = Field(alias="_target_")
+    layers: list[str] | None = Field(min_length=1, examples=["[backbone.network.layer2]"])
+
+
+class AlikedSettings(LocalFeatureSettings):
+    """ALIKED, matched by LightGlue."""
+
+    target: Literal["sextant.correspondence.AlikedFeatures"] = Field(alias="_target_")
+    weights: str = Field(min_length=1, examples=["models/aliked"])
+
+
 # -- task --------------------------------------------------------------------------------------------------------------
 
 
 class PlaceRecognitionTask(TaskNode):
     """Place recognition by a descriptor."""
 
+    later = ("rerank",)
     name: Literal["place_recognition"]
     dimension: int = Field(ge=1, le=65536, examples=[128])
     normalise: bool
@@ -366,6 +394,7 @@ class PlaceRecognitionTask(TaskNode):
     whitening: Whitening | None = None
     sequence_length: Count = Field(examples=[10])
     baselines: bool
+    rerank: Count | None = Field(default=None, examples=[15])
     off_the_shelf: OffTheShelf | None = None
     test_checkpoint: Literal["last", "best"]
 
@@ -400,6 +429,7 @@ class PlacesConfig(Config):
     loss: Choice[PlaceLoss]
     pooling: Choice[Pooling]
     mining: Choice[Mining]
+    local: Choice[LocalFeatureSettings] | None = None
 
 
 CONFIG = PlacesConfig

@@ -21,8 +21,9 @@ FOUND_FIRST, FOUND_LAST = "R@1_", "/network"
 
 
 def places_found(arrays: Mapping[str, ndarray]) -> RunValues:
-    """Recall of the network under each condition of the queries, without sequences."""
+    """Recall of the network under each condition of the queries, without sequences or re-ranking."""
     found = {key: key.removesuffix(FOUND_LAST) for key in arrays if key.endswith(FOUND_LAST)}
     recalls = {logged_name(name): float(arrays[key].mean()) for key, name in found.items()}
-    single = {key: name for key, name in found.items() if not name.startswith(f"{FOUND_FIRST}sequence")}
+    others = (f"{FOUND_FIRST}sequence", f"{FOUND_FIRST}reranked")
+    single = {key: name for key, name in found.items() if not name.startswith(others)}
     return RunValues(RECALL, {name: 100.0 * arrays[key] for key, name in single.items()}, metrics=recalls)

@@ -32,6 +32,8 @@ from sextant.retrieval.sequence_matching import match_sequences
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from sextant.chapters.places.reranked_recall import RerankedRecall
+
 NETWORK = "network"
 #: queries in the gallery, and matches shown for each
 GALLERY_ROWS, GALLERY_MATCHES = 8, 5
@@ -254,8 +256,10 @@ def recall_under(reports: list[QueryReport], copies: Sequence[str], under: Seque
     return {key: float(np.mean(found)) for key, found in hits.items() if found}
 
 
-def table(reports: list[QueryReport], sequence_length: int) -> list[dict[str, str]]:
-    """A row per condition and method, in per cent."""
+def table(
+    reports: list[QueryReport], sequence_length: int, reranked: "RerankedRecall | None" = None
+) -> list[dict[str, str]]:
+    """A row per condition and method, in per cent; re-ranking is of the network's matches."""
     rows = []
     for report in reports:
         for method, result in report.methods.items():
@@ -272,6 +276,8 @@ def table(reports: list[QueryReport], sequence_length: int) -> list[dict[str, st
             }
             if result.sequence_hit is not None:
                 row[f"R@1 seq {sequence_length}"] = percent(float(result.sequence_hit.mean()))
+            if reranked is not None and method == NETWORK:
+                row["R@1 re-ranked"] = percent(float(reranked.hits[report.protocol.query].mean()))
             rows.append(row)
     return rows
 

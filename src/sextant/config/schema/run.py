@@ -26,6 +26,8 @@ LISTED = (
     *("mining", "descriptor", "kernel", "observation", "likelihood", "motion", "filter", "recovery", "fault", "faults"),
     *("features", "bank", "strategy", "filters"),
 )
+#: groups that were added later: absent where they are null or empty, so that earlier configs keep their digest
+ADDED = ("debug", "local")
 
 
 class TaskNode(Node):
@@ -68,7 +70,8 @@ class Config(Node):
         values = with_present_names(values)
         if not isinstance(values, Mapping):
             return handler(values)
-        config = handler({key: value for key, value in values.items() if value is not None or key not in LISTED})
+        given = {key: value for key, value in values.items() if value or key not in ADDED}
+        config = handler({key: value for key, value in given.items() if value is not None or key not in LISTED})
         config._plain = values
         return config
 
@@ -82,10 +85,8 @@ class Config(Node):
 
     @model_serializer(mode="wrap")
     def _as_before(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        values = {**dict.fromkeys(LISTED), **handler(self)}
-        if self.debug is None:  # added later
-            del values["debug"]
-        return values
+        found = {key: value for key, value in handler(self).items() if value is not None or key not in ADDED}
+        return {**dict.fromkeys(LISTED), **found}
 
     def custom_parts(self) -> dict[str, str]:
         """Import paths without a schema in Sextant, anywhere in the config, by their dotted keys."""
