@@ -69,8 +69,8 @@ class PlaceSet:
         return np.asarray(query @ reference.T)
 
 
-def image_sets(data: Path, *, floors: bool = False) -> list[ImageSet]:
-    """The sets of places; with ``floors`` the tower's as well."""
+def image_sets(data: Path, *, floors: bool = False, corridor: bool = False) -> list[ImageSet]:
+    """The sets of places; with ``floors`` the tower's as well, and with ``corridor`` that of a robot's two rounds."""
     found = []
     for name, family, queries, references in (
         ("Gardens Point, day", "gardens_point", "day_left", "day_right"),
@@ -90,7 +90,18 @@ def image_sets(data: Path, *, floors: bool = False) -> list[ImageSet]:
         frames = np.arange(end - first)
         positives = Positives.within_frames(frames, frames, 1)
         found.append(ImageSet(name, "nordland", summer[first:end], winter[first:end], positives))
+    found += [_corridor(data / "corridor_twice")] if corridor else []
     return [*found, _floors(data / FLOORS)] if floors else found
+
+
+def _corridor(root: Path) -> ImageSet:
+    """Queries whose place is in the map, 2 frames."""
+    maps = sorted((root / "map").iterdir())
+    number = {path.stem: i for i, path in enumerate(maps)}
+    rows = [(row["query"], row["map_matches"].split()) for row in _table(root / "ground_truth.csv")]
+    rows = [row for row in rows if row[1]]
+    positives = Positives.from_lists([[number[each] for each in row[1]] for row in rows], len(maps))
+    return ImageSet("Corridor", "corridor_twice", maps, [root / row[0] for row in rows], positives)
 
 
 def _floors(root: Path) -> ImageSet:
