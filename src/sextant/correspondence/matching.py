@@ -16,8 +16,8 @@ from sextant.errors import naming_extras
 LEAST_COSINE = 0.75
 #: features that are compared with all others at once: 4 MB of similarities for 4,096 features
 BLOCK = 256
-#: most samples of seven matches that are drawn; 1,000 take twice the time, and placed one more of 100 queries of Gardens
-#: Point by day rightly
+#: most samples of seven matches that are drawn; 1,000 take twice the time, and placed one more of 100 queries of
+#: Gardens Point by day rightly
 ITERATIONS = 200
 
 
