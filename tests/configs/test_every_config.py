@@ -26,6 +26,7 @@ NAMES = {"panorama_mix": "town_panoramas+panorama_folder", "cold": "office_walk"
 NOT_BUILT = {
     "trainer",
     "local",
+    "debug",
     "tracking",
     "launcher",
     "paths",

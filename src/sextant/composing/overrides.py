@@ -14,6 +14,9 @@ from sextant.config.path_keys import MAPPINGS, PATHS, PLACES
 from sextant.config.schema.searches import GRAMMAR, WRITTEN, is_dimension
 from sextant.errors import UserError
 
+#: keys of the schema that no config file has, since their absence is the default
+ADDED = ("tracking.also", "dataset.crop")
+
 
 @dataclass(frozen=True)
 class Override:
@@ -100,14 +103,18 @@ def literal(text: str) -> str:
     In Hydra's grammar of values ``~``, ``=``, ``#`` and letters beyond ASCII are errors, and brackets and commas mark
     lists. A comma separates paths, except in ``paths`` and in the name of an existing path.
 
-    So is the option ``nan`` of ``debug``, which would be a number.
+    So is the option ``nan`` of ``debug``, which would be a number. Keys that no config file has are added.
 
-    >>> literal("paths.outputs=~/runs, old"), literal("dataset.folder=photos"), literal("debug=nan")
-    ("paths.outputs='~/runs, old'", 'dataset.folder=photos', "debug='nan'")
+    >>> literal("paths.outputs=~/runs, old"), literal("dataset.folder=photos")
+    ("paths.outputs='~/runs, old'", 'dataset.folder=photos')
+    >>> literal("debug=nan"), literal("tracking.also=[csv]")
+    ("debug='nan'", '++tracking.also=[csv]')
     """
     key, _, value = text.partition("=")
     if text == "debug=nan":
         return "debug='nan'"
+    if key in ADDED:
+        return f"++{text}"
     if key.lstrip("+") not in PATHS or not value or "${" in value:
         return text
     single = key.lstrip("+") in PLACES or _exists(value)
