@@ -32,7 +32,7 @@ from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
 from sextant.runs.checkpoint_io import AtomicCheckpointIO
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.resolve import resolve_run
-from sextant.tracking.further_loggers import further_loggers
+from sextant.tracking.further_loggers import closing, further_loggers
 from sextant.tracking.logger import RunLogger, system_metrics
 from sextant.tracking.mirror import MirroredRun
 from sextant.training.peak_memory import reset_peak_memory
@@ -63,7 +63,8 @@ def train_and_test(
     clock = _Clock(directory, began, resumed=resume)
     shown = reporter.training() if config.trainer.progress else []
     monitor = mirror if config.tracking.system_metrics else None
-    with system_metrics(monitor, config.tracking.system_metrics_every_s), naming_groups(config.plain):
+    measured = system_metrics(monitor, config.tracking.system_metrics_every_s)
+    with closing(loggers), measured, naming_groups(config.plain):
         with ranks(config, directory, key, resume=resume) as rank:
             fitted = fit(
                 config, chapter, source, directory, key,

@@ -1,6 +1,8 @@
 """Loggers of Lightning beside MLflow: TensorBoard, CSV and Weights & Biases, all in the run directory."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Literal
 
@@ -20,6 +22,16 @@ def require_loggers(also: Sequence[Also]) -> None:
     for name in also:
         if (needed := NEEDED[name]) and not any(map(find_spec, needed)):
             raise UserError(f"tracking.also=[{name}] needs {needed[0]}, which is not installed", how_to_install(name))
+
+
+@contextmanager
+def closing(loggers: "Sequence[Logger]") -> Iterator[None]:
+    """End the runs of Weights & Biases, of which a process can have one at a time, whatever ends the block."""
+    try:
+        yield
+    finally:
+        if any(type(logger).__name__ == "WandbLogger" for logger in loggers):
+            import_module("wandb").finish()
 
 
 def further_loggers(also: Sequence[Also], directory: RunDirectory) -> "list[Logger]":
