@@ -23,6 +23,7 @@ from sextant.cli import (
     localize,
     locate,
     predict,
+    replay,
     report,
     train,
     trajectory,
@@ -246,6 +247,10 @@ def _walk(command: Command, words: list[str]) -> None:
     walk.WalkOptions.parse(words, command.text)
 
 
+def _replay(command: Command, words: list[str]) -> None:
+    replay.ReplayOptions.parse(words, command.text)
+
+
 def _dashboard(command: Command, words: list[str]) -> None:
     parse_arguments(words, dashboard.DashboardOptions.meanings(), command.text)
 
@@ -275,6 +280,7 @@ VERBS = {
     "locate": _locate,
     "walk": _walk,
     "localize": _localize,
+    "replay": _replay,
     "dashboard": _dashboard,
     "demo": _demo,
 }

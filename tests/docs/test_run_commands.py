@@ -101,6 +101,7 @@ NOT_RUN = {
     r"^sextant (export|register)": "as tests/lifecycle/test_exporting.py and test_registering.py",
     r"^sextant doctor": "as tests/cli/test_doctor.py and tests/runs/test_machine.py",
     r"^sextant compare": "needs two trained runs; tests/reports/test_run_comparison.py",
+    r"^sextant replay": "needs a run that a NaN stopped; tests/lifecycle/test_debugging.py",
     r"^sextant inspect": "needs photos of one's own; tests/applications/inspection, tests/cli/test_inspect.py",
     r"^sextant localize": "needs a map; tests/cli/test_localize.py",
     r"^sextant locate ": "needs posed photos; tests/applications/localization/test_pose_map.py",

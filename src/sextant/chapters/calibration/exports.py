@@ -87,7 +87,7 @@ def fspy_parameters(camera: PhotoCamera, keep: Keep = "crop") -> dict[str, Any]:
 
     Args:
         camera: camera of the photo.
-        keep: how the photo is undistorted, as for :meth:`~sextant.PhotoCamera.undistort`.
+        keep: how the photo is undistorted, as for :meth:`.PhotoCamera.undistort`.
     """
     width, height = camera.width, camera.height
     focal = straight_focal(width, height, camera.focal_px, camera.k1, camera.k2, keep)
