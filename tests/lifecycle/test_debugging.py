@@ -12,8 +12,10 @@ from sextant.composing.compose import compose, to_plain
 from sextant.config import digest, validate
 from sextant.data.digits import Digits
 from sextant.errors import UserError
+from sextant.kit.trained import own_config
 from sextant.lifecycle.debugging import Repeated, replay
 from sextant.lifecycle.execute import execute
+from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
 from sextant.training.not_finite import NotFiniteError, read_step
 
@@ -69,6 +71,7 @@ def test_a_nan_is_found_kept_and_replayed(tmp_path, monkeypatch, capsys):
 def test_one_batch_the_same_batches_and_a_profile(tmp_path, capsys):
     one = RunDirectory(execute(config(tmp_path, "debug=one_batch", "tracking.also=[csv]")).directory)
     assert (one.results()["epochs"], one.results()["steps"], one.results()["outcome"]) == (1, 1, "finished")
+    assert own_config(load_checkpoint(one.last_checkpoint)[KEY]).debug is None  # a later evaluation is whole
     assert "train/loss" in (one.path / "csv" / "metrics.csv").read_text().splitlines()[0]
     over = RunDirectory(execute(config(tmp_path, "debug=overfit", "optimizer.lr=0.05", "schedule=constant")).directory)
     assert over.results()["steps"] == 150

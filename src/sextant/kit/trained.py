@@ -54,6 +54,7 @@ def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> Config:
         UserError: as for :func:`~sextant.config.trained.trained_config`.
     """
     own = {**trained["config"], "init_from": None, "sweep": None}
+    own.pop("debug", None)
     config = trained_config(own, trained["task"], trust=trust)
     if (within := trained["spec"].get("features")) is not None:  # of another run's network, which is built as well
         trained_config(within["config"], within["task"], trust=trust)
