@@ -19,7 +19,7 @@ from numpy import ndarray
 
 from sextant.applications import PhotoCalibrator
 from sextant.chapters.calibration.jointly import MULTIPLES
-from sextant.chapters.calibration.metrics.photo_benchmark import Answers, Truth
+from sextant.chapters.calibration.metrics.photo_benchmark import WRONG, Answers, Truth
 from sextant.chapters.calibration.metrics.summary import AUC_DEG
 from sextant.console.arguments import parse_arguments
 from sextant.lifecycle.photo_benchmark import PhotoBenchmark, benchmark_calibration
@@ -40,8 +40,6 @@ CUTS = 2  # per panorama
 SCENES = ("zind", "jameskuk")  # one house and one school: each is a source, as is each set
 LEVELS = {"68": 0.68, "95": 0.95}
 NUMBERS = ("tilt", "roll", "vfov", "k1/f²")
-#: errors of focal length, per cent, and of tilt and roll, degrees, above which a good camera is wrong: twice the limits
-WRONG = {"focal_percent": 20.0, "tilt_deg": 6.0, "roll_deg": 4.0}
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,11 @@ from sextant.chapters.calibration.metrics.photo_benchmark import (
     Answers,
     Table,
     Truth,
+    blame_table,
     error_table,
     interval_table,
     verdict_table,
+    worst_table,
 )
 from sextant.chapters.calibration.network import CameraNetwork
 from sextant.composing.compose import compose, to_plain
@@ -55,12 +57,14 @@ class PhotoBenchmark:
     skipped: dict[str, str] = field(default_factory=dict)
 
     def tables(self) -> dict[str, Table]:
-        """The tables by title: errors, intervals, and verdicts of the joint method."""
+        """The tables by title: errors and intervals; of the joint method verdicts, what is to blame, worst photos."""
         return {
             "Median error [95 % interval over independent photos] and AUC; *in italics*: published, each on photos of "
             f"its own ({PUBLISHED_BY})": error_table(self.truth, self.methods),
             "Truth inside the interval, %": interval_table(self.truth, self.methods),
             "Verdicts of the joint method": verdict_table(self.truth, self.methods["joint"]),
+            "Which part is to blame where the joint method is wrong": blame_table(self.truth, self.methods),
+            "The worst photos of the joint method": worst_table(self.truth, self.names, self.methods),
         }
 
     def markdown(self) -> str:

@@ -7,9 +7,11 @@ from sextant.chapters.calibration.metrics.photo_benchmark import (
     PUBLISHED,
     Answers,
     Truth,
+    blame_table,
     error_table,
     interval_table,
     verdict_table,
+    worst_table,
 )
 
 #: tilt, roll, focal length and k1 of six photos of three clusters; of the last neither pose nor distortion is known
@@ -85,3 +87,22 @@ def test_errors_by_verdict():
 def test_a_table_of_no_method_is_refused():
     with pytest.raises(ValueError, match="methods is empty"):
         interval_table(TRUTH, {})
+
+
+def test_a_wrong_joint_camera_is_put_on_the_part_that_is_wrong_alone_and_a_failure_is_the_worst():
+    """Of five photos the joint is right on one; network, lines, both and neither are wrong on the others."""
+    truth = Truth(np.tile([0.0, 0.0, 1.0, np.nan], (5, 1)), np.full(5, 1.5), list("abcde"))
+
+    def said_by(wrong, failed=()):
+        focals = np.where(np.isin(np.arange(5), wrong), 1.5, 1.0)
+        cameras = np.column_stack([np.zeros(5), np.zeros(5), focals, np.zeros(5)])
+        cameras[list(failed)] = np.nan
+        return Answers(cameras, {}, ["weak"] * 5)
+
+    said = {"network": said_by([1, 3]), "lines": said_by([2], failed=[3]), "joint": said_by([1, 2, 3], failed=[4])}
+    tilt, roll, focal = blame_table(truth, said)[1]
+    assert focal == ["focal (%) > 20", "5", "4", "1", "1", "1", "1"]
+    assert tilt[1:] == roll[1:] == ["5", "1", "0", "0", "0", "1"]  # the joint failed on the last
+    rows = worst_table(truth, list("abcde"), said, count=4)[1]
+    assert [row[0] for row in rows] == ["e", "b", "c", "d"]
+    assert rows[0][-1] == "–"

@@ -33,6 +33,8 @@ PUBLISHED = (
 )
 PUBLISHED_BY = "A. Veicht et al., GeoCalib, ECCV 2024 (github.com/cvg/GeoCalib, README)"
 Table = tuple[list[str], list[list[str]]]
+#: errors above which an answer is wrong: twice the largest half-widths of a good camera's 68 % intervals
+WRONG = {"tilt_deg": 6.0, "roll_deg": 4.0, "focal_percent": 20.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +157,58 @@ def verdict_table(truth: Truth, answers: Answers, wrong: float = 20.0) -> Table:
         focal = errors["focal_percent"][has]
         rows.append([verdict, str(int(has.sum())), *cells, str(int((focal > wrong).sum()))])
     return ["verdict", "photos", *(title for title, _, _, _ in COLUMNS[:4]), f"focal off by over {wrong:.0f} %"], rows
+
+
+def blame_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
+    """Which part is to blame where the joint camera is wrong (:data:`WRONG`): the one that is wrong alone.
+
+    Where both parts alone are right, their combination and the prior are.
+
+    Args:
+        truth: the true cameras.
+        methods: answers of ``network``, ``lines`` and ``joint``.
+
+    >>> truth = Truth(np.array([[0.0, 0.0, 1.0, 0.0]]), aspect=np.array([1.5]), clusters=["hall"])
+    >>> right, wrong = (Answers(np.array([[0.0, 0.0, focal, 0.0]]), {}, ["good"]) for focal in (1.0, 1.5))
+    >>> blame_table(truth, {"network": right, "lines": wrong, "joint": wrong})[1][2]
+    ['focal (%) > 20', '1', '1', '0', '1', '0', '0']
+    """
+    titles = ["error", "photos", "joint wrong", "network to blame", "lines to blame", "both", "neither"]
+    errors = {name: truth.errors(answers.cameras) for name, answers in methods.items()}
+    known, rows = truth.errors(truth.cameras), []
+    for error, most in WRONG.items():
+        there = np.isfinite(known[error])
+        network, lines, joint = (~(errors[name][error] <= most) & there for name in ("network", "lines", "joint"))
+        parts = (network & ~lines, lines & ~network, network & lines, ~network & ~lines)
+        title = next(title for title, name, _, _ in COLUMNS if name == error)
+        rows.append(
+            [f"{title} > {most:g}", *(str(int(each.sum())) for each in (there, joint, *(joint & p for p in parts)))]
+        )
+    return titles, rows
+
+
+def worst_table(truth: Truth, names: Sequence[str], methods: Mapping[str, Answers], count: int = 5) -> Table:
+    """The photos whose joint cameras are worst, with the errors of all methods; errors count in units of :data:`WRONG`.
+
+    >>> truth = Truth(np.array([[0.0, 0.0, 1.0, 0.0]] * 2), aspect=np.ones(2), clusters=["hall", "hall"])
+    >>> said = Answers(truth.cameras * [[1, 1, 1.1, 1], [1, 1, 1.5, 1]], {}, ["good", "weak"])
+    >>> worst_table(truth, ["a.jpg", "b.jpg"], {"joint": said}, count=1)[1]
+    [['b.jpg', 'weak', '0.0', '0.0', '50.0']]
+    """
+    errors = {name: truth.errors(answers.cameras) for name, answers in methods.items()}
+    units = np.stack([errors["joint"][error] / most for error, most in WRONG.items()])
+    size = np.where(np.isnan(methods["joint"].cameras[:, 2]), np.inf, np.nan_to_num(units).max(axis=0))
+    titles = {error: title for title, error, _, _ in COLUMNS}
+    columns = [(name, error) for error in WRONG for name in methods]
+    rows = [
+        [
+            names[i],
+            methods["joint"].verdicts[i],
+            *(_median(errors[name][error][i : i + 1], 1) for name, error in columns),
+        ]
+        for i in np.argsort(-size, kind="stable")[:count]
+    ]
+    return ["photo", "verdict", *(f"{titles[error]}, {name}" for name, error in columns)], rows
 
 
 def _angles(cameras: Float64[ndarray, "n 4"]) -> Float64[ndarray, "n 3"]:
