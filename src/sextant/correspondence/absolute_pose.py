@@ -218,7 +218,7 @@ class _Refinement:
         moved = np.concatenate([np.tile(-np.eye(3), (len(inside), 1, 1)), cross_matrices(inside)], 2)
         jacobian = camera.jacobian(inside) @ moved
         if not self._free:
-            return jacobian
+            return np.asarray(jacobian)
         by_focal = np.nan_to_num(camera.project(inside) - (camera.cx, camera.cy))
         return np.concatenate([jacobian, by_focal[:, :, None]], 2)
 

@@ -92,7 +92,7 @@ class AlikedFeatures:
     @cached_property
     def _detector(self) -> Any:
         with naming_extras("local features"):
-            from kornia.feature.aliked import ALIKED
+            from kornia.feature import ALIKED
         network = ALIKED("aliked-n16", self.keypoints)
         network.load_state_dict(_read(self.weights, DETECTOR[0]), strict=False)
         return network.eval()

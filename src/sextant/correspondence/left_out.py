@@ -77,7 +77,7 @@ def without(posed: PosedMap, image: int) -> tuple[PosedMap, Sequence[int]]:
     common = np.array([np.count_nonzero(shared[each[each >= 0]]) for each in posed.point_of])
     common[image] = 0
     candidates = [int(k) for k in np.argsort(-common, kind="stable")[:CANDIDATES] if common[k]]
-    others = np.flatnonzero(common)
+    others = np.flatnonzero(common).tolist()
     seen = [np.flatnonzero((posed.point_of[k] >= 0) & shared[posed.point_of[k]]) for k in others]
     numbers = np.concatenate([posed.point_of[k][rows] for k, rows in zip(others, seen, strict=True)] or [own[:0]])
     pixels = np.concatenate(
@@ -95,6 +95,6 @@ def without(posed: PosedMap, image: int) -> tuple[PosedMap, Sequence[int]]:
     valid = ~shared
     valid[ids] = found.valid & (found.angles_deg > LEAST_ANGLE_DEG)
     point_of = list(posed.point_of)
-    for k in (*others.tolist(), image):
+    for k in (*others, image):
         point_of[k] = np.where((point_of[k] >= 0) & valid[point_of[k]], point_of[k], -1)
     return replace(posed, points=points, covariances=covariances, point_of=point_of, variance_factor=1.0), candidates

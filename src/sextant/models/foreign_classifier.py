@@ -111,8 +111,9 @@ def _timm(reference: str, given: str) -> ForeignClassifier:
     if path.is_file():
         stored = read_json(path.with_name("config.json")) or {}
         name, state = _timm_name(reference, path, stored), _tensors(path)
+        known = timm.get_pretrained_cfg(name, allow_unregistered=True)
         config = {
-            **timm.get_pretrained_cfg(name, allow_unregistered=True).to_dict(),
+            **(known.to_dict() if known else {}),
             **stored.get("pretrained_cfg", {}),
         }
     else:

@@ -280,7 +280,7 @@ class PlaceMap(DescribedMap):
         """
         described, rows = self.described, self.given(descriptors)
         found = self.match(FlatIndex(rows), k, centring=centring)
-        sure = fitted_confidence(self.descriptor.facts) if centring == "none" else None
+        sure = self.found(found) if centring == "none" else None
         names = [f"row {i}" for i in range(len(rows))]
         return looked_up(names, [False] * len(rows), described, found, sure)
 
