@@ -176,6 +176,16 @@ def test_points_without_an_image_are_those_of_the_others(world):
     assert np.quantile(apart, 0.95) < 1e-6
 
 
+def test_an_image_that_shares_no_point_is_left_out_of_none(world):
+    poses, points = world
+    blank = LocalFeatures(np.empty((0, 2), np.float32), np.empty((0, 64), np.float16), 640, 480)
+    posed = build_map([*views(poses, points), blank], np.concatenate([poses, poses[:1]]), [CAMERA] * 7)
+    rest, candidates = without(posed, 6)
+    assert candidates == []
+    assert len(rest.points) == len(posed.points)
+    assert calibrated(posed).variance_factor >= 1
+
+
 def test_a_map_of_few_images_has_no_factor(world):
     poses, points = world
     assert calibrated(build_map(views(poses[:3], points), poses[:3], [CAMERA] * 3)).variance_factor == 1.0

@@ -216,7 +216,7 @@ class _Refinement:
     def _jacobian(self, inside: Float64[ndarray, "n 3"], camera: Pinhole) -> ndarray:
         """Derivatives of pixels by a displacement, a rotation and, where free, the logarithm of the focal length."""
         moved = np.concatenate([np.tile(-np.eye(3), (len(inside), 1, 1)), cross_matrices(inside)], 2)
-        jacobian = camera.jacobian(inside) @ moved
+        jacobian: ndarray = camera.jacobian(inside) @ moved
         if not self._free:
             return np.asarray(jacobian)
         by_focal = np.nan_to_num(camera.project(inside) - (camera.cx, camera.cy))

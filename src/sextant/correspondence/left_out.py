@@ -83,7 +83,7 @@ def without(posed: PosedMap, image: int) -> tuple[PosedMap, Sequence[int]]:
     pixels = np.concatenate(
         [posed.features[k].points[rows] for k, rows in zip(others, seen, strict=True)] or [np.empty((0, 2))]
     )
-    images = np.repeat(others, [len(rows) for rows in seen])
+    images = np.repeat(np.array(others, np.int64), [len(rows) for rows in seen])
     twice = np.bincount(numbers, minlength=len(posed.points)) >= 2
     kept = twice[numbers]
     ids, tracks = np.unique(numbers[kept], return_inverse=True)
