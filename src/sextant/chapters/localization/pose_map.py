@@ -39,7 +39,7 @@ DESCRIPTOR = "zoo:places"
 #: images that a photo is matched to
 CANDIDATES = 10
 #: The largest logarithm of the number of false alarms of a located photo. Matches are not independent, as the equation
-#: assumes: photos of other places reach -64 in maps that they do not show, photos of the maps stay below -1,800
+#: assumes: photos of other places reach -76 in maps that they do not show, photos of the maps stay below -1,800
 #: (python -m benchmarks.posed_photos).
 LOG10_FALSE_ALARMS = -100.0
 #: points an image below which another convention of the poses is looked for; maps of overlapping photos have hundreds
