@@ -84,7 +84,7 @@ def told(*arguments):
         (["dataset=digits", "dataset.size=32"], "the model was trained on 1x28x28"),
         (["backbone=lenet_b"], "belongs to the trained weights"),
         (["corruptoin=none"], "Did you mean corruption?"),
-        (["corruption=nope"], "Options: cifar10_c, cifar10_c_noise, cifar10_p"),
+        (["corruption=nope"], "Options: cifar100_c, cifar10_c, cifar10_c_noise, cifar10_p"),
         (["trainer.threds=2"], "Did you mean trainer.threads"),
         (["trainer.threads=0"], "trainer.threads=0"),
     ],

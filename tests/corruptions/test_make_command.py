@@ -89,10 +89,10 @@ def test_a_dataset_brings_its_labels(make, tmp_path):
 @pytest.mark.parametrize(
     ("change", "texts"),
     [
-        ("set=none", ["set= is missing", "cifar10_c, mnist_c"]),
+        ("set=none", ["set= is missing", "cifar10_c, cifar100_c, mnist_c"]),
         ("input=none", ["input= is missing"]),
         ("output=none", ["output= is missing"]),
-        ("set=cifar100_c", ["set=cifar100_c", "cifar10_c"]),
+        ("set=cifar1000_c", ["set=cifar1000_c", "cifar100_c"]),
         ("names=fogg", ["names=fogg", "fog"]),
         ("severities=6", ["severities=6", "1,2,3,4,5"]),
         ("severities=1,1", ["severities"]),

@@ -41,7 +41,7 @@ def mutual_matches(
     """
     if not len(first) or not len(second):
         return np.empty((0, 2), np.int64)
-    a, b = (torch.from_numpy(each.descriptors).float() for each in (first, second))
+    a, b = (torch.from_numpy(np.ascontiguousarray(each.descriptors)).float() for each in (first, second))
     columns = b.T.contiguous()
     best, nearest = torch.empty(len(a)), torch.zeros(len(a), dtype=torch.int64)
     highest = torch.full((len(b),), -2.0)

@@ -98,7 +98,7 @@ def bad_files(folder):
     return {
         "truncated.jpg": "cannot be decoded", "empty.jpg": "is empty", "text.png": "cannot be decoded",
         "photo.jpg": "is 128 x 96", "dot.png": "is 1 x 1", "tiny.png": "at least 32 rows", "float.tif": "floating",
-        "huge.ppm": "cannot be decoded",
+        "huge.ppm": "megapixels; scale it down",
     }  # fmt: skip
 
 

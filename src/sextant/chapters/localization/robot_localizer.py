@@ -259,7 +259,7 @@ class RobotLocalizer:
         found = None if told.lost or here is None else _map_from_odom(pose, here)
         self.map_from_odom = self._given if found is None else found
         belief = self.localizer.belief
-        rows = drawn_evenly(belief.weights[0])
+        rows = drawn_evenly(belief.weights)[0]
         return Report(
             stamp_ns,
             told.lost,

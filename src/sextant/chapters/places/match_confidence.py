@@ -130,7 +130,11 @@ class RerankedConfidence:
 def reranked_columns(
     inliers: Float[ndarray, "m"], rival: Float[ndarray, "m"], margin: Float[ndarray, "m"]
 ) -> Float64[ndarray, "m 4"]:
-    """What the logistic function after re-ranking is linear in: margin, both logarithms, one."""
+    """What the logistic function after re-ranking is linear in: margin, both logarithms, one.
+
+    >>> reranked_columns(np.array([8]), np.array([3]), np.array([0.25])).round(2).tolist()
+    [[0.25, 0.69, 0.0, 1.0]]
+    """
     beyond = (np.log1p(np.maximum(0.0, np.asarray(each, np.float64) - FITTED)) for each in (inliers, rival))
     return np.stack([np.asarray(margin, np.float64), *beyond, np.ones(len(margin))], axis=1)
 
@@ -145,6 +149,11 @@ def fit_reranked_confidence(
 
     Raises:
         ValueError: there is no set, one has a margin that is not finite, or the likelihood has no maximum.
+
+    >>> inliers, rival, margin = np.array([30, 9, 20, 12]), np.array([8, 9, 15, 7]), np.array([0.3, 0.1, 0.1, 0.2])
+    >>> fitted = fit_reranked_confidence([(inliers, rival, margin, np.array([True, False, False, True]))] * 2)
+    Traceback (most recent call last):
+    ValueError: right matches are separable from wrong ones; add sets of images in which these overlap
     """
     parts = [(reranked_columns(*given), np.where(right, 1, -1)) for *given, right in sets]
     if not parts or not all(len(columns) and np.isfinite(columns).all() for columns, _ in parts):
@@ -169,5 +178,9 @@ Verdict = Literal["in the map", "not in the map"]
 
 
 def verdict(found: float | None) -> Verdict | None:
-    """Whether a place is in the map: it is not if the best match is more probably wrong than right."""
+    """Whether a place is in the map: it is not if the best match is more probably wrong than right.
+
+    >>> verdict(0.9), verdict(0.2), verdict(None)
+    ('in the map', 'not in the map', None)
+    """
     return None if found is None else "in the map" if found >= 0.5 else "not in the map"

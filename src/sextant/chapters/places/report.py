@@ -32,8 +32,6 @@ from sextant.retrieval.sequence_matching import match_sequences
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sextant.chapters.places.reranked_recall import RerankedRecall
-
 NETWORK = "network"
 #: queries in the gallery, and matches shown for each
 GALLERY_ROWS, GALLERY_MATCHES = 8, 5
@@ -58,6 +56,22 @@ class MethodResult:
     curve: PrecisionRecall
     hit: Bool[ndarray, "m"]
     sequence_hit: Bool[ndarray, "m"] | None
+
+
+@dataclass(frozen=True)
+class RerankedRecall:
+    """What re-ranking found.
+
+    Attributes:
+        hits: by condition of the queries, whether the best match of each is right.
+        arrays, metrics: the same and their means, under the names of recall@1 with ``_reranked``.
+        facts: kind of features, number of candidates, queries whose best match was replaced, bytes an image.
+    """
+
+    hits: dict[str, Bool[ndarray, "m"]]
+    arrays: dict[str, ndarray]
+    metrics: dict[str, float]
+    facts: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -257,7 +271,7 @@ def recall_under(reports: list[QueryReport], copies: Sequence[str], under: Seque
 
 
 def table(
-    reports: list[QueryReport], sequence_length: int, reranked: "RerankedRecall | None" = None
+    reports: list[QueryReport], sequence_length: int, reranked: RerankedRecall | None = None
 ) -> list[dict[str, str]]:
     """A row per condition and method, in per cent; re-ranking is of the network's matches."""
     rows = []

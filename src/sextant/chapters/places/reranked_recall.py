@@ -1,16 +1,14 @@
 """Recall of the network's matches after re-ranking, beside that without, in one test."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool
 from numpy import ndarray
 
 from sextant.chapters.places.data import PlaceImages
-from sextant.chapters.places.report import NETWORK, QueryReport, logged_name, nearest_with_values
+from sextant.chapters.places.report import NETWORK, QueryReport, RerankedRecall, logged_name, nearest_with_values
 from sextant.reporter import Advance
 
 if TYPE_CHECKING:
@@ -18,22 +16,6 @@ if TYPE_CHECKING:
 
 #: images of the map whose features are kept in memory
 KEPT = 4096
-
-
-@dataclass(frozen=True)
-class RerankedRecall:
-    """What re-ranking found.
-
-    Attributes:
-        hits: by condition of the queries, whether the best match of each is right.
-        arrays, metrics: the same and their means, under the names of recall@1 with ``_reranked``.
-        facts: kind of features, number of candidates, queries whose best match was replaced, bytes an image.
-    """
-
-    hits: dict[str, Bool[ndarray, "m"]]
-    arrays: dict[str, ndarray]
-    metrics: dict[str, float]
-    facts: dict[str, Any]
 
 
 def rerank_reports(
