@@ -25,7 +25,7 @@ def _alternatives(poses: ndarray) -> dict[str, ndarray]:
         "y up and z back (OpenGL, Blender, nerfstudio)": poses @ _TURNED,
         "camera_from_world (COLMAP's matrices), to be inverted": inverse,
         "camera_from_world with y up and z back, to be inverted": inverse @ _TURNED,
-        "z up in a left-handed world (Unity, Unreal)": _LEFT @ poses @ _LEFT,
+        "y up and z forward, left-handed (Unity)": _LEFT @ poses @ _LEFT,
     }
 
 

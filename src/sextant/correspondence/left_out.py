@@ -90,8 +90,9 @@ def without(posed: PosedMap, image: int) -> tuple[PosedMap, Sequence[int]]:
     cameras = list(posed.cameras)
     found = triangulate(pixels[kept].astype(np.float64), images[kept], tracks, posed.poses, cameras)
     points, covariances = posed.points.copy(), posed.covariances.copy()
-    unit = posed.features[image].pixel
-    points[ids], covariances[ids] = found.points, found.covariances * unit**2
+    unit = np.array([each.pixel for each in posed.features])[images[kept]]
+    variance = np.bincount(tracks, unit**2) / np.bincount(tracks)
+    points[ids], covariances[ids] = found.points, found.covariances * variance[:, None, None]
     valid = ~shared
     valid[ids] = found.valid & (found.angles_deg > LEAST_ANGLE_DEG)
     point_of = list(posed.point_of)
