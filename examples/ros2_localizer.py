@@ -24,12 +24,14 @@ published. Parameters:
 ======================= =============== ==========================================================================
 """
 
+from array import array
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose, PoseArray, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.time import Time
@@ -41,10 +43,31 @@ from sextant.chapters.localization.data.ros_messages import camera_of, planar_po
 from sextant.chapters.localization.robot_localizer import Report, RobotLocalizer
 from sextant.errors import UserError
 
+#: types of parameters, in words
+KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a number", list: "a list of numbers"}
+
 
 def nanoseconds(stamp: Any) -> int:
     """Of a ``builtin_interfaces/Time``."""
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def converted(name: str, value: Any, default: Any) -> Any:
+    """A parameter's value, of its default's type; a whole number also serves as a float, and whole numbers as a list.
+
+    Raises:
+        UserError: it is of another type.
+    """
+    kind, several = type(default), isinstance(value, list | tuple | array)
+    numbers = all(type(each) in (int, float) for each in (value if several else [value]))
+    if kind is list and several and numbers:
+        return [float(each) for each in value]
+    if kind is float and not several and numbers:
+        return float(value)
+    if type(value) is kind and kind is not list:
+        return value
+    example = f"'\"{value}\"'" if kind is str else str(default).lower()
+    raise UserError(f"{name}:={value} is not {KINDS[kind]}", f"For example --ros-args -p {name}:={example}")
 
 
 class LocalizerNode(Node):  # type: ignore[misc]
@@ -52,7 +75,7 @@ class LocalizerNode(Node):  # type: ignore[misc]
 
     def __init__(self) -> None:
         super().__init__("sextant_localizer")
-        get = lambda name, default: self.declare_parameter(name, default).value  # noqa: E731
+        get = self.get
         folder = get("map", "")
         if not folder:
             raise UserError("map is missing", "--ros-args -p map:=<folder of a run or of a saved localizer>")
@@ -77,6 +100,11 @@ class LocalizerNode(Node):  # type: ignore[misc]
         self.create_subscription(Odometry, "odom", self.on_odometry, every)
         self.create_subscription(PoseWithCovarianceStamped, "initialpose", self.on_initial_pose, 1)
         self.create_subscription(self.kind, topic, self.on_image, newest)
+
+    def get(self, name: str, default: Any) -> Any:
+        """Declare a parameter, and return its value."""
+        anything = ParameterDescriptor(dynamic_typing=True)  # otherwise 1 is refused where the default is 0.5
+        return converted(name, self.declare_parameter(name, default, anything).value, default)
 
     def on_camera(self, message: Any) -> None:
         """Keep the camera."""

@@ -3,7 +3,9 @@
 import importlib.util
 import io
 import math
+import re
 import sys
+from array import array
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -114,8 +116,11 @@ class Ros:
             def __init__(self, name):
                 self.name = name
 
-            def declare_parameter(self, name, default):
-                return SimpleNamespace(value=ros.parameters.get(name, default))
+            def declare_parameter(self, name, default, descriptor):
+                value = ros.parameters.get(name, default)
+                if not descriptor.dynamic_typing and type(value) is not type(default):
+                    raise TypeError(f"{name} is statically typed")
+                return SimpleNamespace(value=value)
 
             def create_publisher(self, kind, topic, depth):
                 return SimpleNamespace(publish=lambda message: ros.publish(topic, message))
@@ -137,6 +142,8 @@ class Ros:
 
         return {
             "rclpy": {},
+            "rcl_interfaces": {},
+            "rcl_interfaces.msg": {"ParameterDescriptor": SimpleNamespace},
             "rclpy.node": {"Node": Node},
             "rclpy.qos": {"QoSProfile": SimpleNamespace, "qos_profile_sensor_data": SimpleNamespace(reliability=0)},
             "rclpy.time": {"Time": time},
@@ -293,3 +300,24 @@ def test_without_a_map_it_says_how_to_give_one(ros, monkeypatch):
     ros.parameters.clear()
     with pytest.raises(UserError, match="map is missing"):
         start(ros, monkeypatch)
+
+
+def test_parameters_of_ros_2_may_be_whole_numbers_and_others_are_refused(folder, monkeypatch):
+    ros = Ros(2, folder)
+    ros.parameters |= {"mounting": array("q", [1, 0, 90]), "odometry_timeout": 1}
+    core = start(ros, monkeypatch).core
+    np.testing.assert_allclose(core._base_from_camera, [[1, 0, math.pi / 2]])
+    assert core._timeout_ns == 10**9
+    for name, value, said in (
+        ("mounting", 5, "mounting:=5 is not a list of numbers\nFor example --ros-args -p mounting:=[0.0, 0.0, 0.0]"),
+        ("mounting", ["a", "b", "c"], "is not a list of numbers"),
+        ("odometry_timeout", "soon", "odometry_timeout:=soon is not a number"),
+        ("odometry_timeout", True, "odometry_timeout:=True is not a number"),
+        ("rectify", 1, "rectify:=1 is not true or false\nFor example --ros-args -p rectify:=false"),
+        ("seed", 0.5, "seed:=0.5 is not a whole number"),
+        ("map", 2024, "map:=2024 is not text\nFor example --ros-args -p map:='\"2024\"'"),
+    ):
+        ros = Ros(2, folder)
+        ros.parameters[name] = value
+        with pytest.raises(UserError, match=re.escape(said)):
+            start(ros, monkeypatch)

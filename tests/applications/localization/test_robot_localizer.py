@@ -124,10 +124,41 @@ def test_messages_out_of_order_are_left_out_and_time_that_is_set_back_begins_ane
     core.on_odometry(ns(10.9), np.array([99.0, 0, 0]))
     assert core.on_image(ns(10.9), image()) == []
     assert core.left_out == 1
+    assert core.on_image(ns(11.2), image()) == []  # waits
+    assert core.map_from_odom is not None
     core.on_odometry(ns(3.0), np.array([3.0, 0, 0]))  # the bag is played again
+    assert core.left_out == 2
+    assert core.map_from_odom is None
     (report,) = core.on_image(ns(3.0), image())
     assert stub.motions[-1] is None
     np.testing.assert_allclose(report.map_from_odom, [-3, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("late", ["images", "odometry"])
+def test_a_topic_that_is_late_by_more_than_a_second_is_not_time_that_is_set_back(late):
+    stub, reports = Stub(), []
+    core = RobotLocalizer(stub, odometry_timeout_s=2.0)
+    core.on_odometry(0, np.zeros(3))
+    for tick in range(100):  # odometry at 20 Hz, images at 2 Hz, either of which comes 1.2 s after the other
+        moved, seen = (tick, tick - 24) if late == "images" else (tick - 24, tick)
+        if moved >= 0:
+            reports += core.on_odometry(ns(moved / 20), np.array([moved / 20, 0, 0]))
+        if seen >= 0 and seen % 10 == 0:
+            reports += core.on_image(ns(seen / 20), image())
+    assert [report.stamp_ns for report in reports] == [ns(k / 2) for k in range(len(reports))]
+    assert len(reports) == 8
+    assert core.left_out == 0
+    np.testing.assert_allclose(stub.motions[1:], np.tile([0.5, 0, 0], (7, 1)), atol=1e-12)
+
+
+def test_images_that_are_set_back_begin_anew_without_the_transform_of_an_initial_pose():
+    core = RobotLocalizer(Stub(lost=True))
+    core.on_odometry(ns(10.0), np.array([1.0, 0, 0]))
+    core.on_initial_pose(ns(10.0), np.array([10.0, 0.0, 0.0]))
+    core.on_image(ns(10.0), image())
+    assert core.map_from_odom is not None
+    (report,) = core.on_image(ns(3.0), image())
+    assert (report.map_from_odom, core.map_from_odom) == (None, None)
 
 
 def test_the_covariance_is_by_rows_of_x_y_z_roll_pitch_yaw_and_of_the_base():

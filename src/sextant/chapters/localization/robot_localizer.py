@@ -34,7 +34,7 @@ from sextant.localization.innovation_test import drawn_evenly
 SECOND = 10**9
 #: seconds of odometry that are kept
 KEPT_S = 30.0
-#: a stamp this many seconds before the newest means that time was set back, as when a bag is played again
+#: a stamp this many seconds before the newest of its topic means that time was set back, as when a bag is played again
 SET_BACK_S = 1.0
 #: standard deviations (metres, rad) of an initial pose whose variances are 0: those of RViz
 USUAL_SIGMAS = (0.5, 0.5, math.pi / 12)
@@ -172,8 +172,7 @@ class RobotLocalizer:
         self._odometry = OdometryBuffer()
         self._waiting: list[tuple[int, Any, str]] = []
         self._before: Float64[ndarray, "3"] | None = None  # odometry at the last image
-        self._newest_ns = -1
-        self._stepped_ns = -1
+        self._newest_image_ns = -1
 
     # -- messages ------------------------------------------------------------------------------------------------------
 
@@ -183,16 +182,17 @@ class RobotLocalizer:
 
     def on_odometry(self, stamp_ns: int, odom_from_base: Float64[ndarray, "3"]) -> list[Report]:
         """A pose of the base in its odometry frame (x, y, heading); reports on the images that waited for it."""
-        self._arrived(stamp_ns)
+        self._arrived(stamp_ns, self._odometry.newest_ns)
         self._odometry.add(stamp_ns, np.asarray(odom_from_base, np.float64))
         return self._ready()
 
     def on_image(self, stamp_ns: int, message: Any, kind: str = "sensor_msgs/msg/Image") -> list[Report]:
         """An image, as ``picture_of`` reads it; reports on images whose odometry is known, or will not come."""
-        self._arrived(stamp_ns)
-        if stamp_ns <= max(self._stepped_ns, self._waiting[-1][0] if self._waiting else -1):
+        self._arrived(stamp_ns, self._newest_image_ns)
+        if stamp_ns <= self._newest_image_ns:
             self.left_out += 1  # older than one before it
             return []
+        self._newest_image_ns = stamp_ns
         self._waiting.append((stamp_ns, message, kind))
         return self._ready()
 
@@ -219,22 +219,24 @@ class RobotLocalizer:
             )
         sigmas = tuple(math.sqrt(each) or usual for each, usual in zip(given.tolist(), USUAL_SIGMAS, strict=True))
         self._begins = (stamp_ns, pose, (sigmas[0], sigmas[1], sigmas[2]))
-        at = self._odometry.at(stamp_ns or self._newest_ns)
+        at = self._odometry.at(stamp_ns or max(self._newest_image_ns, self._odometry.newest_ns or 0))
         self._given = self.map_from_odom = None if at is None else _map_from_odom(pose, at)
 
     # -- steps ---------------------------------------------------------------------------------------------------------
 
-    def _arrived(self, stamp_ns: int) -> None:
-        if self._newest_ns - stamp_ns > SET_BACK_S * SECOND:
+    def _arrived(self, stamp_ns: int, newest_ns: int | None) -> None:
+        """Begin anew if time was set back since the newest message of the same topic; topics differ in latency."""
+        if newest_ns is not None and newest_ns - stamp_ns > SET_BACK_S * SECOND:
+            self.left_out += len(self._waiting)
+            self.map_from_odom = self._given = None  # of odometry that no longer counts
             self._forget()
-        self._newest_ns = max(self._newest_ns, stamp_ns)
 
     def _ready(self) -> list[Report]:
         """Steps with the images that need not wait for odometry any longer."""
         newest, reports = self._odometry.newest_ns, []
         while self._waiting:
             stamp_ns = self._waiting[0][0]
-            if newest is not None and newest < stamp_ns and self._newest_ns - stamp_ns <= self._timeout_ns:
+            if newest is not None and newest < stamp_ns and self._newest_image_ns - stamp_ns <= self._timeout_ns:
                 break
             reports.append(self._step(*self._waiting.pop(0)))
         return reports
@@ -249,7 +251,7 @@ class RobotLocalizer:
             bases = np.stack([self._before, here])
             cameras = compose(bases, np.repeat(self._base_from_camera, 2, axis=0))
             motion = between(cameras[:1], cameras[1:])[0]
-        self._before, self._stepped_ns = here, stamp_ns
+        self._before = here
         pixels, problem = self._pixels(message, kind)
         self.images, self.left_out = self.images + 1, self.left_out + (pixels is None)
         told = self.localizer.step(motion, pixels)
