@@ -192,5 +192,15 @@ def test_files_that_are_none_are_named_with_their_line(tmp_path, form, text, sai
 def test_several_files_that_could_be_meant_are_named(tmp_path):
     drive = write(tmp_path, "nclt") / "2012-01-08"
     (drive / "groundtruth_2012-02-02.csv").write_text("")
-    with pytest.raises(UserError, match=r"are 2 files: groundtruth_2012-01-08.csv, groundtruth_2012-02-02.csv"):
-        PoseFolder(str(tmp_path), "2012-01-08/lb3/Cam5", {"run": "2012-01-15/lb3/Cam5"}, poses="nclt").read()
+    folders = (str(tmp_path), "2012-01-08/lb3/Cam5", {"run": "2012-01-15/lb3/Cam5"})
+    with pytest.raises(
+        UserError, match=r"are 2 files: groundtruth_2012-01-08.csv, groundtruth_2012-02-02.csv"
+    ) as found:
+        PoseFolder(*folders, poses="nclt").read()
+    assert found.value.fix == "Name one: pose_file=../../groundtruth_2012-01-08.csv"
+    (drive / "groundtruth_2012-02-02.csv").unlink()
+    for name in ("gtgt01.csv", "gtgt02.csv"):
+        (tmp_path / "2012-01-15" / name).write_text("")
+    with pytest.raises(UserError, match=r"are 2 files: gtgt01.csv, gtgt02.csv") as found:
+        PoseFolder(*folders, poses="nclt", ahead="x", odometry="../../gtgt*.csv").read()
+    assert found.value.fix == "Name one: odometry=../../gtgt01.csv"

@@ -10,7 +10,7 @@ from made_up_bags import Bags
 from PIL import Image
 from rosbags.rosbag2 import StoragePlugin
 
-from sextant.chapters.localization.data.own_drive import NO_ODOMETRY, open_drive
+from sextant.chapters.localization.data.own_drive import NO_ODOMETRY, find_images, open_drive
 from sextant.chapters.localization.data.ros_messages import camera_of
 from sextant.chapters.localization.data.rosbag import bag_summary, is_rosbag, open_rosbag
 from sextant.chapters.localization.locating import locate_frames
@@ -217,8 +217,10 @@ def test_a_straightened_image_shows_each_ray_where_a_pinhole_does(model):
 def test_rectified_images_have_the_camera_of_the_projection_and_uncalibrated_ones_none():
     bags, projection = Bags(2), [[480.0, 0, 6, 0], [0, 480, 4, 0], [0, 0, 1, 0]]
     given = bags.camera(1, 12, 8, MATRIX, BENT, projection=projection)
-    assert camera_of(given, "/left/image_rect_color").lens.opencv == (480, 480, 6, 4, 0, 0, 0, 0)
-    assert camera_of(given, "/left/image_raw").lens.opencv == pytest.approx((500, 510, 5.5, 3.5, *BENT))
+    for part in ("image_rect", "image_rect_color", "image_rect_raw", "rectified/image", "image_rect/compressed"):
+        assert camera_of(given, f"/left/{part}").lens.opencv == (480, 480, 6, 4, 0, 0, 0, 0)
+    for topic in ("/left/image_raw", "/camera/direct/image_raw", "/cam/unrectified/image", "/rect/left/image_raw"):
+        assert camera_of(given, topic).lens.opencv == pytest.approx((500, 510, 5.5, 3.5, *BENT))
     assert camera_of(bags.camera(1, 12, 8, np.zeros(9)), "/left/image_raw") is None
 
 
@@ -284,6 +286,21 @@ def test_a_topic_is_chosen_where_there_are_several(bags, tmp_path):
         open_rosbag(path, image_topic="/middle")
     with pytest.raises(UserError, match="odometry_topic=/odom has no messages of type"):
         open_rosbag(path, image_topic="/left", odometry_topic="/odom")
+
+
+def test_odometry_is_chosen_only_where_it_is_read(bags, tmp_path):
+    poses = [(f"/odom_{k}", t, bags.odometry(t, 1.0 * t, 0.0)) for t in (1, 2) for k in "ab"]
+    images = [("/camera", t, bags.image(t, PICTURE)) for t in (1, 2)]
+    path = bags.write(tmp_path, sorted([*poses, *images], key=lambda message: message[1]))
+    with pytest.raises(UserError, match="odometry_topic= is missing: there are /odom_a, /odom_b"):
+        open_drive(str(path), None, tmp_path / "out")
+    bag = find_images(str(path), tmp_path / "out", 1, with_odometry=False)
+    assert (len(bag), bag.odometry, bag.remarks) == (2, None, ())
+    (tmp_path / "own.tum").write_text("1 0 0 0 0 0 0 1\n2 3 0 0 0 0 0 1\n")
+    drive = open_drive(str(path), tmp_path / "own.tum", tmp_path / "out")
+    np.testing.assert_allclose(np.hypot(*drive.motions[1][:2]), 3.0)
+    with pytest.raises(UserError, match="odometry_topic=/odom has no messages of type"):
+        open_drive(str(path), tmp_path / "own.tum", tmp_path / "out", odometry_topic="/odom")
 
 
 def test_a_bag_without_images_says_what_it_has(bags, tmp_path):

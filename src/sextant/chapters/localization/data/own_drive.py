@@ -85,7 +85,9 @@ def open_drive(
             if value is not None:
                 raise ArgumentError(f"{key}={value} does not go with input={given}, a camera", f"Leave out {key}=.")
         return OwnDrive(camera, [], np.zeros(0), [NO_ODOMETRY])
-    frames = find_images(given, output, every, image_topic, odometry_topic)
+    frames = find_images(
+        given, output, every, image_topic, odometry_topic, with_odometry=odometry is None or odometry_topic is not None
+    )
     motions: list[Float64[ndarray, "3"] | None]
     moves, named = frames.odometry if isinstance(frames, Bag) else None, Path(given).expanduser()
     if odometry is not None:
@@ -108,16 +110,24 @@ def open_drive(
 
 
 def find_images(
-    given: str, output: Path, every: int, image_topic: str | None = None, odometry_topic: str | None = None
+    given: str,
+    output: Path,
+    every: int,
+    image_topic: str | None = None,
+    odometry_topic: str | None = None,
+    *,
+    with_odometry: bool = True,
 ) -> Photos | Video | Bag:
-    """The photos, the video or the ROS bag that ``input=`` names; arguments as for :func:`open_drive`.
+    """The photos, the video or the ROS bag that ``input=`` names.
+
+    Arguments as for :func:`open_drive`, and ``with_odometry`` as for :func:`open_rosbag`.
 
     Raises:
         UserError: there are no images, or a topic is given and it is no bag.
     """
     path = Path(given).expanduser()
     if is_rosbag(path):
-        return open_rosbag(path, image_topic, odometry_topic, every)
+        return open_rosbag(path, image_topic, odometry_topic, every, with_odometry=with_odometry)
     for key, topic in (("image_topic", image_topic), ("odometry_topic", odometry_topic)):
         if topic is not None:
             raise ArgumentError(f"{key}={topic} is for a ROS bag; input={given} is not one", f"Leave out {key}=.")

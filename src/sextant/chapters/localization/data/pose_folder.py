@@ -277,18 +277,18 @@ class PoseFolder:
 
     def _tables(self, folder: Path, key: str, split: Split) -> list[Path]:
         """The files beside the images of a drive."""
-        wanted = [] if self.poses == "gps" else [self.pose_file]
+        wanted = [] if self.poses == "gps" else [("pose_file", self.pose_file)]
         if split != "map":
-            wanted += [name for name in (self.odometry,) if name]
+            wanted += [("odometry", name) for name in (self.odometry,) if name]
         if self.times not in (None, "names", "order"):
-            wanted.append(str(self.times))
-        files = [_only(folder, name) for name in wanted]
-        for name, file in zip(wanted, files, strict=True):
+            wanted.append(("times", str(self.times)))
+        files = [_only(folder, name, argument) for argument, name in wanted]
+        for (argument, name), file in zip(wanted, files, strict=True):
             if not file.is_file():
-                what = "poses" if name == self.pose_file else "odometry" if name == self.odometry else "times"
+                what = "poses" if argument == "pose_file" else argument
                 raise MissingDataError(
                     f"{key}: {folder} has no {what}, the file {name}",
-                    f"Put it there, or give its name: {'pose_file' if what == 'poses' else what}=<name>",
+                    f"Put it there, or give its name: {argument}=<name>",
                 )
         return files
 
@@ -325,19 +325,21 @@ class PoseFolder:
             check_rising(times, names, key)
             if split != "map" and self.max_gap_s is not None:
                 check_gaps(times, names, self.max_gap_s, key)
-        poses, own = self._trajectory(_only(folder, self.pose_file), folder, paths, times, key, notes)
+        poses, own = self._trajectory(_only(folder, self.pose_file, "pose_file"), folder, paths, times, key, notes)
         odometry = None
         if self.odometry is not None and split != "map":
-            odometry = self._odometry(_only(folder, self.odometry), folder, paths, times, key, notes)
+            odometry = self._odometry(_only(folder, self.odometry, "odometry"), folder, paths, times, key, notes)
         return _Frames(paths, poses, odometry, own if times is None else times)
 
     def _times(self, folder: Path, paths: list[Path], key: str) -> Float64[ndarray, "n"] | None:
         """Times of the images, from their names or a file; None if only the poses have times."""
-        timed = self.poses in TIMED or (self.odometry is not None and is_timed(_only(folder, self.odometry)))
+        timed = self.poses in TIMED or (
+            self.odometry is not None and is_timed(_only(folder, self.odometry, "odometry"))
+        )
         if self.times == "order" or (self.times is None and not timed):
             return None
         if self.times not in ("names", None):
-            return times_of_file(folder / self.times, len(paths))
+            return times_of_file(_only(folder, self.times, "times"), len(paths))
         times, names = times_of_names(paths), [path.name for path in paths]
         if times is None and (self.times == "names" or len(names_without_time(names)) < len(names)):
             raise ArgumentError(
@@ -441,12 +443,12 @@ class PoseFolder:
         return np.sort(first)
 
 
-def _only(folder: Path, name: str) -> Path:
-    """A file from a folder; with ``*`` in its name, the only one that matches."""
+def _only(folder: Path, name: str, argument: str) -> Path:
+    """A file from a folder, which an argument names; with ``*`` in its name, the only one that matches."""
     found = sorted(folder.glob(name)) if "*" in name else []
     if len(found) > 1:
         raise ArgumentError(
             f"{folder / name} are {len(found)} files: {', '.join(each.name for each in found[:5])}",
-            f"Name one: pose_file={name.replace('*', found[0].stem.split('_')[-1])}",
+            f"Name one: {argument}={found[0].relative_to(folder).as_posix()}",
         )
     return found[0] if found else folder / name

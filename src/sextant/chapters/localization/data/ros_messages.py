@@ -6,6 +6,7 @@ as ``uyvy`` (formerly ``yuv422``), ``yuyv`` (``yuv422_yuy2``), ``nv12`` and ``nv
 
 import io
 import math
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -47,6 +48,8 @@ ENCODINGS = (*PLAIN, "mono16", *CONVERTED)
 #: distortion model of sensor_msgs/CameraInfo -> number of coefficients
 MODELS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4}
 FISHEYE = ("equidistant", "fisheye")
+#: words in the topic of images that are rectified already
+RECTIFIED = frozenset({"rect", "rectified"})
 
 
 def picture_of(message: Any, kind: str) -> Image.Image:
@@ -153,7 +156,8 @@ def _maps(lens: PhotoLens, fisheye: bool) -> tuple[Float32[ndarray, "h w"], Floa
 def camera_of(message: Any, image_topic: str) -> RosCamera | None:
     """The camera of a ``sensor_msgs/CameraInfo``; None if it is not calibrated, which ROS marks by a first number 0.
 
-    A topic whose last part says ``rect`` carries rectified images: their camera is that of the projection matrix P.
+    A topic with the word ``rect`` or ``rectified`` in its last two parts, such as ``image_rect_color``, carries
+    rectified images: their camera is that of the projection matrix P.
 
     Raises:
         UserError: its distortion model is not supported, or its numbers are no camera.
@@ -164,8 +168,8 @@ def camera_of(message: Any, image_topic: str) -> RosCamera | None:
     width, height, model = int(message.width), int(message.height), str(message.distortion_model)
     if matrix.shape != (9,) or matrix[0] == 0:
         return None
-    rectified = any("rect" in part for part in image_topic.strip("/").split("/")[-2:]) and projection[:1].any()
-    if rectified:
+    words = re.split(r"[_\W]+", "/".join(image_topic.lower().strip("/").split("/")[-2:]))
+    if not RECTIFIED.isdisjoint(words) and projection[:1].any():
         matrix, given, model = projection.reshape(3, 4)[:, :3].reshape(-1), np.zeros(0), "rectified"
     across, down = max(int(message.binning_x), 1), max(int(message.binning_y), 1)
     fx, cx, fy, cy = matrix[[0, 2, 4, 5]]

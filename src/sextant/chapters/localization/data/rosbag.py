@@ -54,7 +54,7 @@ class Bag:
         path: file or folder.
         topic: of the images.
         times_s: of the images, as read by :meth:`read`.
-        odometry: from its odometry topic; None without one, or if none of its poses can be used.
+        odometry: from its odometry topic; None without one, if none of its poses can be used, or if it was not read.
         every: step from one image to the next.
         remarks: remarks on the odometry for the user.
         camera: of the images; None if none is recorded, or it cannot be used.
@@ -96,7 +96,14 @@ class Bag:
                     )
 
 
-def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str | None = None, every: int = 1) -> Bag:
+def open_rosbag(
+    path: Path,
+    image_topic: str | None = None,
+    odometry_topic: str | None = None,
+    every: int = 1,
+    *,
+    with_odometry: bool = True,
+) -> Bag:
     """Open a bag and find its images, camera and odometry.
 
     Args:
@@ -104,6 +111,7 @@ def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str 
         image_topic: topic of the images; by default the only one.
         odometry_topic: topic of the odometry; by default the only one.
         every: take every k-th image.
+        with_odometry: False leaves the odometry unread, so that no topic of it need be chosen.
 
     Raises:
         UserError: the bag cannot be read, has no images, has several topics of which none was chosen, or the chosen
@@ -113,7 +121,7 @@ def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str 
         images = _topic(bag, IMAGES, "image_topic", image_topic)
         if images is None:
             raise UserError(f"{path} has no images", f"Its topics: {bag.listed()}.")
-        moves = _topic(bag, ODOMETRY, "odometry_topic", odometry_topic)
+        moves = _topic(bag, ODOMETRY, "odometry_topic", odometry_topic) if with_odometry else None
         times = _times([(stamp, taken) for _, _, taken, stamp in bag.stamps(images)])
         odometry, problem = (None, "") if moves is None else _odometry(bag, moves)
         camera, wrong = _camera(bag, images)
