@@ -47,8 +47,9 @@ def main(arguments: Sequence[str]) -> None:
     check_apart(options.output, input=options.input, map=options.map)
     if options.save is not None:
         check_apart(options.save, key="save", input=options.input, map=options.map, output=options.output)
+    locating.files_before(options.output)
     camera = _camera(options.camera)
-    frames = find_images(options.input, options.output, options.every, options.image_topic)
+    frames = find_images(options.input, options.output, options.every, options.image_topic, with_odometry=False)
     make_output(options.output)
     if options.save is not None:
         make_output(options.save, "save")

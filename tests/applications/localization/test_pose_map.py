@@ -6,6 +6,7 @@ import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,8 +19,10 @@ pytest.importorskip("poselib")
 
 from sextant import PoseMap, cli
 from sextant.applications.pixels import as_pixels
+from sextant.chapters.localization.data.own_drive import find_images
 from sextant.chapters.localization.data.posed_photos import PhotoLens, StraightPhotos, posed_photos
-from sextant.chapters.localization.pose_map import _detected
+from sextant.chapters.localization.locating import LocatedFrame, locate_frames, write_located
+from sextant.chapters.localization.pose_map import LocatedPhoto, _detected
 from sextant.correspondence import Pinhole, XFeatures
 from sextant.errors import UserError
 
@@ -268,3 +271,45 @@ def test_a_folder_without_usable_poses_is_refused(tmp_path, name, text, said, ca
     told = capsys.readouterr().err
     assert said in " ".join(told.split())
     assert "Traceback" not in told
+
+
+def test_a_run_removes_what_a_former_one_wrote_and_nothing_else(tmp_path):
+    (tmp_path / "photos").mkdir()
+    Image.fromarray(np.full((40, 60, 3), 90, np.uint8)).save(tmp_path / "photos" / "a.png")
+    posed = SimpleNamespace(poses=np.tile(np.eye(4), (2, 1, 1)), points=np.random.default_rng(0).normal(size=(20, 3)))
+    poses = SimpleNamespace(posed=posed, names=["1.jpg", "2.jpg"], locate=lambda *_: LocatedPhoto("not in the map"))
+    found = LocatedPhoto("located", np.eye(4), np.eye(6), camera=Pinhole(60, 40, 50.0, 50.0, 30.0, 20.0), nearest=0)
+    out = tmp_path / "out"
+    again = lambda: locate_frames(  # noqa: E731
+        poses, find_images(str(tmp_path / "photos"), out, 1), None, out, [], lambda done, total: None
+    )
+    write_located([LocatedFrame("a.png", found, 60, 40)], poses, out)
+    (out / "matches").mkdir()
+    for name in ("a.png.jpg", "own.jpg"):
+        (out / "matches" / name).write_bytes(b"picture")
+    results = again()
+    files = lambda: {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}  # noqa: E731
+    assert files() == {"poses.csv", "trajectory.tum", "matches/own.jpg"}
+    write_located(results, poses, out)  # none is located
+    (out / "colmap" / "images.txt").write_text("of another program")
+    with pytest.raises(UserError, match=r"colmap/images\.txt"):
+        again()
+    (out / "colmap" / "images.txt").unlink()
+    write_located([LocatedFrame("a.png", found, 60, 40)], poses, out)
+    (out / "colmap" / "points3D.bin").write_bytes(b"of another program")
+    before = files()
+    with pytest.raises(UserError, match=r"did not write, and would replace or add to: .*colmap/points3D.bin\n"):
+        again()
+    assert files() == before
+
+
+@pytest.mark.parametrize("name", ["poses.csv", "from_above.png", "colmap/images.txt", "colmap/database.db"])
+def test_files_of_another_origin_in_the_output_are_refused_before_the_work(tmp_path, name, capsys):
+    own = tmp_path / "out" / name
+    own.parent.mkdir(parents=True)
+    own.write_text("file,x,y\n")
+    with pytest.raises(SystemExit):
+        cli.run("locate", [f"map={tmp_path / 'none'}", f"input={tmp_path / 'none'}", f"output={tmp_path / 'out'}"])
+    told = capsys.readouterr().err
+    assert "has files that sextant locate did not write" in " ".join(told.split())
+    assert own.read_text() == "file,x,y\n"

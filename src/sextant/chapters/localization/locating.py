@@ -1,5 +1,6 @@
 """What ``sextant locate`` does: photos or a video located in posed photos, and the results as files and pictures."""
 
+import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +15,10 @@ from sextant.chapters.localization.data.rosbag import Bag
 from sextant.chapters.localization.pose_map import LocatedPhoto, PoseMap
 from sextant.chapters.localization.pose_map_files import FORMAT
 from sextant.chapters.places.describing import upright_size
+from sextant.data.file_kinds import is_hidden
 from sextant.data.image_files import decode_image
 from sextant.data.photo_files import reason_alone
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 Advance = Callable[[int, int], None]
 COLUMNS = (
@@ -25,6 +27,8 @@ COLUMNS = (
 )
 #: photos whose matches are drawn, and the folder of these pictures
 DRAWN, MATCHES = 12, "matches"
+#: files of a COLMAP model, and their folder
+MODEL, COLMAP = ("cameras.txt", "images.txt", "points3D.txt"), "colmap"
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,20 +54,60 @@ def map_of_folder(folder: Path, progress: Advance) -> tuple[PoseMap, Sequence[Pa
     return poses, [folder / name for name in poses.names]
 
 
+def files_before(output: Path) -> list[Path]:
+    """The files that a former run wrote to a folder, by its ``poses.csv``.
+
+    Raises:
+        ArgumentError: files there are not of a former run, and would be replaced or mixed with the COLMAP model.
+    """
+    fixed = [output / name for name in ("poses.csv", "trajectory.tum", "from_above.png")]
+    names, located = _names_before(fixed[0])
+    before = fixed[:2] if names else []
+    if located:
+        before += [fixed[2], *(output / COLMAP / name for name in MODEL)]
+        before += [output / MATCHES / _picture(name) for name in located]
+    there = [*fixed, *(each for each in sorted((output / COLMAP).glob("*")) if not is_hidden(each.name))]
+    if others := [str(each) for each in there if each.exists() and each not in before]:
+        raise ArgumentError(
+            f"output={output} has files that sextant locate did not write, and would replace or add to: "
+            f"{', '.join(others[:5])}",
+            f"Name a folder of its own: output={output / 'located'}",
+        )
+    return [each for each in before if each.exists()]
+
+
+def _names_before(table: Path) -> tuple[list[str], list[str]]:
+    """The images in a table that :func:`write_located` wrote, and those located; none if it is another table."""
+    try:
+        with table.open(newline="", encoding="utf-8") as file:
+            rows = csv.DictReader(file)
+            if tuple(rows.fieldnames or ()) != COLUMNS:
+                return [], []
+            found = [(row["file"], row["verdict"]) for row in rows]
+    except (OSError, ValueError, csv.Error):
+        return [], []
+    return [name for name, _ in found], [name for name, verdict in found if verdict == "located"]
+
+
 def locate_frames(
     poses: PoseMap, frames: Photos | Video | Bag, camera: object, output: Path, paths: Sequence[Path], progress: Advance
 ) -> list[LocatedFrame]:
     """Locate each frame; the matches of the first that are located are drawn to ``output/matches``.
 
-    Images of a bag with a camera are straightened by it, unless another ``camera`` is given.
+    Images of a bag with a camera are straightened by it, unless another ``camera`` is given. Files of a former run are
+    removed from the output, except its tables, which are replaced at the end.
+
+    Raises:
+        UserError: the output has files of another origin, the recorded camera cannot be used, or no image can be read.
     """
     recorded = frames.camera if isinstance(frames, Bag) and camera is None else None
     if isinstance(frames, Bag) and camera is None and frames.camera_problem:
         raise UserError(frames.camera_problem, "Give the camera of straight images: camera=<fx>,<fy>,<cx>,<cy>")
     results: list[LocatedFrame] = []
     drawn = 0
-    for old in [*(output / MATCHES).glob("*.jpg"), *(output / "colmap").glob("*.txt"), output / "from_above.png"]:
-        old.unlink(missing_ok=True)  # of a former run
+    for old in files_before(output):
+        if old.parent != output or old.suffix == ".png":
+            old.unlink(missing_ok=True)
     for frame in frames.read(None):
         if frame.image is None:
             results.append(LocatedFrame(frame.name, None, problem=frame.problem))
@@ -91,7 +135,7 @@ def write_located(results: Sequence[LocatedFrame], poses: PoseMap, output: Path)
     _write(output / "trajectory.tum", ["# number tx ty tz qx qy qz qw: world_from_camera", *lines])
     written = [output / "poses.csv", output / "trajectory.tum"]
     if located:
-        written += [*_write_colmap(located, output / "colmap"), draw_from_above(located, poses, output)]
+        written += [*_write_colmap(located, output / COLMAP), draw_from_above(located, poses, output)]
     return written
 
 
@@ -142,7 +186,7 @@ def _write_colmap(located: Sequence[LocatedFrame], folder: Path) -> list[Path]:
             " ".join(map(str, (number, w, x, y, z, *inverse[:3, 3].tolist(), number, frame.name.replace(" ", "_")))),
             "",
         ]
-    for name, lines in (("cameras.txt", cameras), ("images.txt", images), ("points3D.txt", [])):
+    for name, lines in zip(MODEL, (cameras, images, []), strict=True):
         _write(folder / name, lines)
     return [folder]
 
