@@ -245,7 +245,9 @@ def answers(found: Counted, near: int) -> Answers:
         evidence.append(evidence_of(counts, found.similarities[i], place, best, float(found.margin[i])))
         right.append(hits[i, best])
     in_map = np.array([len(found.positives[int(i)]) > 0 for i in found.queries])
-    return Answers(*np.array(evidence).T, np.array(right), in_map, found.margin, hits[:, 0])
+    # a query without a rival counts as one whose rival has no inliers, as when the confidence was fitted
+    inliers, rival, margin = np.array(evidence).T
+    return Answers(inliers, np.nan_to_num(rival), margin, np.array(right), in_map, found.margin, hits[:, 0])
 
 
 def confidence_table(title: str, asked: list[tuple[ImageSet, list[Counted]]]) -> Table:

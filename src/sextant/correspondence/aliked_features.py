@@ -16,12 +16,20 @@ from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
 from sextant.array_folder import file_sha256
-from sextant.correspondence.local_features import LocalFeatures, check_settings, in_image, network_inputs
+from sextant.correspondence.local_features import (
+    LocalFeatures,
+    check_packages,
+    check_settings,
+    in_image,
+    network_inputs,
+)
 from sextant.errors import ArgumentError, naming_extras
 
 #: names of both files and their hashes
 DETECTOR = ("aliked-n16.pth", "5be8704840ed662d9d8c561bf7279c222092674e7eb05fd0feab94899e9d82f2")
 MATCHER = ("aliked_lightglue.pth", "d975e965b105311a6143194852297dff4f02aea5cc2e10cecfed966ca0e22503")
+#: buffers that both networks compute themselves
+CONSTANTS = ("dkd.hw_grid", "confidence_thresholds")
 #: the network pads sides to multiples of this by itself; such images need no padding
 MULTIPLE = 32
 
@@ -63,6 +71,10 @@ class AlikedFeatures:
         """Identifies weights and settings."""
         return f"aliked {self.keypoints} {self.side} {DETECTOR[1][:12]}"
 
+    def check(self) -> None:
+        """Raise an ``ArgumentError`` if packages are missing."""
+        check_packages("kornia", "poselib")
+
     @torch.no_grad()
     def detect(self, images: Sequence[UInt8[ndarray, "h w 3"]]) -> list[LocalFeatures]:
         """The features of each image."""
@@ -81,7 +93,7 @@ class AlikedFeatures:
             return np.empty((0, 2), np.int64)
         given = {
             key: {
-                "keypoints": torch.from_numpy(each.points.clip(0, (each.width, each.height)))[None],
+                "keypoints": torch.from_numpy(each.points.clip(0, _size(each)))[None],
                 "descriptors": torch.from_numpy(each.descriptors.astype(np.float32))[None],
                 "image_size": torch.tensor([[each.width, each.height]]),
             }
@@ -94,8 +106,7 @@ class AlikedFeatures:
         with naming_extras("local features"):
             from kornia.feature import ALIKED
         network = ALIKED("aliked-n16", self.keypoints)
-        network.load_state_dict(_read(self.weights, DETECTOR[0]), strict=False)
-        return network.eval()
+        return _loaded(network, _read(self.weights, DETECTOR[0]), DETECTOR[0])
 
     @cached_property
     def _matcher(self) -> Any:
@@ -107,8 +118,23 @@ class AlikedFeatures:
             for kind in ("self_attn", "cross_attn"):
                 before, now = f"{kind}.{layer}.", f"transformers.{layer}.{kind}."
                 state = {key.replace(before, now) if key.startswith(before) else key: v for key, v in state.items()}
-        network.load_state_dict(state, strict=False)
-        return network.eval()
+        return _loaded(network, state, MATCHER[0])
+
+
+def _size(features: LocalFeatures) -> ndarray:
+    return np.array([features.width, features.height], np.float32)
+
+
+def _loaded(network: Any, state: dict[str, Any], name: str) -> Any:
+    """The network with the weights of a file; each of its weights must be in it, by its present name."""
+    missing = [key for key in network.load_state_dict(state, strict=False).missing_keys if key not in CONSTANTS]
+    if missing:
+        raise ArgumentError(
+            f"{name} lacks {len(missing)} weights of kornia's network, such as {missing[0]}: this version of kornia "
+            "names them otherwise",
+            "pip install 'kornia>=0.9,<0.10'",
+        )
+    return network.eval()
 
 
 def _read(folder: Path | str, name: str) -> dict[str, Any]:

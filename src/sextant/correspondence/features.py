@@ -16,7 +16,13 @@ from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
 from sextant.array_folder import file_sha256
-from sextant.correspondence.local_features import LocalFeatures, check_settings, in_image, network_inputs
+from sextant.correspondence.local_features import (
+    LocalFeatures,
+    check_packages,
+    check_settings,
+    in_image,
+    network_inputs,
+)
 from sextant.correspondence.matching import mutual_matches
 from sextant.errors import ArgumentError, how_to_install, naming_extras
 
@@ -58,6 +64,14 @@ class XFeatures:
     def model(self) -> str:
         """Identifies weights and settings."""
         return f"xfeat {self.keypoints} {self.side} {SHA256[:12] if self.weights is None else self.weights}"
+
+    def check(self) -> None:
+        """Raise an ``ArgumentError`` if packages or the weights are missing."""
+        check_packages("kornia", "poselib")
+        if self.weights is None:
+            published_weights()
+        elif not Path(self.weights).is_file():
+            raise ArgumentError(f"weights={self.weights} is not a file", of=self)
 
     @torch.no_grad()
     def detect(self, images: Sequence[UInt8[ndarray, "h w 3"]]) -> list[LocalFeatures]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from itertools import groupby
 from typing import Protocol
 
@@ -12,7 +13,7 @@ from numpy import ndarray
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, how_to_install
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,8 @@ class LocalFeatures:
 class LocalFeatureExtractor(Protocol):
     """Detects, describes and matches keypoints.
 
+    It may have a method ``check()``, which raises a ``UserError`` if it cannot work; it is called before any work.
+
     Attributes:
         name: of the kind of features.
         side: longer side, in pixels, to which images are scaled; None keeps their size.
@@ -80,6 +83,14 @@ def check_settings(keypoints: int, side: int | None, of: object) -> None:
         raise ArgumentError(f"keypoints={keypoints!r} must be a whole number, at least 1", of=of)
     if side is not None and (isinstance(side, bool) or not isinstance(side, int) or not 64 <= side <= 4096):
         raise ArgumentError(f"side={side!r} must be a whole number of pixels, 64 to 4096, or None", of=of)
+
+
+def check_packages(*packages: str) -> None:
+    """Raise an ``ArgumentError`` if packages of the extra ``local`` are not installed, without importing them."""
+    if missing := [package for package in packages if find_spec(package) is None]:
+        raise ArgumentError(
+            f"local features need {' and '.join(missing)}, which is not installed", how_to_install("local")
+        )
 
 
 def network_inputs(

@@ -10,6 +10,7 @@ parabola in x and in y. A descriptor is the activations of all depths at that po
 length at each depth. Source: M. Dusmanu et al., "D2-Net", CVPR 2019, whose keypoints are maxima in space and channels.
 """
 
+from collections import OrderedDict
 from collections.abc import Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,7 +23,13 @@ from jaxtyping import Float, Int64, UInt8
 from numpy import ndarray
 from torch import Tensor, nn
 
-from sextant.correspondence.local_features import LocalFeatures, check_settings, in_image, network_inputs
+from sextant.correspondence.local_features import (
+    LocalFeatures,
+    check_packages,
+    check_settings,
+    in_image,
+    network_inputs,
+)
 from sextant.correspondence.matching import mutual_matches
 from sextant.errors import ArgumentError
 
@@ -36,8 +43,8 @@ class TrunkFeatures:
 
     Args:
         network: takes images in [0, 1], ``(b, 3, h, w)``.
-        layers: names of the modules whose outputs are used; by default the last at each of the strides 4, 8 and 16 or,
-            of a network with ``stages``, the first. Of EfficientNet-Lite0 these are stages 2, 3 and 4.
+        layers: names of the modules whose outputs are used, in any order; by default the last at each of the strides 4,
+            8 and 16 or, of a network with ``stages``, the first. Of EfficientNet-Lite0 these are stages 2, 3 and 4.
         keypoints, side: as for :class:`~sextant.correspondence.XFeatures`.
         identity: identifies the weights.
 
@@ -67,6 +74,11 @@ class TrunkFeatures:
         """Identifies weights and settings."""
         return f"trunk {self.keypoints} {self.side} {self.identity} {','.join(self._used)}"
 
+    def check(self) -> None:
+        """Raise an ``ArgumentError`` if the network has no such maps, or packages are missing."""
+        check_packages("poselib")
+        self._used  # noqa: B018
+
     @torch.no_grad()
     def detect(self, images: Sequence[UInt8[ndarray, "h w 3"]]) -> list[LocalFeatures]:
         """The features of each image."""
@@ -93,14 +105,22 @@ class TrunkFeatures:
     def _used(self) -> list[str]:
         """Names of the modules whose outputs are used, the finest first."""
         known = dict(self.network.named_modules())
-        if self.layers is not None:
-            if missing := [name for name in self.layers if name not in known]:
-                raise ArgumentError(f"layers={missing} are not in the network", "For example layers=[layer1,layer2]")
-            return list(self.layers)
         side = 8 * STRIDES[-1]
         names = [name for name in known if name]
-        with torch.no_grad(), _outputs(self.network, names) as seen:
-            self.network(torch.zeros(1, 3, side, side))
+        try:
+            with torch.no_grad(), _outputs(self.network, names) as seen:
+                self.network(torch.zeros(1, 3, 12 * STRIDES[-1], side))
+        except (AssertionError, RuntimeError, TypeError, ValueError) as error:
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            raise ArgumentError(
+                f"local=trunk: the network does not take images of any size: {reason}",
+                "Choose a network of convolutions, or local=xfeat.",
+            ) from None
+        if self.layers is not None:
+            if wrong := [name for name in self.layers if name not in seen]:
+                why = "are not in the network" if any(name not in known for name in wrong) else "give no map"
+                raise ArgumentError(f"layers={wrong} {why}", f"Choose among {_some(seen)}.", of=self)
+            return sorted(self.layers, key=lambda name: -seen[name].shape[3])
         staged = [name for name in seen if name.rpartition(".")[0].rpartition(".")[2] == "stages"]
         at: dict[int, str] = {}
         for name in staged or seen:  # in the order in which they ran
@@ -113,6 +133,12 @@ class TrunkFeatures:
                 "Choose a network of convolutions, or local=xfeat.",
             )
         return [at[stride] for stride in STRIDES if stride in at]
+
+
+def _some(seen: dict[str, Tensor], most: int = 8) -> str:
+    """Names of maps, the shortest first, among those at most as fine as are used by default."""
+    coarse = [name for name, each in seen.items() if each.shape[3] <= 8 * STRIDES[-1] // STRIDES[0]] or list(seen)
+    return ", ".join(sorted(coarse, key=lambda name: (name.count("."), name))[:most])
 
 
 @contextmanager
@@ -169,9 +195,10 @@ def _vertex(before: Tensor, here: Tensor, after: Tensor) -> Tensor:
     return ((after - before) / (2 * curvature).clamp(min=1e-6)).clamp(-0.5, 0.5)
 
 
-def rgb(network: nn.Module, channels: int) -> nn.Module:
-    """A network of images of one channel as one of three, by their mean."""
-    return network if channels == 3 else nn.Sequential(_Grey(), network)
+def trunk_of(parts: dict[str, nn.Module], channels: int) -> nn.Module:
+    """Modules by name, one after the other, as a network of images of three channels, of whose mean it takes one."""
+    first = {} if channels == 3 else {"grey": _Grey()}
+    return nn.Sequential(OrderedDict(first | parts))
 
 
 class _Grey(nn.Module):

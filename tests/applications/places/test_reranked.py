@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from sextant import PlaceMap
 from sextant.chapters.places import written_matches
 from sextant.chapters.places.match_confidence import UNSEEN, RerankedConfidence
 from sextant.chapters.places.options import read_inputs
+from sextant.chapters.places.photo_features import PhotoFeatures
 from sextant.chapters.places.place_map import LookedUp
 from sextant.chapters.places.predict import predict_places
 from sextant.chapters.places.saved_map import Temperature
@@ -145,10 +147,64 @@ def test_saved_features_that_are_damaged_are_told(rides, places, inliers):
     places.look_up(rides[1] / "000.png", rerank=PLACES)
     saved = rides[0].parent / "map"
     places.save(saved)
-    file = saved / "local_features" / "points.npy"
+    (file,) = saved.glob("local_features/*/points.npy")
     file.write_bytes(file.read_bytes()[:-1] + b"x")
     with pytest.raises(UserError, match=r"points\.npy is not the file that local_features\.json was written for"):
         PlaceMap.open(saved, descriptor=Pixels()).look_up(rides[1] / "000.png", rerank=PLACES)
+
+
+def test_features_of_another_map_are_neither_read_nor_kept(rides, places, features, inliers, tmp_path):
+    places.look_up(rides[1] / "000.png", rerank=PLACES)
+    saved = tmp_path / "map"
+    places.save(saved)
+    (folder,) = (saved / "local_features").iterdir()
+    kept = {each.name: each.read_bytes() for each in folder.iterdir()}
+    for k in range(PLACES):  # other photos of the same names
+        scene(k + 50).save(rides[0] / f"{k:03d}.png")
+    other = PlaceMap(Pixels(), temperature=Temperature(0.1))
+    other.add(rides[0])
+    other.save(saved)
+    assert not (saved / "local_features").exists()
+    folder.mkdir(parents=True)
+    for name, content in kept.items():
+        (folder / name).write_bytes(content)
+    detected = features.detected
+    PlaceMap.open(saved, descriptor=Pixels()).look_up(rides[1] / "000.png", rerank=PLACES)
+    assert features.detected == detected + PLACES + 1
+
+
+def test_features_of_every_kind_are_kept_and_copied_with_the_map(rides, places, features, inliers, tmp_path):
+    places.look_up(rides[1] / "000.png", rerank=PLACES)
+    places.save(tmp_path / "a")
+    features.model = "another"
+    again = PlaceMap.open(tmp_path / "a", descriptor=Pixels())
+    again.look_up(rides[1] / "000.png", rerank=2)
+    again.save(tmp_path / "a")
+    PlaceMap.open(tmp_path / "a", descriptor=Pixels()).save(tmp_path / "b")
+    assert len(list((tmp_path / "b" / "local_features").iterdir())) == 2
+    for model, known in (("mean", PLACES), ("another", 2)):
+        features.model, detected = model, features.detected
+        PlaceMap.open(tmp_path / "b", descriptor=Pixels()).look_up(rides[1] / "000.png", rerank=PLACES)
+        assert features.detected == detected + 1 + PLACES - known
+
+
+def test_photos_keep_their_size_where_the_features_have_no_side(tmp_path):
+    Image.new("RGB", (900, 300)).save(tmp_path / "wide.png")
+    seen, features = [], Mean()
+    features.detect = lambda images: seen.extend(image.shape for image in images) or [None]
+    for side in (None, 450):
+        features.side = side
+        PhotoFeatures(features).of_file(tmp_path / "wide.png")
+    assert seen == [(300, 900, 3), (150, 450, 3)]
+
+
+def test_missing_packages_are_told_before_photos_are_described(rides, monkeypatch):
+    places = PlaceMap(Pixels(), temperature=Temperature(0.1))
+    places.add(rides[0])
+    monkeypatch.setitem(sys.modules, "kornia", None)
+    monkeypatch.setattr("sextant.chapters.places.place_map.describe", None)
+    with pytest.raises(ArgumentError, match="local features need kornia, which is not installed"):
+        places.look_up(rides[1] / "000.png", rerank=5)
 
 
 def test_local_none_does_not_re_rank_and_unknown_kinds_are_refused(rides, inliers, tmp_path):
@@ -167,6 +223,7 @@ def test_local_none_does_not_re_rank_and_unknown_kinds_are_refused(rides, inlier
 def test_the_verdict_follows_from_inliers_and_margin(rides, inliers, monkeypatch):
     """A network's map tells whether the place is there; a descriptor of another kind does not."""
     monkeypatch.setattr(XFeatures, "detect", lambda self, images: Mean().detect(images))
+    monkeypatch.setattr(XFeatures, "check", lambda self: None)
     monkeypatch.setattr(Mean, "side", 640)
     places = PlaceMap(Pixels())
     places.add(rides[0])
@@ -183,6 +240,10 @@ def test_the_verdict_follows_from_inliers_and_margin(rides, inliers, monkeypatch
     lost = places.look_up(scene(77), k=PLACES, rerank=PLACES)
     assert lost.found < 0.5
     assert lost.verdict == "not in the map"
+    assert (places.look_up(query, rerank=PLACES - 1).found, places.look_up(query, rerank=1).verdict) == (None, None)
+    places.tolerance = PLACES  # all photos show one place
+    alone = places.look_up(query, rerank=PLACES)
+    assert (alone.found, alone.verdict) == (None, None)
 
 
 @pytest.mark.parametrize("rerank", [None, PLACES])

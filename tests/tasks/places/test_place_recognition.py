@@ -1,6 +1,7 @@
 """Place recognition end to end on folders of small pictures in two lights."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -135,6 +136,27 @@ def test_re_ranking_changes_the_digest_only_if_it_is_asked_for(folder, tmp_path)
     for words in (["task.rerank=0"], ["local=xfeat", "local.side=10"]):
         with pytest.raises(UserError, match=words[-1].split("=")[0]):
             validate(config(folder, tmp_path, *words))
+
+
+@pytest.mark.parametrize(("words", "told"), [
+    (["local=none"], r"local=none: task\.rerank=4 needs local features"),
+    (["dataset=town_factors"], r"task\.rerank=4: matches of dataset=town_factors are not re-ranked"),
+    (["local=trunk", "local.layers=[gone]"], r"local\.layers=\['gone'\] are not in the network\nChoose among backbone"),
+])  # fmt: skip
+def test_what_cannot_be_re_ranked_is_told_before_the_test(folder, tmp_path, trained, words, told):
+    if words[0] == "dataset=town_factors":
+        with pytest.raises(UserError, match=told):
+            PlacesChapter().source(validate(to_plain(compose(["task=place_recognition", "task.rerank=4", *words]))))
+        return
+    outputs, run = trained
+    with pytest.raises(UserError, match=told):
+        evaluate_run(str(run.path), [f"paths.outputs={outputs}", "task.rerank=4", *words])
+
+
+def test_a_missing_package_is_told_before_the_test(folder, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "kornia", None)
+    with pytest.raises(UserError, match="local features need kornia"):
+        PlacesChapter().source(validate(config(folder, tmp_path, "task.rerank=4")))
 
 
 def test_pictures(trained):

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from contextlib import suppress
 from copy import deepcopy
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -12,7 +13,7 @@ from sextant.chapters.places.off_the_shelf import off_the_shelf, weights_identit
 from sextant.config.building import build, part_name
 from sextant.config.schema.networks import TimmBackbone, TorchvisionBackbone
 from sextant.data.source import MissingDataError
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, is_corrupted
 from sextant.kit.chapter import Chapter, Content, Source, TestRecord
@@ -84,8 +85,8 @@ class PlacesChapter(Chapter[PlacesConfig]):
         if world is not None:
             world.showing = partial(self.reporter.progress, f"rendering {world.name}, once", "images")
         task = config.task
-        if task.rerank is not None and not _needs_network(config):
-            build(config.plain, "local")  # reports missing files at once
+        if task.rerank is not None:
+            _check_reranking(config, source)
         if task.off_the_shelf is not None:
             weights_identity(task.off_the_shelf, Path(config.paths.outputs))  # reports a missing file at once
         corrupts = is_corrupted(config)
@@ -164,6 +165,8 @@ class PlacesChapter(Chapter[PlacesConfig]):
                 f"{task['dimension']}",
                 f"task.whitening=null, or task.dimension={network.pooling.features} or less",
             )
+        if config.task.rerank is not None and _needs_network(config):
+            _local_features(config, network)  # reports a network without such activations before any work
         return PlaceRecognition(
             cast("PlaceNet", network),  # a published one is only tested
             PlaceSpec(spec["channels"], spec["height"], spec["width"]),
@@ -238,7 +241,7 @@ class PlacesChapter(Chapter[PlacesConfig]):
         reranked = None
         if task.rerank is not None:
             with self.reporter.progress("re-ranking", "queries") as progress:
-                features = _local_features(config, module)
+                features = _local_features(config, module.network)
                 reranked = rerank_reports(found, result.places, features, task.rerank, progress)
         spec = module.spec
         cost = network_cost(network, (spec.height, spec.width), spec.channels)
@@ -413,21 +416,35 @@ def _untrained(config: PlacesConfig, module: "PlaceRecognition", places: Any) ->
 
 
 def _needs_network(config: PlacesConfig) -> bool:
-    return config.local is None or isinstance(config.local, TrunkSettings)
+    return isinstance(config.local, TrunkSettings)
 
 
-def _local_features(config: PlacesConfig, module: "PlaceRecognition") -> Any:
-    """The local features of the config; XFeat at its own settings without any."""
-    from sextant.chapters.places.photo_features import extractor_of, trunk_features
+def _check_reranking(config: PlacesConfig, source: Source) -> None:
+    """Raise a ``UserError`` if matches cannot be re-ranked, except for what the network must tell."""
+    rerank = f"task.rerank={config.task.rerank}"
+    if source.name == FACTORS:
+        raise UserError(f"{rerank}: matches of dataset=town_factors are not re-ranked", "task.rerank=null")
+    if config.local is None and config.plain.get("local") is not None:
+        raise UserError(f"local=none: {rerank} needs local features", "local=xfeat, or task.rerank=null")
+    if not _needs_network(config):
+        _local_features(config)
+
+
+def _local_features(config: PlacesConfig, network: "nn.Module | None" = None) -> Any:
+    """The local features of the config, checked; XFeat at its own settings without any."""
+    from sextant.chapters.places.photo_features import checked, extractor_of, trunk_features
 
     if config.local is None:
         return extractor_of("xfeat", None)
-    if not isinstance(config.local, TrunkSettings):
-        return build(config.plain, "local")
     chosen = config.local
-    return trunk_features(
-        deepcopy(module.network).cpu().eval(), keypoints=chosen.keypoints, side=chosen.side, layers=chosen.layers
-    )
+    try:
+        if not isinstance(chosen, TrunkSettings):
+            return checked(build(config.plain, "local"))
+        settings = {"keypoints": chosen.keypoints, "side": chosen.side, "layers": chosen.layers}
+        found = trunk_features(network, **settings)
+        return checked(replace(found, network=deepcopy(found.network).cpu().eval()))
+    except ArgumentError as error:
+        raise error.within("local", config.plain["local"]) from None
 
 
 def _tolerance(chosen: Any, source: "PlaceSource") -> Any:

@@ -116,11 +116,11 @@ class RerankedConfidence:
     def probability(
         self, inliers: Float[ndarray, "m"], rival: Float[ndarray, "m"], margin: Float[ndarray, "m"]
     ) -> Float64[ndarray, "m"]:
-        """Probability that each match is right; nan where there is no margin.
+        """Probability that each match is right; nan where there is no margin or no rival.
 
         Args:
             inliers: of the best match.
-            rival: most inliers of a candidate of another place.
+            rival: most inliers of a candidate of another place; nan without one.
             margin: similarity of the best match minus that of the best map image of another place.
         """
         columns = reranked_columns(inliers, rival, margin)
@@ -169,8 +169,10 @@ def fit_reranked_confidence(
     return RerankedConfidence(margin, inliers, -rival, offset)
 
 
-#: for XFeat at its own settings and 15 candidates; fitted to all sets of ``python -m benchmarks.reranking local=xfeat
-#: side=640 every=3 fit=true``
+#: candidates that were compared; with fewer, the best rival at another place is weaker
+CANDIDATES = 15
+#: for XFeat at its own settings and so many candidates; fitted to all sets of
+#: ``python -m benchmarks.reranking local=xfeat side=640 every=3 fit=true``
 RERANKED = RerankedConfidence(margin=12.6, inliers=4.38, rival=3.93, offset=-3.23)
 
 #: what is answered about the place of a photo

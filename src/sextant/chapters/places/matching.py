@@ -49,13 +49,15 @@ class Evidence(NamedTuple):
 
     Attributes:
         inliers: of the best match.
-        rival: most inliers of a candidate of another place; 0 without one.
+        rival: most inliers of a candidate of another place; nan without one.
         margin: similarity of the best match minus that of the best map image of another place; nan without one.
+        compared: number of candidates.
     """
 
     inliers: Float64[ndarray, "m"]
     rival: Float64[ndarray, "m"]
     margin: Float64[ndarray, "m"]
+    compared: int
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,11 @@
 """Local features of photos: of which kind, kept in memory, and saved beside the descriptors of a map."""
 
+import hashlib
+import re
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +17,10 @@ from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.array_folder import FolderFormat, file_sha256
 from sextant.atomic_files import write_atomically
 from sextant.chapters.places.describing import upright_size
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, UserError
 
 if TYPE_CHECKING:
-    from sextant.correspondence import LocalFeatureExtractor, LocalFeatures
+    from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, TrunkFeatures
 
 KIND = FolderFormat("a set of local features", "sextant.local_features", 1, "local_features.json")
 FOLDER = "local_features"
@@ -34,25 +38,35 @@ def extractor_of(local: "LocalFeatureExtractor | str", describer: object) -> "Lo
         describer: what describes whole images.
 
     Raises:
-        ArgumentError: there are no such features, or whole images are not described by a network of convolutions.
+        ArgumentError: there are no such features, whole images are not described by a network of convolutions, or
+            weights or packages are missing.
     """
     from sextant.correspondence import AlikedFeatures, XFeatures
 
     if not isinstance(local, str):
-        return local
+        return checked(local)
     name, _, folder = local.partition(":")
     if local == "xfeat":
-        return XFeatures()
+        return checked(XFeatures())
     if local == "trunk":
-        return trunk_features(describer)
+        return checked(trunk_features(describer))
     if name == "aliked" and folder:
-        return AlikedFeatures(folder)
+        return checked(AlikedFeatures(folder))
     raise ArgumentError(
         f"local={local!r} must be xfeat, trunk, or aliked:<folder of its weights>", "For example local=xfeat"
     )
 
 
-def trunk_features(describer: object, **settings: Any) -> "LocalFeatureExtractor":
+def checked(extractor: Any) -> "LocalFeatureExtractor":
+    """The same local features, after their own ``check()``, if they have one."""
+    check = getattr(extractor, "check", None)
+    if check is not None:
+        check()
+    found: LocalFeatureExtractor = extractor
+    return found
+
+
+def trunk_features(describer: object, **settings: Any) -> "TrunkFeatures":
     """The activations of the network that describes whole images, as local features.
 
     Raises:
@@ -62,27 +76,31 @@ def trunk_features(describer: object, **settings: Any) -> "LocalFeatureExtractor
 
     from sextant.baselines.network_layer import NetworkLayer
     from sextant.correspondence import TrunkFeatures
-    from sextant.correspondence.trunk_features import rgb
+    from sextant.correspondence.trunk_features import trunk_of
     from sextant.models import PlaceNet
 
     network = getattr(describer, "network", describer)
     if isinstance(network, PlaceNet):
-        trunk: nn.Module = nn.Sequential(network.standardize, network.backbone)
+        parts = {"standardize": network.standardize, "backbone": network.backbone}
         channels = len(network.standardize.mean.flatten())
     elif isinstance(describer, NetworkLayer):
-        trunk, channels = describer.features, describer.channels
+        parts, channels = {"backbone": describer.features}, describer.channels
     else:
-        raise ArgumentError(
-            f"local=trunk: {type(describer).__name__} is not a network, so it has no activations", "local=xfeat"
+        kind = type(network).__name__
+        told = (
+            f"the activations of {kind} are not read, only those of networks that are trained here"
+            if isinstance(network, nn.Module)
+            else f"{kind} is not a network, so it has no activations"
         )
-    return TrunkFeatures(rgb(trunk, channels).eval(), identity=getattr(describer, "model", ""), **settings)
+        raise ArgumentError(f"local=trunk: {told}", "local=xfeat")
+    return TrunkFeatures(trunk_of(parts, channels), identity=getattr(describer, "model", ""), **settings)
 
 
 class PhotoFeatures:
     """Local features of photos; those of files are computed once, and the most recently used kept in memory.
 
     Args:
-        extractor: detects them. Larger photos are decoded at its ``side``.
+        extractor: detects them. Larger photos are decoded at its ``side``, if it has one.
         saved: features of files that were saved, by file.
     """
 
@@ -133,68 +151,139 @@ class PhotoFeatures:
 
     def _pixels(self, photo: AnyImage) -> UInt8[ndarray, "h w 3"]:
         size = None
-        if isinstance(photo, Path | str) and Path(photo).is_file():
+        side = self.extractor.side
+        if side is not None and isinstance(photo, Path | str) and Path(photo).is_file():
             width, height = upright_size(Path(photo))
-            scale = min(1.0, self.side / max(width, height))
+            scale = min(1.0, side / max(width, height))
             size = (max(1, round(scale * height)), max(1, round(scale * width)), 3)
         pixels = as_pixels(photo, size)
         return np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels
 
 
-def save_features(features: PhotoFeatures, names: Mapping[Path, str], folder: Path) -> None:
-    """Write the features that are kept, of the photos of a map; the header last.
+@dataclass(frozen=True)
+class Kind:
+    """Local features of one kind.
+
+    Attributes:
+        name, model: those of the extractor.
+        features: by file.
+    """
+
+    name: str
+    model: str
+    features: "Mapping[Path, LocalFeatures]"
+
+
+def save_features(kinds: Iterable[Kind], names: Mapping[Path, str], folder: Path, index: str) -> None:
+    """Write local features of the photos of a map, one folder per kind; those of another map are removed.
 
     Args:
-        features: some of them may be saved in this folder already.
+        kinds: what is kept, the latest last; features of equal ``model`` are put together. Some may be saved in this
+            folder already.
         names: names of the map's photos by file.
         folder: the map's folder.
+        index: hash of the map's index, by which its features are known again.
 
     Raises:
         OSError: the folder cannot be written to.
     """
-    kept = {names[file]: found for file, found in features.kept.items() if file in names}
-    if not kept:
-        return
-    (folder / FOLDER).mkdir(exist_ok=True)
-    (folder / FOLDER / KIND.header).unlink(missing_ok=True)
+    files = {name: file for file, name in names.items()}
+    there = {kind.model: kind for kind in stored_kinds(folder, files, index)}
+    merged: dict[str, Kind] = dict(there)
+    for kind in kinds:
+        kept = {file: found for file, found in kind.features.items() if file in names}
+        before = merged[kind.model].features if kind.model in merged else {}
+        if kept:
+            merged[kind.model] = Kind(kind.name, kind.model, {**before, **kept})
+    written = {_folder_of(kind.name, kind.model) for kind in merged.values()}
+    if (folder / FOLDER).is_dir():
+        for each in (*(folder / FOLDER).iterdir(), folder / FOLDER):
+            if each.name not in written:
+                _remove(each)
+    for kind in merged.values():
+        if kind.model not in there or kind.features.keys() != there[kind.model].features.keys():
+            _write(kind, names, folder / FOLDER / _folder_of(kind.name, kind.model), index)
+
+
+def _folder_of(name: str, model: str) -> str:
+    return f"{re.sub(r'[^a-z0-9]+', '_', name.lower())}-{hashlib.sha256(model.encode()).hexdigest()[:12]}"
+
+
+def _remove(folder: Path) -> None:
+    """Remove the files of local features in a folder, and the folder if it is empty then."""
+    for name in (KIND.header, *(f"{name}.npy" for name in ARRAYS)):
+        if folder.is_dir():
+            (folder / name).unlink(missing_ok=True)
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _write(kind: Kind, names: Mapping[Path, str], folder: Path, index: str) -> None:
+    """Write the features of one kind; the header last."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / KIND.header).unlink(missing_ok=True)
     hashes = {}
     for name in ARRAYS:
-        array = np.concatenate([getattr(each, name) for each in kept.values()])
-        path = folder / FOLDER / f"{name}.npy"
+        array = np.concatenate([getattr(each, name) for each in kind.features.values()])
+        path = folder / f"{name}.npy"
         write_atomically(path, lambda file, array=array: np.save(file, array, allow_pickle=False))  # type: ignore[misc]
         hashes[name] = file_sha256(path)
     KIND.write_header(
-        folder / FOLDER,
+        folder,
         {
-            "model": features.extractor.model,
+            "name": kind.name,
+            "model": kind.model,
+            "index_sha256": index,
             "sha256": hashes,
             "photos": [
-                {"name": name, "keypoints": len(each), "width": each.width, "height": each.height, "pixel": each.pixel}
-                for name, each in kept.items()
+                {
+                    "name": names[file],
+                    "keypoints": len(each),
+                    "width": each.width,
+                    "height": each.height,
+                    "pixel": each.pixel,
+                }
+                for file, each in kind.features.items()
             ],
         },
     )
 
 
-def saved_features(folder: Path, model: str, files: Mapping[str, Path]) -> "dict[Path, LocalFeatures]":
-    """The features saved beside a map, memory-mapped; none where there are none, or of another kind.
+def saved_features(folder: Path, extractor: Any, files: Mapping[str, Path], index: str) -> "dict[Path, LocalFeatures]":
+    """The features saved beside a map, memory-mapped; none where there are none of this kind, or of another map.
 
     Args:
         folder: the map's folder.
-        model: that of the extractor.
+        extractor: of the same kind.
         files: files of the map's photos by name.
+        index: hash of the map's index.
 
     Raises:
         UserError: they are damaged.
     """
+    found = _read(folder / FOLDER / _folder_of(extractor.name, extractor.model), files, index)
+    return {} if found is None else dict(found.features)
+
+
+def stored_kinds(folder: Path, files: Mapping[str, Path], index: str) -> list[Kind]:
+    """All local features saved beside a map, except damaged ones; arguments as for :func:`saved_features`."""
+    kinds = []
+    for each in sorted((folder / FOLDER).iterdir()) if (folder / FOLDER).is_dir() else ():
+        with suppress(UserError):
+            found = _read(each, files, index)
+            if found is not None:
+                kinds.append(found)
+    return kinds
+
+
+def _read(folder: Path, files: Mapping[str, Path], index: str) -> Kind | None:
     from sextant.correspondence import LocalFeatures
 
-    folder = folder / FOLDER
     if not (folder / KIND.header).is_file():
-        return {}
+        return None
     header = KIND.read_header(folder)
-    if header["model"] != model:
-        return {}
+    if header.get("index_sha256") != index:
+        return None
     points, descriptors = (
         KIND.open_array(folder, folder / f"{name}.npy", "r", sha256=header["sha256"][name]) for name in ARRAYS
     )
@@ -207,4 +296,4 @@ def saved_features(folder: Path, model: str, files: Mapping[str, Path]) -> "dict
         each = LocalFeatures(points[rows], descriptors[rows], photo["width"], photo["height"], photo["pixel"])
         if photo["name"] in files:
             found[files[photo["name"]]] = each
-    return found
+    return Kind(header["name"], header["model"], found)

@@ -12,13 +12,21 @@ from numpy import ndarray
 from sextant.applications.arguments import check_whole
 from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
 from sextant.applications.pixels import AnyImage, as_pixels
+from sextant.array_folder import file_sha256
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, failed_photo, silent
 from sextant.chapters.places.describing import DescribedPhotos, describe
 from sextant.chapters.places.given_descriptors import GivenDescriptors, given_rows
-from sextant.chapters.places.match_confidence import RERANKED, Verdict, verdict
+from sextant.chapters.places.match_confidence import CANDIDATES, RERANKED, Verdict, verdict
 from sextant.chapters.places.matching import Matches
-from sextant.chapters.places.photo_features import PhotoFeatures, extractor_of, save_features, saved_features
+from sextant.chapters.places.photo_features import (
+    Kind,
+    PhotoFeatures,
+    extractor_of,
+    save_features,
+    saved_features,
+    stored_kinds,
+)
 from sextant.chapters.places.photo_folder import PhotoFolder
 from sextant.chapters.places.reranked_matches import rerank
 from sextant.chapters.places.saved_descriptor import Describes, kept_network, load_descriptor
@@ -36,7 +44,7 @@ from sextant.evaluation.positives import Positives
 from sextant.kit.published_places import CARD
 from sextant.kit.trained import own_config, read_trained
 from sextant.reporter import Advance
-from sextant.retrieval import FlatIndex
+from sextant.retrieval import FlatIndex, flat_index
 from sextant.retrieval.without_mean import Centring
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
@@ -166,7 +174,8 @@ class PlaceMap(DescribedMap):
 
     _features: PhotoFeatures | None = None  # the kind that was used last
     _local: "Local | None" = None
-    _folder: Path | None = None  # that the map was loaded from
+    _kinds: Mapping[str, PhotoFeatures] = {}  # all kinds that were used, by model
+    _opened: "tuple[Path, dict[str, Path], str] | None" = None  # folder that was loaded, its files, hash of its index
 
     @classmethod
     def load(cls, run: Path | str, outputs: Path | str | None = None, *, trust: bool = False) -> Self:
@@ -285,16 +294,23 @@ class PlaceMap(DescribedMap):
         return looked_up(names, [False] * len(rows), described, found, sure)
 
     def save(self, folder: Path | str, *, descriptor: bool = True) -> None:
-        """Write the map as :meth:`DescribedMap.save` does, with the local features that were computed of its photos."""
+        """Write the map as :meth:`DescribedMap.save` does, with all local features that are known of its photos."""
+        kept = [] if self._opened is None else stored_kinds(*self._opened)
         super().save(folder, descriptor=descriptor)
-        if self._features is not None:
-            described = self.described
-            save_features(self._features, dict(zip(described.paths, described.names, strict=True)), Path(folder))
+        kept += [Kind(each.extractor.name, model, each.kept) for model, each in self._kinds.items()]
+        described, folder = self.described, Path(str(folder)).expanduser()
+        names = dict(zip(described.paths, described.names, strict=True))
+        index = file_sha256(folder / flat_index.HEADER)
+        save_features(kept, names, folder, index)
+        if self._opened is not None and self._opened[0].resolve() == folder.resolve():
+            self._opened = folder, {name: file for file, name in names.items()}, index
 
     def take(self, folder: Path) -> Self:
         """Load the photos of a saved map into this one, replacing its own; their local features are read on demand."""
         super().take(folder)
-        self._folder, self._features = folder, None
+        files = dict(zip(self.described.names, self.described.paths, strict=True))
+        self._opened = folder, files, file_sha256(folder / flat_index.HEADER)
+        self._features, self._kinds = None, {}
         return self
 
     def look_up(self, photo: AnyImage, k: int = 5, rerank: int | None = None, local: Local = "xfeat") -> LookedUp:
@@ -428,26 +444,32 @@ class PlaceMap(DescribedMap):
             ArgumentError: there is no such kind, or its weights or packages are missing.
         """
         if self._features is None or self._local != local:
-            extractor, described = extractor_of(local, self._describer), self.described
-            files = dict(zip(described.names, described.paths, strict=True))
-            saved = {} if self._folder is None else saved_features(self._folder, extractor.model, files)
-            self._features, self._local = PhotoFeatures(extractor, saved), local
+            extractor = extractor_of(local, self._describer)
+            if extractor.model not in self._kinds:
+                saved = {} if self._opened is None else saved_features(self._opened[0], extractor, *self._opened[1:])
+                self._kinds = {**self._kinds, extractor.model: PhotoFeatures(extractor, saved)}
+            self._features, self._local = self._kinds[extractor.model], local
         return self._features
 
     def found(self, matches: Matches) -> Float64[ndarray, "m"] | None:
         """Probability that each best match shows the place of its query, which need not be in the map.
 
         nan where it is unknown: without re-ranking in a map of one place, and with it by other features than XFeat's
-        at their own settings. None for descriptors other than networks.
+        at their own settings, with fewer than 15 candidates of a larger map, or without one of another place. None for
+        descriptors other than networks.
         """
         fitted = fitted_confidence(self.descriptor.facts)
         if fitted is None:
             return None
         if matches.evidence is None:
             return fitted.probability(matches.margin)
-        if self._features is None or self._features.extractor.model != extractor_of("xfeat", None).model:
+        from sextant.correspondence import XFeatures
+
+        told = matches.evidence
+        usual = self._features is not None and self._features.extractor.model == XFeatures().model
+        if not usual or told.compared < min(CANDIDATES, len(self)):
             return np.full(len(matches.margin), np.nan)
-        return RERANKED.probability(*matches.evidence)
+        return RERANKED.probability(told.inliers, told.rival, told.margin)
 
     def _look_up(
         self,
@@ -463,6 +485,8 @@ class PlaceMap(DescribedMap):
         if rerank is not None:
             check_whole("rerank", rerank, 1, "For example rerank=15")
         photos, described = several(photos, errors), self.described
+        if rerank is not None:
+            self.features(local)  # wrong features are reported before the work
         size = (self.size.height, self.size.width, self.size.channels)
         names: list[str] = []
         originals: dict[int, AnyImage] = {}

@@ -1,5 +1,6 @@
 """Matches re-ranked by their inliers: matches of local features that agree with one epipolar geometry."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -72,7 +73,7 @@ def rerank(
         margin=margin,
         sequences=sequences,
         inliers=inliers,
-        evidence=Evidence(*evidence.T),
+        evidence=Evidence(evidence[:, 0], evidence[:, 1], evidence[:, 2], min(candidates, near.shape[1])),
     )
 
 
@@ -89,13 +90,14 @@ def evidence_of(
         margin: of the retrieval's best match.
 
     Returns:
-        The margin is negative if the retrieval preferred another place, and nan in a map of one place.
+        The margin is negative if the retrieval preferred another place, and nan in a map of one place. The rival is nan
+        if all candidates show one place, since none was compared.
 
     >>> evidence_of(np.array([10, 50, 9]), np.array([0.8, 0.7, 0.6]), np.array([False, True, False]), 1, 0.1)
     (50.0, 10.0, -0.1)
     """
     others = ~place[: len(inliers)]
-    rival = float(inliers[others].max(initial=0))
+    rival = float(inliers[others].max()) if others.any() else math.nan
     if not place[0]:  # a retrieval that preferred another place; otherwise its margin is that of this place
         margin = round(float(similarities[best]) - float(similarities[0]), 9)
     return float(inliers[best]), rival, margin
