@@ -175,3 +175,67 @@ def test_a_file_of_timm_names_its_network_and_has_its_preprocessing(tmp_path):
         read_foreign(f"timm:{tmp_path / 'weights.safetensors'}")
     with pytest.raises(UserError, match="there is no such network or file"):
         read_foreign("timm:resnet5000")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A file of timm's ``mobilenetv3_small_050`` with two logits."""
+    timm = pytest.importorskip("timm")
+    path = tmp_path_factory.mktemp("timm") / "whole.safetensors"
+    save_file(timm.create_model("mobilenetv3_small_050", num_classes=2).state_dict(), path)
+    return path
+
+
+def test_the_tag_in_a_name_or_config_chooses_the_preprocessing(tmp_path):
+    timm = pytest.importorskip("timm")
+    state = timm.create_model("tf_efficientnet_b0", num_classes=2).state_dict()
+
+    def mean(name):
+        save_file(state, tmp_path / name)
+        return read_foreign(f"timm:{tmp_path / name}").backbone["mean"]
+
+    assert mean("tf_efficientnet_b0.ap_in1k.safetensors") == [0.5, 0.5, 0.5]
+    assert mean("tf_efficientnet_b0.safetensors") == [0.485, 0.456, 0.406]
+    with pytest.raises(UserError, match="timm has no weights ap_in2k of tf_efficientnet_b0") as error:
+        mean("tf_efficientnet_b0.ap_in2k.safetensors")
+    assert "ap_in1k" in error.value.fix
+    told = {"architecture": "tf_efficientnet_b0", "pretrained_cfg": {"tag": "ap_in1k"}}
+    (tmp_path / "config.json").write_text(json.dumps(told))
+    assert mean("model.safetensors") == [0.5, 0.5, 0.5]
+    own = {"tag": "mine", "mean": [0.1] * 3, "std": [0.2] * 3, "input_size": [3, 64, 64], "classifier": "classifier"}
+    (tmp_path / "config.json").write_text(json.dumps(told | {"pretrained_cfg": own}))
+    assert mean("model.safetensors") == [0.1, 0.1, 0.1]
+    (tmp_path / "config.json").write_text(json.dumps(told | {"pretrained_cfg": {"tag": "mine"}}))
+    with pytest.raises(UserError, match="timm has no weights mine"):
+        mean("model.safetensors")
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ("[1]", "is not a config of timm: it must be a mapping"),
+        ("{", "is not a config of timm: it must be a mapping"),
+        ('{"architecture": "mobilenetv3_small_050", "pretrained_cfg": null}', "its pretrained_cfg must be a mapping"),
+        *(
+            (
+                json.dumps({"architecture": "mobilenetv3_small_050", "pretrained_cfg": {key: value}}),
+                rf"of timm: {key}\n",
+            )
+            for key, value in [
+                *(("mean", value) for value in (None, 0.5, [0.5], ["a"] * 3, [float("nan")] * 3)),
+                *(
+                    ("std", [0, 1, 1]),
+                    ("classifier", None),
+                    ("classifier", []),
+                    ("input_size", [224]),
+                    ("crop_pct", "a"),
+                ),
+            ]
+        ),
+    ],
+)
+def test_a_config_that_is_none_is_one_line(small, told, said):
+    (small.parent / "config.json").write_text(told)
+    with pytest.raises(UserError, match=said) as error:
+        read_foreign(f"timm:{small}")
+    assert str(small.parent / "config.json") in error.value.problem

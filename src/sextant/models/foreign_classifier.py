@@ -15,8 +15,9 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
 from torch import Tensor
 
 from sextant.atomic_files import read_json
@@ -107,15 +108,9 @@ def _timm(reference: str, given: str) -> ForeignClassifier:
     except ImportError:
         raise UserError(f"model={reference} needs the package timm", how_to_install("timm")) from None
     path = Path(given).expanduser()
-    stored: dict[str, Any] = {}
     if path.is_file():
-        stored = read_json(path.with_name("config.json")) or {}
-        name, state = _timm_name(reference, path, stored), _tensors(path)
-        known = timm.get_pretrained_cfg(name, allow_unregistered=True)
-        config = {
-            **(known.to_dict() if known else {}),
-            **stored.get("pretrained_cfg", {}),
-        }
+        name, config = _timm_config(reference, path)
+        state = _tensors(path)
     else:
         if not timm.is_model(given):
             near = timm.list_models(f"{given[:6]}*")[:5] or timm.list_models("resnet1*")[:5]
@@ -131,8 +126,8 @@ def _timm(reference: str, given: str) -> ForeignClassifier:
                 f"model={reference}: its weights could not be fetched: {reason}",
                 f"Give a file of them that is named after the network: model=timm:<folder>/{name}.safetensors",
             ) from None
-        state, config = network.state_dict(), network.pretrained_cfg
-    head = str(config["classifier"][0] if isinstance(config["classifier"], list | tuple) else config["classifier"])
+        state, config = network.state_dict(), _preprocessing(f"model={reference}", network.pretrained_cfg)
+    head = config.classifier if isinstance(config.classifier, str) else config.classifier[0]
     if (weight := state.get(f"{head}.weight")) is None:
         raise UserError(
             f"model={reference}: the file has no {head}.weight, so it is not {name} with a classifier", USAGE
@@ -142,29 +137,84 @@ def _timm(reference: str, given: str) -> ForeignClassifier:
         {
             "_target_": "sextant.models.TimmClassifier",
             "name": name,
-            "mean": [float(value) for value in config["mean"]],
-            "std": [float(value) for value in config["std"]],
+            "mean": list(config.mean),
+            "std": list(config.std),
         },
         len(weight),
         {f"network.{key}": value for key, value in state.items()},
-        int(config["input_size"][-1]),
-        float(config.get("crop_pct") or 1.0),
+        config.input_size[-1],
+        config.crop_pct or 1.0,
     )
 
 
-def _timm_name(reference: str, path: Path, stored: Mapping[str, Any]) -> str:
-    """The name of a file's network: by the config beside it, or the longest that its own name begins with."""
+class _Preprocessing(BaseModel):
+    """What a network of timm says about its images and its head."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    mean: tuple[float, float, float]
+    std: tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+    input_size: tuple[PositiveInt, PositiveInt, PositiveInt]
+    classifier: str | Annotated[tuple[str, ...], Field(min_length=1)]
+    crop_pct: PositiveFloat | None = None
+
+
+def _timm_config(reference: str, path: Path) -> tuple[str, _Preprocessing]:
+    """Name and preprocessing of a file's network: by the config beside it, or by the file's own name."""
     import timm
 
-    stem = path.name.partition(".")[0]
-    names = [str(stored.get("architecture", ""))] if stored else [stem[:n] for n in range(len(stem), 0, -1)]
+    beside = path.with_name("config.json")
+    stored: Any = read_json(beside) if beside.is_file() else {}
+    own = stored.get("pretrained_cfg", {}) if isinstance(stored, Mapping) else None
+    if not isinstance(own, Mapping):
+        what = "its pretrained_cfg" if isinstance(stored, Mapping) else "it"
+        raise UserError(
+            f"{beside} is not a config of timm: {what} must be a mapping",
+            f"Remove it if {path.name} is named after its network, or copy it again.",
+        )
+    name, tag = _timm_name(reference, path, stored)
+    tag = str(own.get("tag") or tag)
+    try:
+        known = timm.get_pretrained_cfg(f"{name}.{tag}" if tag else name, allow_unregistered=True)
+    except RuntimeError:  # no such tag
+        if not {"mean", "std", "input_size", "classifier"} <= own.keys():
+            tags = [each.partition(".")[2] for each in timm.list_pretrained(f"{name}.*")]
+            raise UserError(
+                f"model={reference}: timm has no weights {tag} of {name}, so their preprocessing is not known",
+                f"Name the file {name}.<tag>{path.suffix} after its weights; tags: {', '.join(tags) or 'none'}.",
+            ) from None
+        known = None
+    where = str(beside if beside.is_file() else path)
+    return name, _preprocessing(where, {**(known.to_dict() if known else {}), **own})
+
+
+def _preprocessing(where: str, values: Mapping[str, Any]) -> _Preprocessing:
+    try:
+        return _Preprocessing.model_validate({**values})
+    except ValidationError as error:
+        wrong = ", ".join(dict.fromkeys(str(each["loc"][0]) for each in error.errors()))
+        raise UserError(
+            f"{where}: missing or malformed in the pretrained_cfg of timm: {wrong}",
+            "Expected: mean, std and input_size of three numbers, and classifier, the name of the last layer.",
+        ) from None
+
+
+def _timm_name(reference: str, path: Path, stored: Mapping[str, Any]) -> tuple[str, str]:
+    """Name and tag: by the config beside a file, or by its own name: the longest that it begins with, dot, tag."""
+    import timm
+
+    stem, _, tag = re.sub(r"(\.(safetensors|pth|pt|th|bin|ckpt|tar))+$", "", path.name).partition(".")
+    names = [stem[:n] for n in range(len(stem), 0, -1)]
+    if stored:
+        stem, _, tag = str(stored.get("architecture", "")).partition(".")
+        names = [stem]
     found = next((name for name in names if timm.is_model(name)), None)
     if found is None:
         raise UserError(
             f"model={reference}: neither {path.name} nor a config.json beside it names a network of timm",
             "Name the file after its network, such as resnet18.safetensors.",
         )
-    return found
+    return found, tag
 
 
 def _robustbench(reference: str, path: Path) -> ForeignClassifier:
