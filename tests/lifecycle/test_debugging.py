@@ -1,9 +1,13 @@
 """``debug=``: a batch, the same batches, a profile, and a NaN that is found, kept and replayed."""
 
 import json
+import os
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
+import yaml
 from torch import nn
 
 from sextant.chapters.classification.chapter import ClassificationChapter
@@ -13,11 +17,12 @@ from sextant.config import digest, validate
 from sextant.data.digits import Digits
 from sextant.errors import UserError
 from sextant.kit.trained import own_config
-from sextant.lifecycle.debugging import Repeated, replay
+from sextant.lifecycle.debugging import LossOfRepeated, Repeated, debugging, replay
 from sextant.lifecycle.execute import execute
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
-from sextant.training.not_finite import NotFiniteError, read_step
+from sextant.tracking.further_loggers import further_loggers
+from sextant.training.not_finite import Finding, NotFiniteError, keep_step, read_step
 
 SMALL = ("corruption=none", "trainer.batch_size=32", "trainer.threads=1")
 
@@ -129,3 +134,64 @@ def test_mistakes(tmp_path, overrides, said):
 def test_a_run_that_is_not_there(tmp_path):
     with pytest.raises(UserError, match="there is no run directory of that name"):
         command.main(["run=nothing", f"outputs={tmp_path}"])
+
+
+def kept_step(tmp_path, raw):
+    run = tmp_path / "runs" / "classification" / "received"
+    finding = Finding("training loss", 0, 0, 0)
+    with pytest.raises(NotFiniteError):
+        keep_step(run, "")(finding, nn.Linear(1, 1), torch.ones(1), torch.get_rng_state())
+    (run / "config.yaml").write_text(raw if isinstance(raw, str) else yaml.safe_dump(raw))
+    return run
+
+
+def test_a_run_directory_that_names_foreign_code_is_not_replayed(tmp_path):
+    raw = config(tmp_path, "debug=nan")
+    raw["backbone"] = {"_target_": "os.mkdir", "path": str(tmp_path / "executed")}
+    run = kept_step(tmp_path, raw)
+    with pytest.raises(UserError, match=r"names import paths outside Sextant: os\.mkdir") as error:
+        command.main([f"run={run}"])
+    assert "trust=true" in error.value.fix
+    assert not (tmp_path / "executed").exists()
+    with pytest.raises(UserError, match="backbone"):  # it is called, and is no network
+        command.main([f"run={run}", "trust=true"])
+    (watch,) = debugging(validate(raw), None, RunDirectory(run), None)
+    with pytest.raises(NotFiniteError, match=f"sextant replay run={run} trust=true"):
+        watch.found(Finding("training loss", 0, 0, 0), nn.Linear(1, 1), None, torch.get_rng_state())
+
+
+@pytest.mark.parametrize("text", ["[1]", "a: [", "", "\0"])
+def test_a_damaged_config_is_one_line(tmp_path, text):
+    with pytest.raises(UserError, match=r"config\.yaml"):
+        replay(kept_step(tmp_path, text))
+
+
+def test_the_epochs_of_a_resumed_run_keep_their_numbers():
+    said = []
+    losses = LossOfRepeated(said.append)
+    losses.on_train_end(None, None)
+    for epoch, values in ((3, (4.0, 2.0)), (4, (None, None)), (5, (1.0, 1.0))):
+        for value in values:
+            losses.on_train_batch_end(
+                SimpleNamespace(current_epoch=epoch), None, value and {"loss": torch.tensor(value)}
+            )
+    losses.on_train_end(None, None)
+    assert said == ["debug=overfit: loss on 2 batches 3 in epoch 4, 1 in epoch 6"]
+
+
+def test_a_resumed_run_continues_its_csv(tmp_path):
+    def rows(*steps, **metrics):
+        (logger,) = further_loggers(["csv"], RunDirectory(tmp_path))
+        for step in steps:
+            logger.log_metrics({"loss": float(step), **metrics}, step)
+        logger.save()
+        return (tmp_path / "csv" / "metrics.csv").read_text().splitlines()
+
+    assert rows(1, 2, 3) == ["loss,step", "1.0,1", "2.0,2", "3.0,3"]
+    assert rows(3, 4, lr=0.5) == ["loss,lr,step", "1.0,,1", "2.0,,2", "3.0,0.5,3", "4.0,0.5,4"]  # step 3 again
+    assert rows(5) == ["loss,lr,step", "1.0,,1", "2.0,,2", "3.0,0.5,3", "4.0,0.5,4", "5.0,,5"]
+    assert rows(0) == ["loss,lr,step", "0.0,,0"]
+
+
+def test_weights_and_biases_sends_no_errors():
+    assert os.environ["WANDB_ERROR_REPORTING"] == "false"

@@ -1,7 +1,11 @@
 """The first value that is not finite is named, wherever it is; what is kept names no foreign class."""
 
+import collections
 import dataclasses
+import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 import pytorch_lightning as pl
 import torch
@@ -11,7 +15,7 @@ from sextant.chapters.calibration.data.batches import CropBatch
 from sextant.chapters.places.data.batches import PlaceBatch
 from sextant.data.batches import Batch
 from sextant.errors import UserError
-from sextant.training.not_finite import NotFiniteError, WatchFinite, keep_step, packed, read_step, unpacked
+from sextant.training.not_finite import Finding, NotFiniteError, WatchFinite, keep_step, packed, read_step, unpacked
 
 
 class Sometimes(nn.Module):
@@ -59,7 +63,7 @@ SAID = {
 
 def train(model, tmp_path):
     trainer = pl.Trainer(
-        accelerator="cpu", max_epochs=1, logger=False, callbacks=[WatchFinite(keep_step(tmp_path))],
+        accelerator="cpu", max_epochs=1, logger=False, callbacks=[WatchFinite(keep_step(tmp_path, "the command"))],
         enable_checkpointing=False, enable_progress_bar=False, enable_model_summary=False,
     )  # fmt: skip
     trainer.fit(model, torch.utils.data.DataLoader(BATCHES, batch_size=None))
@@ -74,7 +78,7 @@ def test_where_and_when(tmp_path, kind):
     assert finding.where == SAID[kind]
     assert (finding.step, finding.epoch, finding.batch) == (2, 0, 2)
     assert SAID[kind] in str(error.value)
-    assert f"sextant replay run={tmp_path}" in str(error.value)
+    assert "are kept: the command" in str(error.value)
     assert torch.equal(step["batch"], BATCHES[2])
     assert step["weights"].keys() == model.state_dict().keys()
 
@@ -112,3 +116,45 @@ def test_batches_of_all_chapters_come_back(kind):
 def test_no_other_class_is_built(name):
     with pytest.raises(UserError, match="is not one of Sextant's"):
         unpacked({"class": name, "fields": {"command": "exit"}})
+
+
+@dataclasses.dataclass
+class Foreign:
+    images: torch.Tensor
+
+
+def test_a_class_of_others_is_not_built_through_a_module_of_ours(monkeypatch):
+    monkeypatch.setattr(sys.modules["sextant.training.not_finite"], "Foreign", Foreign, raising=False)
+    with pytest.raises(UserError, match="is not one of Sextant's"):
+        unpacked({"class": "sextant.training.not_finite.Foreign", "fields": {"images": 1}})
+
+
+def test_arrays_scalars_and_tuples_come_back(tmp_path):
+    given = {"a": np.arange(6.0)[::-2], "b": (np.float64(0.1), np.array(3)), 1: [np.bool_(True), None, "x"]}
+    watch = keep_step(tmp_path, "the command")
+    with pytest.raises(NotFiniteError, match="are kept: the command"):
+        watch(Finding("loss", 1, 0, 1), Model("none"), given, torch.get_rng_state())
+    back = read_step(tmp_path)[1]["batch"]
+    np.testing.assert_array_equal(back["a"], given["a"])
+    assert back["b"] == given["b"]
+    assert [type(each) for each in back["b"]] == [np.float64, np.ndarray]
+    assert back[1] == given[1]
+    assert type(back[1][0]) is np.bool_
+
+
+Pair = collections.namedtuple("Pair", "images labels")
+
+
+@pytest.mark.parametrize(
+    "held", [Path("a.png"), b"bytes", Pair(1, 2), Foreign(torch.zeros(1)), np.array(["a"]), {np.str_("a"): 1}]
+)
+def test_a_batch_that_cannot_be_kept_does_not_hide_the_finding(tmp_path, held):
+    watch = keep_step(tmp_path, "the command")
+    with pytest.raises(NotFiniteError):
+        watch(Finding("loss", 1, 0, 1), Model("none"), torch.ones(1), torch.get_rng_state())
+    with pytest.raises(NotFiniteError, match="the loss is not finite at step 7") as error:
+        watch(Finding("loss", 7, 0, 7), Model("none"), [held], torch.get_rng_state())
+    assert "could not be kept, so the step cannot be replayed" in error.value.fix
+    assert error.value.fix.endswith(f"cannot keep a batch that holds a {type(held).__name__}")
+    with pytest.raises(UserError, match=r"at step 7 .* but its batch was not kept"):
+        read_step(tmp_path)

@@ -9,7 +9,7 @@ from sextant.console.console import console, rows_table
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import default_outputs
 
-USAGE = "sextant replay run=<run directory> [outputs=<folder>]"
+USAGE = "sextant replay run=<run directory> [outputs=<folder>] [trust=true]"
 #: calls shown before the one that was not finite
 SHOWN = 8
 
@@ -21,19 +21,22 @@ class ReplayOptions(Options):
     """run directory, or its name; a run with debug=nan that was stopped"""
     outputs: UserPath | None = Field(None, examples=["outputs"])
     """folder of runs (default: outputs)"""
+    trust: bool = Field(False, examples=["true"])
+    """true: build user-defined parts that the run's config names"""
 
 
 def main(arguments: Sequence[str]) -> None:
     """Replay the step, and show what its modules gave until the value that was not finite.
 
     Raises:
-        UserError: the run has no such step, or all was finite now.
+        UserError: the run has no such step, it names parts from outside Sextant, or all was finite now.
     """
     options = ReplayOptions.parse(arguments, USAGE)
     from sextant.cli.terminal import TERMINAL
     from sextant.lifecycle.debugging import find_run, replay
 
-    found = replay(find_run(options.run, options.outputs or default_outputs()), TERMINAL)
+    outputs = options.outputs or default_outputs()
+    found = replay(find_run(options.run, outputs), TERMINAL, outputs=outputs, trust=options.trust)
     rows = [
         {"module": call.path, "kind": call.kind, "shape": "x".join(map(str, call.shape)),
          "least": f"{call.low:.4g}", "largest": f"{call.high:.4g}"}

@@ -21,13 +21,14 @@ def without_weights(config: Config) -> Config:
     return validate({**config.plain, "backbone": {**node, **none}})
 
 
-def trained_config(raw: Mapping[str, Any], task: str, *, trust: bool = False) -> Config:
+def trained_config(raw: Mapping[str, Any], task: str, *, trust: bool = False, what: str = "the checkpoint") -> Config:
     """Validate the config of a checkpoint.
 
     Args:
         raw: the config as plain values.
         task: task in the checkpoint's label.
         trust: allow parts from outside Sextant.
+        what: what the config comes from, for messages.
 
     Raises:
         UserError: the config is invalid, label and config name different tasks, or the config names an import path
@@ -41,8 +42,8 @@ def trained_config(raw: Mapping[str, Any], task: str, *, trust: bool = False) ->
         )
     if config.custom_targets() and not trust:
         raise UserError(
-            f"the checkpoint names import paths outside Sextant: {', '.join(config.custom_targets())}",
-            "If you know where the checkpoint comes from, add trust=true. Training takes no trust=: there, name a run "
+            f"{what} names import paths outside Sextant: {', '.join(config.custom_targets())}",
+            f"If you know where {what} comes from, add trust=true. Training takes no trust=: there, name a run "
             "in the folder of runs.",
         )
     return config

@@ -1,6 +1,6 @@
 """What ``debug=`` changes in a training, and the replay of a step that was not finite."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -13,14 +13,16 @@ import yaml
 from pytorch_lightning.callbacks import Callback
 from pytorch_lightning.profilers import SimpleProfiler
 
-from sextant.config import Config
+from sextant.config import Config, validate
 from sextant.config.building import naming_groups
 from sextant.config.schema.training import Debug
+from sextant.config.trained import trained_config
 from sextant.errors import UserError
 from sextant.lifecycle.checks import checked
 from sextant.registry import chapter_of
 from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import RunDirectory
+from sextant.runs.outputs_folder import default_outputs
 from sextant.training.not_finite import Finding, ModuleCall, WatchFinite, keep_step, read_step
 
 
@@ -52,23 +54,20 @@ class LossOfRepeated(Callback):
     """Tells the loss of the first and the last epoch on the repeated batches."""
 
     def __init__(self, say: Callable[[str], None]):
-        self.say, self.epochs = say, list[list[float]]()
-
-    def on_train_epoch_start(self, *args: Any) -> None:
-        """Begin a list."""
-        self.epochs.append([])
+        self.say, self.epochs = say, dict[int, list[float]]()
 
     def on_train_batch_end(self, trainer: pl.Trainer, pl_module: Any, outputs: Any, *args: Any) -> None:
         """Note the loss."""
-        if outputs is not None:
-            self.epochs[-1].append(float(outputs["loss"]))
+        loss = outputs.get("loss") if isinstance(outputs, Mapping) else outputs
+        if loss is not None:
+            self.epochs.setdefault(trainer.current_epoch + 1, []).append(float(loss))
 
     def on_train_end(self, trainer: pl.Trainer, pl_module: Any) -> None:
-        """Tell both."""
-        first, last = (sum(each) / max(1, len(each)) for each in (self.epochs[0], self.epochs[-1]))
-        batches = len(self.epochs[0])
-        epochs = len(self.epochs)
-        self.say(f"debug=overfit: loss on {batches} batches {first:.4g} in epoch 1, {last:.4g} in epoch {epochs}")
+        """Tell both, of the epochs since the run was resumed; nothing if the module returns no loss."""
+        if self.epochs:
+            first, last = min(self.epochs), max(self.epochs)
+            told = [f"{sum(self.epochs[each]) / len(self.epochs[each]):.4g} in epoch {each}" for each in (first, last)]
+            self.say(f"debug=overfit: loss on {len(self.epochs[first])} batches {', '.join(told)}")
 
 
 def trainer_settings(debug: Debug | None, directory: RunDirectory) -> dict[str, Any]:
@@ -83,12 +82,13 @@ def trainer_settings(debug: Debug | None, directory: RunDirectory) -> dict[str, 
 
 
 def debugging(
-    debug: Debug | None, data: pl.LightningDataModule, directory: RunDirectory, reporter: Reporter
+    config: Config, data: pl.LightningDataModule, directory: RunDirectory, reporter: Reporter
 ) -> list[Callback]:
     """The callbacks of a training; with ``overfit`` the data give the same batches in every epoch."""
-    if debug is None:
+    if (debug := config.debug) is None:
         return []
-    found: list[Callback] = [WatchFinite(keep_step(directory.path))] if debug.nan else []
+    command = f"sextant replay run={directory.path}" + (" trust=true" if config.custom_targets() else "")
+    found: list[Callback] = [WatchFinite(keep_step(directory.path, command))] if debug.nan else []
     if debug.overfit is not None:
         data.train_dataloader = _Constant(Repeated(data.train_dataloader, debug.overfit))  # type: ignore[method-assign]
         found.append(LossOfRepeated(reporter.say))
@@ -124,17 +124,22 @@ class _FoundAgainError(Exception):
     pass
 
 
-def replay(run: Path, reporter: Reporter = SILENT) -> Replayed:
+def replay(run: Path, reporter: Reporter = SILENT, *, outputs: Path | None = None, trust: bool = False) -> Replayed:
     """Compute the step again that ``debug=nan`` kept in the directory of a run.
 
+    Args:
+        run: the directory.
+        reporter: listens to what is built.
+        outputs: folder of runs, in which other runs that the config names are looked up; None for the default.
+        trust: allow parts from outside Sextant.
+
     Raises:
-        UserError: the run has none, or its files are damaged, or its config names parts from outside Sextant that
-            cannot be imported.
+        UserError: the run has none, or its files are damaged, or its config names parts from outside Sextant, which
+            would run code chosen by the file.
     """
     directory = RunDirectory(run)
     kept, step = read_step(run)
-    raw = yaml.safe_load(directory.config.read_text())
-    config = checked(raw)
+    config = _own_config(directory, outputs or default_outputs(), trust=trust)
     found: list[Finding] = []
 
     def again(finding: Finding, *_: Any) -> None:
@@ -151,6 +156,23 @@ def replay(run: Path, reporter: Reporter = SILENT) -> Replayed:
     with suppress(_FoundAgainError):
         _fit_one(config, trainer, step, reporter)
     return Replayed(kept, found[0] if found else None, calls)
+
+
+def _own_config(directory: RunDirectory, outputs: Path, *, trust: bool) -> Config:
+    """The config of a run, after the check for parts from outside Sextant.
+
+    Other runs in ``outputs`` are the user's own and may name any part, so the config does not choose that folder.
+    """
+    try:
+        raw = yaml.safe_load(directory.config.read_text())
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise UserError(f"{directory.config} cannot be read: {error}", "Train again with debug=nan.") from None
+    if not isinstance(raw, dict):
+        raise UserError(f"{directory.config} holds no config", "Train again with debug=nan.")
+    trained_config(raw, validate(raw).task.name, trust=trust, what=f"the run in {directory.path}")
+    if not trust:
+        raw["paths"] = {**raw["paths"], "outputs": str(outputs)}
+    return checked(raw)
 
 
 def _fit_one(config: Config, trainer: pl.Trainer, step: dict[str, Any], reporter: Reporter) -> None:

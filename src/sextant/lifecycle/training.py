@@ -124,7 +124,7 @@ def fit(
         callbacks.append(_Patience(module.monitor, mode=module.monitor_mode, patience=config.trainer.patience))
     if config.task.test_checkpoint == "best":  # first, so that the last checkpoint includes its own epoch's best
         callbacks.append(_best_epoch(directory, module.monitor, module.monitor_mode))
-    callbacks += [_every_epoch(directory), *shown, *debugging(config.debug, data, directory, reporter)]
+    callbacks += [_every_epoch(directory), *shown, *debugging(config, data, directory, reporter)]
     trainer = _trainer(config, directory, logger, callbacks, rank)
     with _prepared(module, compiled=config.trainer.compile, shared=rank is not None):
         trainer.fit(module, data, ckpt_path=directory.last_checkpoint if resume else None, weights_only=True)

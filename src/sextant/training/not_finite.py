@@ -6,6 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytorch_lightning as pl
 import torch
 from pytorch_lightning.callbacks import Callback
@@ -18,6 +19,8 @@ from sextant.torch_file import load_verified, save_sealed
 #: folder in a run's directory, and its files
 FOLDER, FINDING, STEP = "nan", "nan.json", "step.pt"
 OURS = "sextant."
+#: kinds of values that are kept as they are; a subclass, such as NumPy's float64, could not be read again
+PLAIN = (type(None), bool, int, float, str)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,22 +148,31 @@ def _finite(value: Any) -> bool:
     return True
 
 
-def keep_step(directory: Path) -> Callable[[Finding, pl.LightningModule, Any, Tensor], None]:
+def keep_step(directory: Path, command: str) -> Callable[[Finding, pl.LightningModule, Any, Tensor], None]:
     """A function for :class:`WatchFinite` that writes the step into the folder of a run and stops training.
 
+    Args:
+        directory: the run's.
+        command: what replays the step.
+
     Raises:
-        NotFiniteError: always; it names the step, the module and the command that replays it.
+        NotFiniteError: always; it names the step, the module, and the command that replays it or why none can.
     """
 
     def keep(finding: Finding, module: pl.LightningModule, batch: Any, random: Tensor) -> None:
         folder = directory / FOLDER
-        folder.mkdir(parents=True, exist_ok=True)
-        step = {"batch": packed(batch), "weights": dict(module.state_dict()), "random": random}
-        write_atomically(folder / STEP, lambda file: save_sealed(step, file))
+        (folder / STEP).unlink(missing_ok=True)  # of another finding
         write_json(folder / FINDING, dataclasses.asdict(finding))
-        raise NotFiniteError(
-            f"{finding}, and the run was stopped", f"Its batch and weights are kept: sextant replay run={directory}"
-        )
+        fix = f"Its batch and weights are kept: {command}"
+        try:
+            step = {"batch": packed(batch), "weights": dict(module.state_dict()), "random": random}
+            write_atomically(folder / STEP, lambda file: save_sealed(step, file))
+            read_step(directory)
+        except Exception as error:  # whatever a batch holds, the finding counts
+            (folder / STEP).unlink(missing_ok=True)
+            why = getattr(error, "problem", None) or next(iter(str(error).splitlines()), type(error).__name__)
+            fix = f"Its batch could not be kept, so the step cannot be replayed: {why}"
+        raise NotFiniteError(f"{finding}, and the run was stopped", fix)
 
     return keep
 
@@ -175,6 +187,8 @@ def read_step(directory: Path) -> tuple[Finding, dict[str, Any]]:
     told: Any = read_json(folder / FINDING)
     try:
         finding = Finding(**told)
+        if not (folder / STEP).is_file():
+            raise UserError(f"{folder}: {finding}, but its batch was not kept", "Training told why.")
         step = load_verified(folder / STEP)
         return finding, {**step, "batch": unpacked(step["batch"])}
     except UserError:
@@ -189,35 +203,46 @@ def read_step(directory: Path) -> tuple[Finding, dict[str, Any]]:
 
 
 def packed(value: Any) -> Any:
-    """A batch as tensors and plain containers; our data classes become mappings that name them.
+    """A batch as tensors and plain containers; our data classes become mappings that name them, NumPy arrays tensors.
 
     >>> from sextant.data.batches import Batch
     >>> packed(Batch(torch.zeros(1), torch.ones(1), torch.ones(1)))["class"]
     'sextant.data.batches.Batch'
+
+    Raises:
+        UserError: the batch holds something else, such as a named tuple or a data class of others.
     """
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        kind = type(value)
+    kind = type(value)
+    if dataclasses.is_dataclass(kind) and kind.__module__.startswith(OURS):
         inner = {field.name: packed(getattr(value, field.name)) for field in dataclasses.fields(value)}
         return {"class": f"{kind.__module__}.{kind.__qualname__}", "fields": inner}
-    if isinstance(value, list | tuple):
+    if kind is list:
         return [packed(each) for each in value]
-    if isinstance(value, Mapping):
+    if kind is tuple:
+        return {"tuple": [packed(each) for each in value]}
+    if isinstance(value, Mapping) and all(type(key) in PLAIN for key in value):
         return {"mapping": {key: packed(each) for key, each in value.items()}}
-    if value is None or isinstance(value, Tensor | int | float | str | bool):
+    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufc":
+        return {"numpy": torch.from_numpy(np.array(value)), "scalar": isinstance(value, np.generic)}
+    if kind in PLAIN or isinstance(value, Tensor):
         return value
-    raise UserError(f"debug=nan cannot keep a batch that holds a {type(value).__name__}", "Leave debug= out.")
+    raise UserError(f"debug=nan cannot keep a batch that holds a {kind.__name__}", "Leave debug= out.")
 
 
 def unpacked(value: Any) -> Any:
-    """The inverse of :func:`packed`; tuples become lists. Only data classes of this package are built."""
+    """The inverse of :func:`packed`. Only data classes of this package are built."""
     if isinstance(value, list):
         return [unpacked(each) for each in value]
     if not isinstance(value, Mapping):
         return value
     if "mapping" in value:
         return {key: unpacked(each) for key, each in value["mapping"].items()}
+    if "tuple" in value:
+        return tuple(map(unpacked, value["tuple"]))
+    if "numpy" in value:
+        return value["numpy"].numpy()[() if value["scalar"] else ...]
     module, _, name = str(value["class"]).rpartition(".")
     kind = getattr(import_module(module), name) if module.startswith(OURS) else None
-    if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
+    if not (isinstance(kind, type) and dataclasses.is_dataclass(kind) and kind.__module__.startswith(OURS)):
         raise UserError(f"a kept batch is of class {value['class']}, which is not one of Sextant's", "Train again.")
     return kind(**{key: unpacked(each) for key, each in value["fields"].items()})
