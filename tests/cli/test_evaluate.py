@@ -94,6 +94,18 @@ def test_mistakes(trained, overrides, said):
     assert said in told(f"run={run.path}", *overrides, f"paths.outputs={outputs}", "tracking=none")
 
 
+def test_further_loggers(trained, monkeypatch):
+    from sextant.tracking import further_loggers
+
+    outputs, run = trained
+    evaluated(outputs, f"run={run.path}", "corruption=none", "tracking.also=[csv]", "trainer.eval_batch_size=7")
+    (table,) = outputs.glob("runs/evaluation/*/csv/metrics.csv")
+    assert "test/accuracy/clean" in table.read_text().splitlines()[0]
+    monkeypatch.setattr(further_loggers, "find_spec", lambda package: None)
+    said = told(f"run={run.path}", "tracking.also=[wandb]", f"paths.outputs={outputs}", "tracking=none")
+    assert "tracking.also=[wandb] needs wandb, which is not installed" in said
+
+
 def test_a_run_is_found_by_the_name_it_is_listed_with(trained):
     outputs, run = trained
     assert evaluated(outputs, f"run=classification/{run.path.name}", "corruption=none")

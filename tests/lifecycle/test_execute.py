@@ -99,10 +99,11 @@ def weights(outcome):
 
 
 def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(tmp_path, monkeypatch):
-    overrides = ["tracking=none", "trainer.max_epochs=4", "inhibition=push_pull"]
+    overrides = ["trainer.max_epochs=4", "inhibition=push_pull", "trainer.log_every=20"]
+    overrides += ["tracking=none", "tracking.also=[csv]"]
     whole = execute(quick_config(tmp_path / "whole", *overrides))
     steps = RunDirectory(whole.directory).results()["steps"]
-    third_epoch, interruption = steps // 2, steps // 2 + 10
+    third_epoch, interruption = steps // 2, steps // 2 + 20
     training_step, seen = Classification.training_step, []
 
     def interrupted_in_the_third_epoch(self, batch, batch_idx):
@@ -126,6 +127,9 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(tmp_path, monk
         return [(x["step"], x["metrics"]["train/loss"]) for x in lines if "train/loss" in x["metrics"]]
 
     assert train_losses(whole) == train_losses(resumed)
+    table, same = ((each.directory / "csv" / "metrics.csv").read_text() for each in (whole, resumed))
+    assert table == same
+    assert len(table.splitlines()) > steps / 20
 
 
 @pytest.mark.slow

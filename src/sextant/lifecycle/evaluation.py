@@ -24,6 +24,7 @@ from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 from sextant.runs.source_tree import source_sha256
+from sextant.tracking.further_loggers import require_loggers
 
 if TYPE_CHECKING:
     from sextant.models.foreign_classifier import ForeignClassifier
@@ -57,6 +58,7 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
 
     content = read_trained(found.checkpoint)
     config = checkpoint_config(content[KEY], overrides)
+    require_loggers(config.tracking.also)
     require_apart(config)
     require_outputs(outputs)
     if (card := content[KEY].get(CARD)) is not None:
@@ -89,6 +91,7 @@ def evaluate_model(model: str, overrides: Sequence[str], reporter: RunReporter =
 
     foreign = read_foreign(model)
     config = foreign_config(foreign, overrides)
+    require_loggers(config.tracking.also)
     require_apart(config)
     require_outputs(outputs)
     with naming_groups(config.plain):

@@ -161,8 +161,9 @@ def test_checkpoint(
     module = model_from_checkpoint(config, content, checkpoint)
     chapter = chapter_of(config.task.name, reporter)
     data = chapter.data(config, source)
-    trainer = _trainer(config, directory, [RunLogger(directory, None)], [], None)
-    with naming_groups(config.plain):
+    loggers = [RunLogger(directory, None), *further_loggers(config.tracking.also, directory)]
+    trainer = _trainer(config, directory, loggers, [], None)
+    with closing(loggers), naming_groups(config.plain):
         metrics = dict(trainer.test(module, data, verbose=False)[0])
         results: dict[str, Any] = {"outcome": "finished", "metrics": metrics}
         if (published := content[KEY].get("published")) is not None:

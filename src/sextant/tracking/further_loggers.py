@@ -1,5 +1,6 @@
 """Loggers of Lightning beside MLflow: TensorBoard, CSV and Weights & Biases, all in the run directory."""
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -11,6 +12,9 @@ from sextant.runs.directory import RunDirectory
 
 if TYPE_CHECKING:
     from pytorch_lightning.loggers import Logger
+
+# else Weights & Biases sends its own errors, even offline; it reads this when it is imported, as timm does too
+os.environ.setdefault("WANDB_ERROR_REPORTING", "false")
 
 Also = Literal["tensorboard", "csv", "wandb"]
 #: packages of which one is needed; CSV needs none
@@ -46,9 +50,9 @@ def further_loggers(also: Sequence[Also], directory: RunDirectory) -> "list[Logg
     found: list[Logger] = []
     for name in dict.fromkeys(also):
         if name == "csv":
-            from pytorch_lightning.loggers import CSVLogger
+            from sextant.tracking.logger import CSVLogger
 
-            found.append(CSVLogger(directory.path, "csv", "", flush_logs_every_n_steps=1))
+            found.append(CSVLogger(directory.path / "csv" / "metrics.csv"))
         elif name == "tensorboard":
             from pytorch_lightning.loggers import TensorBoardLogger
 

@@ -1,13 +1,16 @@
-"""The Lightning logger: history in the run directory, mirrored to MLflow."""
+"""Lightning loggers: history in the run directory, mirrored to MLflow, and a CSV file."""
 
+import csv
 import time
 from argparse import Namespace
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from pytorch_lightning.loggers import Logger
 
+from sextant.atomic_files import write_csv
 from sextant.runs.directory import RunDirectory
 from sextant.runs.history import History
 from sextant.tracking.mirror import MirroredRun
@@ -43,6 +46,44 @@ class RunLogger(Logger):
         new = self._history.add(step or 0, now, values)
         if self._mirror is not None and new:
             self._mirror.log(new, step or 0, now)
+
+    def log_hyperparams(self, params: dict[str, Any] | Namespace, *args: Any, **kwargs: Any) -> None:
+        """Do nothing: the run's life cycle writes the config."""
+
+
+class CSVLogger(Logger):
+    """Writes every metric into a CSV file. A resumed run keeps the rows before its own first step.
+
+    Args:
+        path: the file.
+    """
+
+    name, version = "csv", ""
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self._path = path
+        self._columns: list[str] | None = None
+
+    def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
+        """Append a row, or write all again if it has new columns."""
+        row = {**metrics, "step": step or 0}
+        if self._columns is not None and row.keys() <= set(self._columns):
+            with self._path.open("a", newline="") as file:
+                csv.DictWriter(file, self._columns).writerow(row)
+            return
+        columns, before = self._written()
+        if self._columns is None:  # later steps of an earlier part are computed again
+            before = [each for each in before if (each.get("step") or "").isdigit() and int(each["step"]) < row["step"]]
+        self._columns = sorted({*columns, *row})
+        write_csv(self._path, self._columns, [*before, row])
+
+    def _written(self) -> tuple[Sequence[str], list[dict[str, str]]]:
+        if not self._path.is_file():
+            return (), []
+        with self._path.open(newline="", errors="replace") as file:
+            reader = csv.DictReader(file)
+            return reader.fieldnames or (), list(reader)
 
     def log_hyperparams(self, params: dict[str, Any] | Namespace, *args: Any, **kwargs: Any) -> None:
         """Do nothing: the run's life cycle writes the config."""
