@@ -91,7 +91,7 @@ def test_named_layers_are_sorted_by_the_size_of_their_maps_and_must_give_one():
     with pytest.raises(ArgumentError, match=r"layers=\['flat'\] give no map\nChoose among trunk, trunk\.\w+"):
         TrunkFeatures(fixed, layers=["flat"]).check()
     fixed.append(nn.Linear(5, 3))  # of images of one size only
-    with pytest.raises(ArgumentError, match="local=trunk: the network does not take images of any size: .*mat1"):
+    with pytest.raises(ArgumentError, match=r"local=trunk: the network does not take images of any size: .*mat1"):
         TrunkFeatures(fixed).check()
 
 
