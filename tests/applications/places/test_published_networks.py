@@ -65,14 +65,14 @@ def test_a_localizer_takes_a_file(file, tmp_path):
 def test_an_evaluation_tests_their_network(file, tmp_path):
     for name in ("day", "night"):
         ride(tmp_path / name, range(3), night=name == "night")
-    outcome = evaluate_run(
-        str(file),
-        [
-            "dataset=place_folders", f"dataset.folder={tmp_path}", "dataset.test={map: day, queries: night}",
-            "dataset.places=order", "dataset.height=320", "dataset.width=320", "tracking=none",
-            f"paths.outputs={tmp_path / 'outputs'}",
-        ],
-    )  # fmt: skip
+    words = [
+        "dataset=place_folders", f"dataset.folder={tmp_path}", "dataset.test={map: day, queries: night}",
+        "dataset.places=order", "dataset.height=320", "dataset.width=320", "tracking=none",
+        f"paths.outputs={tmp_path / 'outputs'}",
+    ]  # fmt: skip
+    with pytest.raises(UserError, match="local=trunk: the activations of PublishedPlaceNet are not read"):
+        evaluate_run(str(file), [*words, "task.rerank=2", "local=trunk"])
+    outcome = evaluate_run(str(file), words)
     assert outcome.status == "finished"
     assert any(name.startswith("test/") for name in outcome.metrics)
     assert RunDirectory(outcome.directory).results()["cost"]["descriptor_bytes"] == 4 * 4096
