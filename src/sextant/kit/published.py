@@ -11,16 +11,20 @@ from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
 from sextant.runs.outputs_folder import default_outputs
 
 
-def published_content(path: Path) -> dict[str, Any]:
+def published_content(path: Path, content: Any = None) -> dict[str, Any]:
     """A published network in the form of a checkpoint: the config that builds it, the shape of its images, its weights.
 
     The training settings in the config are not those of the authors; the file's statements about training are in
     ``published``.
 
+    Args:
+        path: the file.
+        content: of the file, if it has been read.
+
     Raises:
         UserError: the file is not one of the authors', or its inhibition is not in the first convolution.
     """
-    found = load_published(path)
+    found = load_published(path, content=content)
     first, _ = first_conv(found.network)
     if found.push_pull not in ((), (first,)):
         raise UserError(

@@ -1,5 +1,6 @@
 """Networks for places that are not of Sextant, in the form of a checkpoint: so they open wherever a run does."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,14 @@ from sextant.zoo.files import WEIGHTS
 CARD = "card"
 
 
-def places_content(path: Path, *, other: bool = False) -> dict[str, Any] | None:
+def places_content(path: Path, other: Callable[[Path, Any], dict[str, Any]] | None = None) -> dict[str, Any]:
     """A checkpoint, or a published network for places in the form of one.
 
     The training settings in the config of the latter are not those of its authors.
 
     Args:
         path: its file, of ``torch.save`` or safetensors.
-        other: return None for a file that is neither, or that cannot be read.
+        other: is given a file that is neither, with its content, or None if that cannot be read.
 
     Raises:
         UserError: the file is missing, damaged or neither; nothing in it was executed.
@@ -31,15 +32,15 @@ def places_content(path: Path, *, other: bool = False) -> dict[str, Any] | None:
     try:
         content = _safetensors(path) if path.suffix == WEIGHTS else load_plain(path)
     except UserError:
-        if other:
-            return None
+        if other is not None:
+            return other(path, None)
         raise
     if isinstance(content, dict) and KEY in content:
         return require_checkpoint(content, path)
     tensors = tensors_of(content)
     if tensors is None or kind_of(tensors) is None:
-        if other:
-            return None
+        if other is not None:
+            return other(path, content)
         if tensors is None:
             return require_checkpoint(content, path)
     found = read_published_places(tensors, str(path))

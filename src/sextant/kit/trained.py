@@ -36,11 +36,11 @@ def read_trained(path: Path) -> dict[str, Any]:
 
     if path.suffix == ONNX_SUFFIX:
         return onnx_content(path)
-    if (places := places_content(path, other=path.name.endswith(PUBLISHED))) is not None:
-        return places
+    if not path.name.endswith(PUBLISHED):
+        return places_content(path)
     from sextant.kit.published import published_content
 
-    return published_content(path)
+    return places_content(path, published_content)
 
 
 def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> Config:

@@ -46,11 +46,12 @@ class PublishedCheckpoint:
     best_accuracy: float
 
 
-def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0) -> PublishedCheckpoint:
+def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0, content: Any = None) -> PublishedCheckpoint:
     """Read one of the authors' files on the CPU. Nothing in it is executed: only tensors and containers are accepted.
 
     Args:
         scale, alpha: h and α of its push-pull layers, which the file does not store.
+        content: of the file, if it has been read.
 
     Raises:
         UserError: the file is missing, truncated, not the authors', a network of another kind or depth, or its weights
@@ -67,7 +68,7 @@ def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0) -> Pub
     >>> found.architecture, found.push_pull
     ('resnet-20', ('conv1',))
     """
-    content = _read(path)
+    content = _checked(path, _read(path) if content is None else content)
     state = {name.removeprefix("module."): tensor for name, tensor in content["state_dict"].items()}
     push_pull = tuple(name.removesuffix(".push.weight") for name in state if name.endswith(".push.weight"))
     state = {re.sub(r"\.push\.(weight|bias)$", r".\1", name): tensor for name, tensor in state.items()}
@@ -86,9 +87,9 @@ def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0) -> Pub
     )
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> Any:
     try:
-        content = load_verified(path)
+        return load_verified(path)
     except UserError:
         raise
     except FileNotFoundError:
@@ -96,6 +97,9 @@ def _read(path: Path) -> dict[str, Any]:
     except Exception as error:  # a damaged pickle can fail in any way
         problem = f"{path} cannot be read as a published network; nothing in it was executed: {why_unread(error)}"
         raise UserError(problem, f"It may be truncated. {FIX}") from None
+
+
+def _checked(path: Path, content: Any) -> dict[str, Any]:
     if not isinstance(content, dict) or not {"epoch", "state_dict", "best_prec1"} <= set(content):
         raise UserError(f"{path} is not a published network: it should hold epoch, state_dict and best_prec1", FIX)
     state = content["state_dict"]
