@@ -9,6 +9,7 @@ from sklearn.exceptions import NotFittedError
 from torch import nn
 
 from sextant.baselines.network_layer import BATCH, NetworkLayer
+from sextant.errors import ArgumentError
 
 IMAGES = np.random.default_rng(0).integers(0, 256, (BATCH + 6, 8, 12, 3)).astype(np.uint8)
 
@@ -94,5 +95,5 @@ def test_the_network_is_used_as_it_is():
 
 @pytest.mark.parametrize("wrong", [{"channels": 2}, {"grid": (0, 3)}])
 def test_what_has_no_meaning_is_refused(wrong):
-    with pytest.raises(ValueError, match="1 or 3 channels and a grid"):
+    with pytest.raises(ArgumentError, match=f"{next(iter(wrong))}=.* must be"):
         NetworkLayer(nn.Identity(), 8, 12, **wrong)

@@ -85,7 +85,7 @@ def test_every_table_has_five_rows_or_is_of_a_corruption_without_severities():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"set": "cifar_c"}, "set=cifar_c is not known\nThere are: cifar10_c, cifar100_c, mnist_c, imagenet_c."),
+        ({"set": "cifar_c"}, "set='cifar_c' must be one of cifar10_c, cifar100_c, mnist_c, imagenet_c"),
         (
             {"names": ["fog", "rain"]},
             "names=rain is not in the set cifar10_c\nIt has: benchmark15, extra4, ga",
@@ -94,7 +94,7 @@ def test_every_table_has_five_rows_or_is_of_a_corruption_without_severities():
         ({"severities": [1, 6]}, r"severities=\[1,6\] has to be a list of some of 1, 2, 3, 4, 5"),
         ({"severities": [2, 2]}, "each once"),
         ({"severities": []}, "has to be a list"),
-        ({"mode": "exact"}, "mode=exact is not known; it is faithful or corrected"),
+        ({"mode": "exact"}, "mode='exact' must be one of faithful, corrected"),
     ],
 )
 def test_choices_that_do_not_exist_are_told(arguments, says):

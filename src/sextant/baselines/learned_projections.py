@@ -8,6 +8,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from sextant.baselines.place_descriptors import CHUNK, Pixels, PlaceDescriptor, grey_images, unit_norm
+from sextant.ranges import Count, checked
 
 if TYPE_CHECKING:
     from sklearn.decomposition import PCA
@@ -79,7 +80,14 @@ class WhitenedPCA(PlaceDescriptor):
         ((20, 5), True)
     """
 
-    def __init__(self, height: int = 32, width: int = 64, dimensions: int = 128, most_images: int = 10_000):
+    @checked
+    def __init__(
+        self,
+        height: Count = 32,
+        width: Count = 64,
+        dimensions: Count = 128,
+        most_images: Count = 10_000,
+    ):
         super().__init__(height, width)
         self.dimensions, self.most_images = dimensions, most_images
 

@@ -17,6 +17,8 @@ from torch import Tensor, nn
 
 from sextant.baselines.learned_projections import whitening
 from sextant.baselines.place_descriptors import PlaceDescriptor, unit_norm
+from sextant.errors import ArgumentError
+from sextant.ranges import Count, checked
 
 #: images described at a time
 BATCH = 64
@@ -37,7 +39,7 @@ class NetworkLayer(PlaceDescriptor):
         pca_: the fitted ``sklearn.decomposition.PCA``, if ``dimensions`` is given.
 
     Raises:
-        ValueError: channels are neither 1 nor 3, or the grid is empty.
+        ArgumentError: channels are neither 1 nor 3, or the grid is empty.
 
     Example:
         >>> network = NetworkLayer(nn.Conv2d(3, 6, 3), height=32, width=64, grid=(2, 4))
@@ -45,19 +47,20 @@ class NetworkLayer(PlaceDescriptor):
         (5, 48)
     """
 
+    @checked
     def __init__(
         self,
         features: nn.Module,
-        height: int,
-        width: int,
+        height: Count,
+        width: Count,
         *,
         channels: int = 3,
-        grid: tuple[int, int] = (4, 8),
-        dimensions: int | None = None,
+        grid: tuple[Count, Count] = (4, 8),
+        dimensions: Count | None = None,
     ):
         super().__init__(height, width)
-        if channels not in (1, 3) or min(grid) < 1:
-            raise ValueError(f"need 1 or 3 channels and a grid of at least 1x1; got {channels}, {grid}")
+        if channels not in (1, 3):
+            raise ArgumentError(f"channels={channels} must be 1 or 3")
         self.features = features.eval().requires_grad_(False)
         self.channels, self.grid, self.dimensions = channels, grid, dimensions
 

@@ -8,6 +8,8 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 from PIL import Image
 
+from sextant.ranges import Count, checked
+
 #: ITU-R BT.601 weights of red, green and blue.
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 
@@ -56,7 +58,8 @@ class PlaceDescriptor(ABC):
 
     similarity: Literal["cosine"] = "cosine"
 
-    def __init__(self, height: int = 32, width: int = 64):
+    @checked
+    def __init__(self, height: Count = 32, width: Count = 64):
         self.height, self.width = height, width
 
     def fit(self, images: UInt8[ndarray, "n h w c"]) -> Self:
@@ -139,7 +142,13 @@ class PatchNormalised(PlaceDescriptor):
         True
     """
 
-    def __init__(self, height: int = 32, width: int = 64, patch: int = 8):
+    @checked
+    def __init__(
+        self,
+        height: Count = 32,
+        width: Count = 64,
+        patch: int = 8,
+    ):
         super().__init__(height, width)
         self.patch = patch
 
@@ -174,7 +183,15 @@ class Hog(PlaceDescriptor):
         ((1, 256), 0)
     """
 
-    def __init__(self, height: int = 32, width: int = 64, rows: int = 4, columns: int = 8, bins: int = 8):
+    @checked
+    def __init__(
+        self,
+        height: Count = 32,
+        width: Count = 64,
+        rows: int = 4,
+        columns: int = 8,
+        bins: int = 8,
+    ):
         super().__init__(height, width)
         self.rows, self.columns, self.bins = rows, columns, bins
 

@@ -19,11 +19,11 @@ from sextant.array_folder import file_sha256
 from sextant.correspondence.local_features import (
     LocalFeatures,
     check_packages,
-    check_settings,
     in_image,
     network_inputs,
 )
 from sextant.errors import ArgumentError, naming_extras
+from sextant.ranges import Count, FeatureSide, checked
 
 #: names of both files and their hashes
 DETECTOR = ("aliked-n16.pth", "5be8704840ed662d9d8c561bf7279c222092674e7eb05fd0feab94899e9d82f2")
@@ -34,6 +34,7 @@ CONSTANTS = ("dkd.hw_grid", "confidence_thresholds")
 MULTIPLE = 32
 
 
+@checked
 @dataclass(frozen=True)
 class AlikedFeatures:
     """ALIKED's keypoints and descriptors of 128 numbers, and LightGlue's matches.
@@ -50,12 +51,11 @@ class AlikedFeatures:
     """
 
     weights: Path | str
-    keypoints: int = 1024
-    side: int | None = 640
+    keypoints: Count = 1024
+    side: FeatureSide | None = 640
     name: str = "aliked"
 
     def __post_init__(self) -> None:
-        check_settings(self.keypoints, self.side, self)
         for name, sha256 in (DETECTOR, MATCHER):
             path = Path(self.weights).expanduser() / name
             fix = f"Put the published {name} there (SHA-256 {sha256[:12]}...), or choose local=xfeat."

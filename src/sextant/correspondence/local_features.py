@@ -77,14 +77,6 @@ class LocalFeatureExtractor(Protocol):
         """Numbers of matching features in the first and in the second image."""
 
 
-def check_settings(keypoints: int, side: int | None, of: object) -> None:
-    """Raise an ``ArgumentError`` unless the number of keypoints and the side of images are possible."""
-    if isinstance(keypoints, bool) or not isinstance(keypoints, int) or keypoints < 1:
-        raise ArgumentError(f"keypoints={keypoints!r} must be a whole number, at least 1", of=of)
-    if side is not None and (isinstance(side, bool) or not isinstance(side, int) or not 64 <= side <= 4096):
-        raise ArgumentError(f"side={side!r} must be a whole number of pixels, 64 to 4096, or None", of=of)
-
-
 def check_packages(*packages: str) -> None:
     """Raise an ``ArgumentError`` if packages of the extra ``local`` are not installed, without importing them."""
     if missing := [package for package in packages if find_spec(package) is None]:

@@ -13,8 +13,10 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.errors import ArgumentError
+from sextant.ranges import Count, Positive, checked
 
 
+@checked
 @dataclass(frozen=True)
 class Pinhole:
     """A camera without distortion.
@@ -32,17 +34,14 @@ class Pinhole:
         array([[0., 0., 1.]])
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
+    width: Count
+    height: Count
+    fx: Positive
+    fy: Positive
     cx: float
     cy: float
 
     def __post_init__(self) -> None:
-        for name in ("width", "height", "fx", "fy"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ArgumentError(f"{name}={getattr(self, name)} of a camera must be above 0 and finite", of=self)
         if not np.isfinite([self.cx, self.cy]).all():
             raise ArgumentError(f"the principal point ({self.cx}, {self.cy}) must be finite", of=self)
 

@@ -26,17 +26,18 @@ from torch import Tensor, nn
 from sextant.correspondence.local_features import (
     LocalFeatures,
     check_packages,
-    check_settings,
     in_image,
     network_inputs,
 )
 from sextant.correspondence.matching import mutual_matches
 from sextant.errors import ArgumentError
+from sextant.ranges import Count, FeatureSide, checked
 
 #: ratios of the sides of the image to those of the maps that are used; a finer map is little but edges
 STRIDES = (4, 8, 16)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class TrunkFeatures:
     """Keypoints and descriptors from the activations of a network of convolutions.
@@ -61,13 +62,10 @@ class TrunkFeatures:
 
     network: nn.Module
     layers: Sequence[str] | None = None
-    keypoints: int = 2048
-    side: int | None = 640
+    keypoints: Count = 2048
+    side: FeatureSide | None = 640
     identity: str = ""
     name: str = "trunk"
-
-    def __post_init__(self) -> None:
-        check_settings(self.keypoints, self.side, self)
 
     @property
     def model(self) -> str:

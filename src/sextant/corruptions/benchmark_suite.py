@@ -1,7 +1,7 @@
 """A published benchmark set as a suite, with its protocol."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from jaxtyping import Float
 from torch import Tensor
@@ -14,6 +14,7 @@ from sextant.corruptions.sets import CIFAR10_C, CIFAR100_C, IMAGENET_C, MNIST_C
 from sextant.corruptions.sets.benchmark_set import BenchmarkSet
 from sextant.corruptions.suite import Condition, CorruptionSuite, Protocol
 from sextant.errors import ArgumentError
+from sextant.ranges import Seed, checked
 
 SETS = {benchmark.key: benchmark for benchmark in (CIFAR10_C, CIFAR100_C, MNIST_C, IMAGENET_C)}
 Names = str | Sequence[str] | None
@@ -92,14 +93,15 @@ class BenchmarkSuite(CorruptionSuite):
 
     protocol: Protocol
 
+    @checked
     def __init__(
         self,
-        set: str = "cifar10_c",
+        set: Literal["cifar10_c", "cifar100_c", "mnist_c", "imagenet_c"] = "cifar10_c",
         names: Names = None,
         severities: Sequence[int] | None = None,
         mode: Mode = "faithful",
         quantise: bool = True,
-        seed: int = 0,
+        seed: Seed = 0,
         beside: Mapping[str, Corruption[Any]] | None = None,
     ):
         chosen = benchmark_set(set)

@@ -3,15 +3,19 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
+from annotated_types import Gt, Le
 from jaxtyping import Float, Int8, Int64
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption
 from sextant.corruptions.corruption import Corruption, generators, image_seeds
+from sextant.ranges import NonNegative, Positive, checked
 
 
+@checked
 @dataclass(frozen=True)
 class GaussianNoise(Corruption[Tensor]):
     """``y = x + n`` with ``n ~ N(0, variance)`` independent at every value.
@@ -28,7 +32,7 @@ class GaussianNoise(Corruption[Tensor]):
         name: the corruption's name.
     """
 
-    levels: Sequence[float]
+    levels: Sequence[NonNegative]
     clip: bool = False
     name: str = "gaussian"
 
@@ -175,6 +179,7 @@ class ImpulseNoise(BenchmarkCorruption[float, Tensor]):
         return (images + 2 * params.to(images)).clamp(0, 1)
 
 
+@checked
 @dataclass(frozen=True)
 class ContrastPoisson(Corruption[list[int]]):
     """``y = Poisson(peak · z) / peak`` with ``z = (x - 1/2) · contrast + 1/2``.
@@ -193,8 +198,8 @@ class ContrastPoisson(Corruption[list[int]]):
         name: the corruption's name.
     """
 
-    levels: Sequence[float]
-    peak: float = 256.0
+    levels: Sequence[Annotated[float, Gt(0), Le(1)]]
+    peak: Positive = 256.0
     clip: bool = False
     name: str = "contrast_poisson"
 

@@ -9,6 +9,7 @@ from sextant.corruptions.contract import Indices
 from sextant.corruptions.pixels import eight_bit
 from sextant.corruptions.suite import Condition, CorruptionSuite
 from sextant.errors import ArgumentError
+from sextant.ranges import Seed, checked
 
 
 class PerturbationSuite(CorruptionSuite):
@@ -25,7 +26,8 @@ class PerturbationSuite(CorruptionSuite):
         ArgumentError: ``names`` is empty, or holds one that is not a perturbation.
     """
 
-    def __init__(self, names: Sequence[str] | None = None, seed: int = 0):
+    @checked
+    def __init__(self, names: Sequence[str] | None = None, seed: Seed = 0):
         from sextant.corruptions.perturbations import cifar10_p  # machine code, loaded only when it is needed
 
         there = cifar10_p()

@@ -6,7 +6,7 @@ that are comparable image by image.
 
 import hashlib
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -20,6 +20,7 @@ from sextant.corruptions.contract import Indices, require_indices
 from sextant.corruptions.making import LABELS, RECORD
 from sextant.corruptions.suite import Condition, CorruptionSuite, Protocol
 from sextant.errors import ArgumentError, UserError
+from sextant.ranges import checked
 
 MAKE = "python -m sextant.corruptions make set={set} input=<dataset> output={folder}"
 
@@ -48,7 +49,14 @@ class StoredSuite(CorruptionSuite):
         UserError: a file is missing, damaged, or holds other images than the test split of the run.
     """
 
-    def __init__(self, folder: str | Path, set: str = "cifar10_c", names: Names = None, severities: Any = None):
+    @checked
+    def __init__(
+        self,
+        folder: str | Path,
+        set: Literal["cifar10_c", "cifar100_c", "mnist_c", "imagenet_c"] = "cifar10_c",
+        names: Names = None,
+        severities: Any = None,
+    ):
         self.folder, self.set = Path(folder).expanduser(), set
         chosen, record = benchmark_set(set), read_json(self.folder / RECORD) or {}
         recipe = dict(record.get("recipe") or {})

@@ -13,6 +13,7 @@ from torch import Tensor
 from sextant.corruptions.benchmark_corruption import Mode
 from sextant.corruptions.contract import Indices
 from sextant.corruptions.corruption import Corruption
+from sextant.ranges import Seed, checked
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,8 @@ class CorruptionSuite:
 
     protocol: Protocol | None = None
 
-    def __init__(self, corruptions: Mapping[str, Corruption[Any]] | None = None, seed: int = 0):
+    @checked
+    def __init__(self, corruptions: Mapping[str, Corruption[Any]] | None = None, seed: Seed = 0):
         self.corruptions = dict(corruptions or {})
         self.seed = seed
 

@@ -7,14 +7,14 @@ seeds are independent; the test images of one run are not.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 from scipy import stats
 
-from sextant.errors import ArgumentError
+from sextant.ranges import checked
 
 Method = Literal["t", "bootstrap"]
 Better = Literal["higher", "lower"]
@@ -55,6 +55,7 @@ class PairedDifference:
     wins: int
 
 
+@checked
 def paired_difference(
     treatment: Float[ndarray, "seeds *images"],
     control: Float[ndarray, "seeds *images"],
@@ -91,9 +92,6 @@ def paired_difference(
     """
     if treatment.shape != control.shape or len(treatment) == 0:
         raise ValueError(f"need the same pairs in both arms, at least one; got {treatment.shape} and {control.shape}")
-    for name, value, allowed in (("method", method, get_args(Method)), ("better", better, get_args(Better))):
-        if value not in allowed:
-            raise ArgumentError(f"{name}={value} must be one of {', '.join(allowed)}")
     values = np.asarray([treatment, control], float)
     images = (values[0] - values[1]).reshape(len(treatment), -1)
     per_seed = images.mean(axis=1)

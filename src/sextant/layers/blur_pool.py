@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from sextant.errors import ArgumentError
 from sextant.layers.conv_geometry import PaddingMode, pair
 from sextant.layers.surgery import Conversion, Rule, convert
+from sextant.ranges import Count, checked
 
 
 def binomial_taps(taps: int, *, dtype: torch.dtype | None = None, device: torch.device | str | None = None) -> Tensor:
@@ -86,6 +87,7 @@ class BlurPool2d(nn.Module):
         return f"taps={self.taps}, stride={self.stride}, padding_mode={self.padding_mode}"
 
 
+@checked
 @dataclass(frozen=True)
 class AntiAliasing:
     """Blurs before every subsampling of a network: an alternative to inhibition that also stabilises predictions.
@@ -99,7 +101,7 @@ class AntiAliasing:
         taps: length of the binomial filter.
     """
 
-    taps: int = 3
+    taps: Count = 3
 
     def __call__(self, network: nn.Module) -> nn.Module:
         """Change ``network`` in place and return it; errors are those of :func:`anti_alias`."""

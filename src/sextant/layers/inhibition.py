@@ -3,14 +3,17 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 import torch
+from annotated_types import Ge, Le
 from torch import Tensor, nn
 
 from sextant.layers.network_stages import evaluating, first_stage_convs
 from sextant.layers.push_pull import Choice, PushPullConv2d
 from sextant.layers.push_pull_avg import AvgChoice, PushPullAvgConv2d
 from sextant.layers.surgery import Conversion, Rule, candidates, convert, exactly, first_conv, some
+from sextant.ranges import NonNegative, checked
 
 EVEN = "push-pull with scale > 1 needs odd kernel sides"
 KEPT = "_convolutions_without_inhibition"  # attribute of a network: the convolutions that inhibit kept
@@ -41,6 +44,7 @@ class NoInhibition:
         return network
 
 
+@checked
 @dataclass(frozen=True)
 class PushPullInhibition:
     """Replaces convolutions of a network by push-pull layers with the same weights.
@@ -57,8 +61,8 @@ class PushPullInhibition:
         impl: how the pull is computed, see :func:`sextant.layers.push_pull`.
     """
 
-    scale: float = 2.0
-    alpha: float = 1.0
+    scale: Annotated[float, Ge(1), Le(8)] = 2.0
+    alpha: NonNegative = 1.0
     train_alpha: bool = False
     where: str | Sequence[str] = "first"
     impl: Choice = "auto"
@@ -75,6 +79,7 @@ class PushPullInhibition:
         return network
 
 
+@checked
 @dataclass(frozen=True)
 class PushPullAvgInhibition:
     """Replaces convolutions of a network by the push-pull layers of 2024 with the same weights.
@@ -91,8 +96,8 @@ class PushPullAvgInhibition:
         impl: ``box`` or ``direct``.
     """
 
-    average: int = 3
-    alpha: float = 1.0
+    average: Annotated[int, Ge(1), Le(31)] = 3
+    alpha: NonNegative = 1.0
     train_alpha: bool = False
     where: str | Sequence[str] = "first"
     impl: AvgChoice = "box"

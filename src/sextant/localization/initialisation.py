@@ -7,13 +7,12 @@ import torch
 from jaxtyping import Bool, Float64
 from torch import Tensor
 
-from sextant.errors import ArgumentError
 from sextant.geometry.planar import wrap_angle
 from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.belief import Belief
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.motion import check_not_negative
 from sextant.localization.observation.evidence import Evidence
+from sextant.ranges import Count, NonNegative, checked
 
 __all__ = ["AppearanceStart", "GaussianStart", "Initialisation", "UniformStart"]
 
@@ -83,6 +82,7 @@ class UniformStart(Initialisation):
         return Belief.uniform(prior.sample(runs, particles, generator))
 
 
+@checked
 @dataclass(frozen=True)
 class GaussianStart(Initialisation):
     """Particles around one pose in each run, weighted by the first image in the first step.
@@ -104,10 +104,9 @@ class GaussianStart(Initialisation):
     """
 
     mean: Float64[Tensor, "r 3"]
-    sigma: tuple[float, float, float]
+    sigma: tuple[NonNegative, NonNegative, NonNegative]
 
     def __post_init__(self) -> None:
-        check_not_negative("sigma", self.sigma, 3)
         if not bool(self.mean.isfinite().all()):
             raise ValueError("a pose to start from is not finite")
 
@@ -127,6 +126,7 @@ class GaussianStart(Initialisation):
         return Belief.uniform(torch.cat([poses[..., :2], wrap_angle(poses[..., 2:])], dim=2))
 
 
+@checked
 @dataclass(frozen=True)
 class AppearanceStart(Initialisation):
     r"""Particles at the map images most similar to the first image.
@@ -160,15 +160,9 @@ class AppearanceStart(Initialisation):
         tensor([ 9., 10., 11.], dtype=torch.float64)
     """
 
-    top: int | None = None
+    top: Count | None = None
     weigh_jitter: bool = False
     uses_evidence = True
-
-    def __post_init__(self) -> None:
-        if self.top is not None and self.top < 1:
-            raise ArgumentError(
-                f"top={self.top} must be at least 1", "For example top=10, or null for all images of the map."
-            )
 
     def start(
         self,

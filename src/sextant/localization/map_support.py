@@ -35,7 +35,7 @@ from sextant.localization.map_prior import LEAST_SPACING
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.pose_kernel import PoseKernel
-from sextant.localization.recovery.recovery import check_share
+from sextant.ranges import Positive, Share, checked
 
 #: how far a camera may be turned from the map's nearest image, in rad
 HEADING_REACH = math.radians(10)
@@ -50,6 +50,7 @@ LOOKED_AT, NEIGHBOURS = 4096, 24
 FURTHEST = 4.0
 
 
+@checked
 @dataclass(frozen=True)
 class MapSupport:
     """The poses at which a map is informative.
@@ -75,19 +76,13 @@ class MapSupport:
 
     poses: Float64[Tensor, "n 3"]
     reach: float
-    heading_reach: float = HEADING_REACH
-    leave: float = 0.01
-    outliers: float = 0.01
+    heading_reach: Positive = HEADING_REACH
+    leave: Share = 0.01
+    outliers: Share = 0.01
 
     def __post_init__(self) -> None:
-        if not self.reach > 0:
+        if not self.reach > 0:  # it may be infinite
             raise ArgumentError(f"reach={self.reach} must be above 0", "For example reach=1")
-        if not 0 < self.heading_reach < math.inf:
-            raise ArgumentError(
-                f"heading_reach={self.heading_reach} must be above 0 and finite", "For example heading_reach=1"
-            )
-        for name in ("leave", "outliers"):
-            check_share(name, getattr(self, name))
 
     @classmethod
     def of(cls, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> "MapSupport":

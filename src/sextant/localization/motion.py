@@ -9,8 +9,8 @@ import torch
 from jaxtyping import Bool, Float64
 from torch import Tensor
 
-from sextant.errors import ArgumentError
 from sextant.geometry.planar import se2_compose, se2_exp, wrap_angle
+from sextant.ranges import NonNegative, checked
 
 __all__ = ["ExponentialMotion", "IdentityMotion", "MotionModel", "OdometryMotion"]
 
@@ -56,22 +56,6 @@ class MotionModel(ABC):
         """The motion of each particle, as a function of standard normal noise."""
 
 
-def check_not_negative(argument: str, values: Sequence[float], count: int) -> None:
-    """Refuse anything but ``count`` finite numbers of at least 0.
-
-    Raises:
-        ArgumentError: names the argument and the values.
-
-    Example:
-        >>> check_not_negative("alphas", (0.1, 0.0), 2)
-    """
-    if len(values) != count or not all(0 <= value < float("inf") for value in values):
-        raise ArgumentError(
-            f"{argument}={list(values)} must be {count} finite numbers of at least 0",
-            f"For example {argument}=[{','.join(['0.1'] * count)}]",
-        )
-
-
 @dataclass(frozen=True)
 class IdentityMotion(MotionModel):
     """:math:`x_t = x_{t-1}`, whatever odometry reports. There is no noise, so particles never spread.
@@ -95,6 +79,7 @@ class IdentityMotion(MotionModel):
 STEPS_IF_UNKNOWN = 20.0
 
 
+@checked
 @dataclass(frozen=True)
 class ExponentialMotion(MotionModel):
     r""":math:`x_t = x_{t-1} \circ u_t \circ \exp(\epsilon)`, :math:`\epsilon \sim \mathcal N(0, \mathrm{diag}(v))`, and
@@ -122,15 +107,10 @@ class ExponentialMotion(MotionModel):
         0.2
     """
 
-    per_step: tuple[float, float, float] = (0.025, 0.01, 0.015)
-    per_metre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    per_radian: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    unknown: tuple[float, float, float] | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("per_step", "per_metre", "per_radian"):
-            check_not_negative(name, getattr(self, name), 3)
-        check_not_negative("unknown", self.if_unknown(), 3)
+    per_step: tuple[NonNegative, NonNegative, NonNegative] = (0.025, 0.01, 0.015)
+    per_metre: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
+    per_radian: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
+    unknown: tuple[NonNegative, NonNegative, NonNegative] | None = None
 
     def if_unknown(self) -> Sequence[float]:
         """``unknown``, or twenty times ``per_step``."""
@@ -147,6 +127,7 @@ class ExponentialMotion(MotionModel):
         return se2_compose(motion[:, None], se2_exp(noise * variance.sqrt()[:, None]))
 
 
+@checked
 @dataclass(frozen=True)
 class OdometryMotion(MotionModel):
     r"""The odometry model with four alphas; noiseless when they are 0.
@@ -175,14 +156,9 @@ class OdometryMotion(MotionModel):
         tensor([[[-1.,  0.,  0.]]], dtype=torch.float64)
     """
 
-    alphas: tuple[float, float, float, float] = (0.2, 0.2, 0.2, 0.2)
-    least_translation: float = 0.01
-    unknown: tuple[float, float, float] = (0.5, 0.2, 0.2)
-
-    def __post_init__(self) -> None:
-        check_not_negative("alphas", self.alphas, 4)
-        check_not_negative("least_translation", [self.least_translation], 1)
-        check_not_negative("unknown", self.unknown, 3)
+    alphas: tuple[NonNegative, NonNegative, NonNegative, NonNegative] = (0.2, 0.2, 0.2, 0.2)
+    least_translation: NonNegative = 0.01
+    unknown: tuple[NonNegative, NonNegative, NonNegative] = (0.5, 0.2, 0.2)
 
     def if_unknown(self) -> Sequence[float]:
         """``unknown``."""

@@ -24,16 +24,17 @@ M. Milford, "Probabilistic Appearance-Invariant Topometric Localization with New
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Annotated, Self
 
 import torch
+from annotated_types import Gt
 from jaxtyping import Float, Float64
 from torch import Tensor
 
 from sextant.errors import ArgumentError
 from sextant.geometry.planar import se2_compose
 from sextant.localization.map_support import heading_reach, map_spacing
-from sextant.localization.recovery.recovery import check_share
+from sextant.ranges import Positive, Share, checked
 
 #: range of distances below which they differ by rounding only
 LEAST_RANGE = 1e-12
@@ -41,6 +42,7 @@ LEAST_RANGE = 1e-12
 FURTHEST = 1e150
 
 
+@checked
 @dataclass(frozen=True)
 class TopologicalFilter:
     r"""The steps of the filter; the belief is passed to each step.
@@ -65,9 +67,9 @@ class TopologicalFilter:
     """
 
     poses: Float64[Tensor, "n 3"]
-    position_sigma: float
-    heading_sigma: float
-    jump: float = 1e-3
+    position_sigma: Positive
+    heading_sigma: Positive
+    jump: Share = 1e-3
 
     def __post_init__(self) -> None:
         if self.poses.ndim != 2 or self.poses.shape[1] != 3 or len(self.poses) == 0:
@@ -78,10 +80,6 @@ class TopologicalFilter:
         if not bool(self.poses.isfinite().all()):
             raise ArgumentError("poses must be finite", "Provide images with known poses.")
         object.__setattr__(self, "poses", self.poses.double())
-        for name in ("position_sigma", "heading_sigma"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ArgumentError(f"{name}={getattr(self, name)} must be above 0 and finite", f"For example {name}=1")
-        check_share("jump", self.jump)
 
     @classmethod
     def of(cls, poses: Float64[Tensor, "n 3"], jump: float = 1e-3) -> Self:
@@ -141,7 +139,8 @@ class TopologicalFilter:
         return torch.cat([poses[:, :2] / self.position_sigma, turned], dim=1)
 
 
-def likelihood_rate(distances: Float[Tensor, " n"], odds: float = 5.0) -> float:
+@checked
+def likelihood_rate(distances: Float[Tensor, " n"], odds: Annotated[float, Gt(1)] = 5.0) -> float:
     r"""The rate :math:`\lambda`, from the distances of an image to all of a map; 0 if they are all equal.
 
     Args:
@@ -159,8 +158,6 @@ def likelihood_rate(distances: Float[Tensor, " n"], odds: float = 5.0) -> float:
         0.0
     """
     _check(distances, len(distances))
-    if not 1 < odds < math.inf:
-        raise ArgumentError(f"odds={odds} must be above 1 and finite", "odds=5")
     low, high = torch.quantile(distances.double(), distances.new_tensor([0.025, 0.975]).double()).tolist()
     return math.log(odds) / (high - low) if high - low > LEAST_RANGE else 0.0
 

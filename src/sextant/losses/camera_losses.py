@@ -2,17 +2,18 @@
 
 import math
 from abc import abstractmethod
-from typing import Literal, get_args
+from typing import Annotated, Literal
 
 import torch
+from annotated_types import Ge, Le
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from sextant.errors import ArgumentError
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, perspective_bearings
 from sextant.geometry.field_fit import BelievedField
 from sextant.geometry.perspective_field import PerspectiveField, field_errors
 from sextant.geometry.rotations import rotation_from_tilt_roll, up_in_camera
+from sextant.ranges import Positive, checked
 
 
 class CameraLoss(nn.Module):
@@ -87,14 +88,11 @@ class ParameterLoss(CameraLoss):
 
     scale: Tensor
 
-    def __init__(self, space: ParameterSpace, *, units: Units = "range", penalty: Penalty = "l2", delta: float = 1.0):
+    @checked
+    def __init__(
+        self, space: ParameterSpace, *, units: Units = "range", penalty: Penalty = "l2", delta: Positive = 1.0
+    ):
         super().__init__(space)
-        if units not in get_args(Units):
-            raise ArgumentError(f"units={units!r} must be one of {', '.join(get_args(Units))}", "units=range")
-        if penalty not in get_args(Penalty):
-            raise ArgumentError(f"penalty={penalty!r} must be one of {', '.join(get_args(Penalty))}", "penalty=l2")
-        if not delta > 0:
-            raise ArgumentError(f"delta={delta} must be above 0", "For example delta=1.0")
         self.penalty, self.delta = penalty, delta
         self.paced: nn.Parameter | None = None
         if units == "learned":
@@ -182,12 +180,9 @@ class BearingLoss(CameraLoss):
 
     weights: Tensor
 
-    def __init__(self, space: ParameterSpace, *, mode: Mode = "disentangled", grid: int = 7):
+    @checked
+    def __init__(self, space: ParameterSpace, *, mode: Mode = "disentangled", grid: Annotated[int, Ge(2), Le(64)] = 7):
         super().__init__(space)
-        if mode not in get_args(Mode):
-            raise ArgumentError(f"mode={mode!r} must be one of {', '.join(get_args(Mode))}", "mode=disentangled")
-        if grid < 2:
-            raise ArgumentError(f"grid={grid} must be at least 2 points per side", "For example grid=7")
         self.mode, self.grid = mode, grid
         weights = harmonic_weights(space, grid) if mode == "harmonic" else torch.full((4,), 0.25)
         self.register_buffer("weights", weights.float(), persistent=False)
@@ -280,7 +275,8 @@ class PoseLensLoss(CameraLoss):
         0.1
     """
 
-    def __init__(self, space: ParameterSpace, *, focal_weight: float = 0.5, bend_weight: float = 0.5):
+    @checked
+    def __init__(self, space: ParameterSpace, *, focal_weight: Positive = 0.5, bend_weight: Positive = 0.5):
         super().__init__(space)
         self.focal_weight, self.bend_weight = focal_weight, bend_weight
 

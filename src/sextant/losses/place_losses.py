@@ -1,14 +1,15 @@
 """Losses that make place descriptors similar for images of one place and different for others."""
 
 from abc import abstractmethod
-from typing import NamedTuple, TypeAlias
+from typing import Annotated, NamedTuple, TypeAlias
 
 import torch
 import torch.nn.functional as F
+from annotated_types import Ge, Le
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
 
-from sextant.errors import ArgumentError
+from sextant.ranges import NonNegative, Positive, checked
 from sextant.retrieval import Relation, all_triplets
 
 #: which images are to be compared: all pairs of a relation, or triplets of indices
@@ -133,10 +134,9 @@ class ContrastiveLoss(PlaceLoss):
         tensor(0.1000)
     """
 
-    def __init__(self, *, margin: float = 0.5):
+    @checked
+    def __init__(self, *, margin: Positive = 0.5):
         super().__init__()
-        if not 0 < margin < float("inf"):
-            raise ArgumentError(f"margin={margin} must be above 0", "For example margin=0.5")
         self.margin = margin
 
     def forward(self, descriptors: Float[Tensor, "b d"], pairing: Pairing) -> PlaceLossOutput:
@@ -179,10 +179,9 @@ class TripletMarginLoss(TripletLoss):
         tensor(0.3000)
     """
 
-    def __init__(self, *, margin: float = 0.1, squared: bool = False):
+    @checked
+    def __init__(self, *, margin: Positive = 0.1, squared: bool = False):
         super().__init__()
-        if not 0 < margin < float("inf"):
-            raise ArgumentError(f"margin={margin} must be above 0", "For example margin=0.1")
         self.margin, self.squared = margin, squared
 
     def of_distances(
@@ -234,15 +233,11 @@ class TripletRatioLoss(TripletLoss):
         tensor(0.7500)
     """
 
-    def __init__(self, *, margin: float = SMALLEST_MARGIN, pair_weight: float = 0.0):
+    @checked
+    def __init__(
+        self, *, margin: Annotated[float, Ge(SMALLEST_MARGIN)] = SMALLEST_MARGIN, pair_weight: NonNegative = 0.0
+    ):
         super().__init__()
-        if not SMALLEST_MARGIN <= margin < float("inf"):
-            raise ArgumentError(
-                f"margin={margin} must be at least {SMALLEST_MARGIN}: the gradient grows like 1/margin",
-                f"margin={SMALLEST_MARGIN}",
-            )
-        if not 0 <= pair_weight < float("inf"):
-            raise ArgumentError(f"pair_weight={pair_weight} must be at least 0", "pair_weight=0")
         self.margin, self.pair_weight = margin, pair_weight
 
     def of_distances(
@@ -276,10 +271,9 @@ class SoftMarginLoss(TripletLoss):
         tensor(0.6931)
     """
 
-    def __init__(self, *, scale: float = 1.0):
+    @checked
+    def __init__(self, *, scale: Positive = 1.0):
         super().__init__()
-        if not 0 < scale < float("inf"):
-            raise ArgumentError(f"scale={scale} must be above 0", "For example scale=1.0")
         self.scale = scale
 
     def of_distances(
@@ -320,15 +314,16 @@ class MultiSimilarityLoss(PlaceLoss):
         tensor(0.1201)
     """
 
-    def __init__(self, *, alpha: float = 2.0, beta: float = 50.0, base: float = 0.5, epsilon: float | None = 0.1):
+    @checked
+    def __init__(
+        self,
+        *,
+        alpha: Positive = 2.0,
+        beta: Positive = 50.0,
+        base: Annotated[float, Ge(-1), Le(1)] = 0.5,
+        epsilon: NonNegative | None = 0.1,
+    ):
         super().__init__()
-        for name, value in (("alpha", alpha), ("beta", beta)):
-            if not 0 < value < float("inf"):
-                raise ArgumentError(f"{name}={value} must be above 0", "alpha=2 beta=50")
-        if not -1 <= base <= 1:
-            raise ArgumentError(f"base={base} must be in [-1, 1]", "For example base=0.5")
-        if epsilon is not None and not 0 <= epsilon < float("inf"):
-            raise ArgumentError(f"epsilon={epsilon} must be at least 0, or null", "For example epsilon=0.1")
         self.alpha, self.beta, self.base, self.epsilon = alpha, beta, base, epsilon
 
     def forward(self, descriptors: Float[Tensor, "b d"], pairing: Pairing) -> PlaceLossOutput:
@@ -391,10 +386,9 @@ class InfoNCELoss(PlaceLoss):
         tensor(0.6931)
     """
 
-    def __init__(self, *, temperature: float = 0.07):
+    @checked
+    def __init__(self, *, temperature: Positive = 0.07):
         super().__init__()
-        if not 0 < temperature < float("inf"):
-            raise ArgumentError(f"temperature={temperature} must be above 0", "For example temperature=0.07")
         self.temperature = temperature
 
     def forward(self, descriptors: Float[Tensor, "b d"], pairing: Pairing) -> PlaceLossOutput:

@@ -12,11 +12,14 @@ of A. Krizhevsky, "One weird trick for parallelizing convolutional neural networ
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from typing import Annotated
 
+from annotated_types import Ge, Lt
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from sextant.models.standardize import Standardize
+from sextant.ranges import Count, checked
 
 
 class AlexNetCifar(nn.Module):
@@ -39,14 +42,15 @@ class AlexNetCifar(nn.Module):
         torch.Size([2, 10])
     """
 
+    @checked
     def __init__(
         self,
         in_channels: int,
         image_size: tuple[int, int],
         num_classes: int,
         *,
-        hidden: int = 4096,
-        dropout: float = 0.5,
+        hidden: Count = 4096,
+        dropout: Annotated[float, Ge(0), Lt(1)] = 0.5,
         mean: Sequence[float] | None = None,
         std: Sequence[float] | None = None,
     ):

@@ -6,14 +6,18 @@ for every growth rate, as in Strisciuglio et al. 2020. Layers are named as in to
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from typing import Annotated
 
 import torch
 import torch.nn.functional as F
+from annotated_types import Ge, Le
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.errors import ArgumentError
 from sextant.models.resnet_cifar import he_normal
 from sextant.models.standardize import Standardize
+from sextant.ranges import Count, checked
 
 FIRST_WIDTH = 24
 BOTTLENECK = 4
@@ -72,20 +76,21 @@ class DenseNetCifar(nn.Module):
         176122
     """
 
+    @checked
     def __init__(
         self,
         in_channels: int,
         image_size: tuple[int, int],
         num_classes: int,
         *,
-        depth: int = 40,
-        growth: int = 12,
+        depth: Annotated[int, Ge(10), Le(1000)] = 40,
+        growth: Count = 12,
         mean: Sequence[float] | None = None,
         std: Sequence[float] | None = None,
     ):
         super().__init__()
-        if depth < 10 or (depth - 4) % 6 or growth < 1:
-            raise ValueError(f"depth must be 10, 16, 22, ... and growth at least 1, got {depth} and {growth}")
+        if (depth - 4) % 6:
+            raise ArgumentError(f"depth={depth} must be 6 n + 4, for example 40 or 100")
         if min(image_size) < 4:
             raise ValueError(f"DenseNet needs images of at least 4x4 pixels, got {image_size[0]}x{image_size[1]}")
         layers = (depth - 4) // 6

@@ -1,9 +1,10 @@
 """EfficientNet-Lite0, with or without ImageNet weights: a trunk that can be cut off after any stage."""
 
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import torch
 import torch.nn.functional as F
+from annotated_types import Ge, Gt, Le
 from jaxtyping import Float
 from torch import Tensor, nn
 
@@ -12,6 +13,7 @@ from sextant.layers.cell_means import cell_means
 from sextant.models.convolutions import DepthwiseConv2d
 from sextant.models.fine_tuning import freeze, set_rate_factors
 from sextant.models.trunk import TrunkInput, imagenet_weights
+from sextant.ranges import Count, checked
 
 WIDTH, CLASSES = 32, 1000
 
@@ -106,20 +108,22 @@ class EfficientNetLite0(nn.Module):
         torch.Size([2, 64])
     """
 
+    @checked
     def __init__(
         self,
         in_channels: int,
         image_size: tuple[int, int],
         num_classes: int,
         *,
-        stages: int = 8,
-        grid: tuple[int, int] = (1, 1),
+        stages: Annotated[int, Ge(1), Le(8)] = 8,
+        grid: tuple[Count, Count] = (1, 1),
         weights: Literal["imagenet"] | None = None,
-        frozen_stages: int = 0,
-        rate_decay: float = 1.0,
+        frozen_stages: Annotated[int, Ge(0), Le(8)] = 0,
+        rate_decay: Annotated[float, Gt(0), Le(1)] = 1.0,
     ):
+        if frozen_stages > stages:
+            raise ArgumentError(f"frozen_stages={frozen_stages} must be at most stages={stages}")
         super().__init__()
-        _check(stages, frozen_stages, weights)
         self.normalize = TrunkInput(in_channels, (0.5,) * 3, (0.5,) * 3)
         self.stem = _convolution(self.normalize.out_channels, WIDTH, 3, 2)
         kept: list[nn.Module] = []
@@ -181,12 +185,3 @@ def efficientnet_lite0_classifier() -> EfficientNetLite0:
 def _names() -> list[str]:
     with torch.device("meta"):
         return list(EfficientNetLite0(3, (224, 224), CLASSES).state_dict())
-
-
-def _check(stages: int, frozen_stages: int, weights: str | None) -> None:
-    if not 1 <= stages <= len(STAGES) + 1:
-        raise ArgumentError(f"stages={stages} must be 1 to {len(STAGES) + 1}")
-    if not 0 <= frozen_stages <= stages:
-        raise ArgumentError(f"frozen_stages={frozen_stages} must be 0 to stages={stages}")
-    if weights not in (None, "imagenet"):
-        raise ArgumentError(f"weights={weights!r} must be 'imagenet' or None")

@@ -10,6 +10,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.ranges import checked
+
 Variant = Literal["A", "B", "C", "D"]
 
 #: variant -> channels of the two convolutions, units of the two hidden layers
@@ -39,6 +41,7 @@ class LeNet(nn.Module):
         torch.Size([2, 10])
     """
 
+    @checked
     def __init__(self, variant: Variant, in_channels: int, image_size: tuple[int, int], num_classes: int):
         super().__init__()
         first, second, hidden1, hidden2 = WIDTHS[variant]

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from sextant.errors import UserError, how_to_install
 from sextant.models.standardize import Standardize
 from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD
+from sextant.ranges import Count, checked
 
 #: height and width of images for a network that leaves them open, as the photos of common test sets
 USUAL_SIZE = (480, 640)
@@ -37,8 +38,9 @@ class OnnxPlaceNet(nn.Module):
 
     model: Tensor
 
+    @checked
     def __init__(
-        self, in_channels: int, image_size: tuple[int, int], num_classes: int, *, length: int, standardized: bool
+        self, in_channels: int, image_size: tuple[int, int], num_classes: int, *, length: Count, standardized: bool
     ):
         super().__init__()
         self.dimension = num_classes

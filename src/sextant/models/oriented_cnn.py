@@ -14,15 +14,18 @@ Source: N. Dalal, B. Triggs, "Histograms of oriented gradients for human detecti
 """
 
 import math
+from typing import Annotated, Literal
 
 import torch
 import torch.nn.functional as F
+from annotated_types import Ge, Le
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from sextant.layers.cell_means import cell_means
 from sextant.layers.depth_first import depth_first
 from sextant.models.convolutions import convolutions
+from sextant.ranges import Channels, Count, checked
 
 #: gradient, per pixel of an image in [-1, 1], below which there is no edge
 FAINT = 0.01
@@ -99,17 +102,18 @@ class OrientedCNN(nn.Module):
         torch.Size([2, 8])
     """
 
+    @checked
     def __init__(
         self,
         in_channels: int,
         image_size: tuple[int, int],
         num_classes: int,
         *,
-        widths: tuple[int, ...] = (48, 96, 128, 160),
-        strides: tuple[int, ...] = (1, 2, 2, 1),
-        orientations: int = 10,
-        cell: int = 4,
-        grid: tuple[int, int] = (3, 4),
+        widths: tuple[Channels, ...] = (48, 96, 128, 160),
+        strides: tuple[Literal[1, 2], ...] = (1, 2, 2, 1),
+        orientations: Annotated[int, Ge(2), Le(64)] = 10,
+        cell: Annotated[int, Ge(1), Le(32)] = 4,
+        grid: tuple[Count, Count] = (3, 4),
     ):
         super().__init__()
         if in_channels < 3:

@@ -6,13 +6,16 @@ image alone; batch statistics would mix the conditions of a batch.
 """
 
 import math
+from typing import Annotated, Literal
 
 import torch
 import torch.nn.functional as F
+from annotated_types import Ge, Le
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from sextant.models.convolutions import convolutions
+from sextant.ranges import Channels, checked
 
 #: contrast, of images in [-1, 1], below which it is suppressed as noise
 FAINT = 0.02
@@ -76,15 +79,16 @@ class PlaceCNN(nn.Module):
         torch.Size([2, 128, 8, 12])
     """
 
+    @checked
     def __init__(
         self,
         in_channels: int,
         image_size: tuple[int, int],
         num_classes: int,
         *,
-        widths: tuple[int, ...] = (32, 64, 96, 128),
-        strides: tuple[int, ...] = (1, 2, 2, 2),
-        window: int | None = 9,
+        widths: tuple[Channels, ...] = (32, 64, 96, 128),
+        strides: tuple[Literal[1, 2], ...] = (1, 2, 2, 2),
+        window: Annotated[int, Ge(3), Le(255)] | None = 9,
     ):
         super().__init__()
         if min(image_size) < math.prod(strides):

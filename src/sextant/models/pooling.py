@@ -3,14 +3,17 @@
 import math
 import warnings
 from abc import abstractmethod
+from typing import Annotated
 
 import torch
 import torch.nn.functional as F
+from annotated_types import Ge, Le
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from sextant.errors import ArgumentError
 from sextant.layers.cell_means import cell_means
+from sextant.ranges import Count, Positive, checked
 
 __all__ = ["Average", "FeatureMixer", "Flatten", "GeM", "NetVLAD", "Pooling"]
 
@@ -77,7 +80,8 @@ class Flatten(Pooling):
         tensor([[2.5000, 4.5000]])
     """
 
-    def __init__(self, channels: int, size: tuple[int, int], *, grid: tuple[int, int] | None = None):
+    @checked
+    def __init__(self, channels: int, size: tuple[int, int], *, grid: tuple[Count, Count] | None = None):
         height, width = size if grid is None else grid
         if not (1 <= height <= size[0] and 1 <= width <= size[1]):
             raise ValueError(f"a grid of {height}x{width} does not fit a map of {size[0]}x{size[1]}")
@@ -91,7 +95,7 @@ class Flatten(Pooling):
 
 SMALLEST_FEATURE = 1e-6
 #: p is clamped to this range: beyond it, powers would overflow in float32, or the mean would be meaningless
-P_RANGE = (1.0, 12.0)
+P_RANGE = (1, 12)
 
 
 def generalised_mean(x: Float[Tensor, "b c h w"], p: Float[Tensor, ""] | float) -> Float[Tensor, "b c"]:
@@ -126,10 +130,16 @@ class GeM(Pooling):
 
     p: Tensor
 
-    def __init__(self, channels: int, size: tuple[int, int], *, p: float = 3.0, train_p: bool = True):
+    @checked
+    def __init__(
+        self,
+        channels: int,
+        size: tuple[int, int],
+        *,
+        p: Annotated[float, Ge(P_RANGE[0]), Le(P_RANGE[1])] = 3.0,
+        train_p: bool = True,
+    ):
         super().__init__(channels, size, channels)
-        if not P_RANGE[0] <= p <= P_RANGE[1]:
-            raise ArgumentError(f"p={p} must be in [{P_RANGE[0]:g}, {P_RANGE[1]:g}]", "p=3")
         self.p = nn.Parameter(torch.tensor(float(p)), requires_grad=train_p)
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c"]:
@@ -192,20 +202,18 @@ class FeatureMixer(Pooling):
         (torch.Size([2, 64]), True)
     """
 
+    @checked
     def __init__(
         self,
         channels: int,
         size: tuple[int, int],
         *,
-        out_channels: int = 64,
-        out_rows: int = 4,
-        depth: int = 4,
-        ratio: float = 1.0,
+        out_channels: Count = 64,
+        out_rows: Count = 4,
+        depth: Count = 4,
+        ratio: Positive = 1.0,
     ):
         super().__init__(channels, size, out_channels * out_rows)
-        for name, value in (("out_channels", out_channels), ("out_rows", out_rows), ("depth", depth)):
-            if value < 1:
-                raise ArgumentError(f"{name}={value} must be at least 1", f"For example {name}=4")
         cells = size[0] * size[1]
         if not 1 <= cells * ratio < float("inf"):
             raise ArgumentError(f"ratio={ratio} leaves no hidden unit for {cells} cells", "ratio=1")
@@ -259,10 +267,9 @@ class NetVLAD(Pooling):
         True
     """
 
-    def __init__(self, channels: int, size: tuple[int, int], *, clusters: int = 16):
+    @checked
+    def __init__(self, channels: int, size: tuple[int, int], *, clusters: Annotated[int, Ge(2), Le(1024)] = 16):
         super().__init__(channels, size, channels * clusters)
-        if clusters < 2:
-            raise ArgumentError(f"clusters={clusters} must be at least 2", "For example clusters=16")
         self.centres = nn.Parameter(F.normalize(torch.randn(clusters, channels), dim=1))
         self.assignment = nn.Linear(channels, clusters)
         self._assign_to_centres(START_ALPHA)
@@ -329,14 +336,15 @@ class CellsAndVLAD(NetVLAD):
         UserError: there are fewer than two clusters.
     """
 
+    @checked
     def __init__(
         self,
         channels: int,
         size: tuple[int, int],
         *,
-        clusters: int = 32,
-        grid: tuple[int, int] = (4, 6),
-        cells: float = 1.0,
+        clusters: Annotated[int, Ge(2), Le(1024)] = 32,
+        grid: tuple[Count, Count] = (4, 6),
+        cells: Positive = 1.0,
     ):
         super().__init__(channels, size, clusters=clusters)
         self.grid, self.cells = (grid[0], grid[1]), cells

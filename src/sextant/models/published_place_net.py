@@ -15,6 +15,7 @@ from sextant.models.standardize import Standardize
 from sextant.models.torchvision_backbone import resnet_stages, vgg16_map
 from sextant.models.transported_features import TransportedFeatures
 from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD
+from sextant.ranges import Count, checked
 
 Kind = Literal["boq", "salad", "megaloc", "mixvpr", "cosplace", "netvlad"]
 Trunk = Literal["vit", "resnet_basic", "resnet_bottleneck", "vgg16"]
@@ -67,6 +68,7 @@ class PublishedPlaceNet(nn.Module):
         torch.Size([2, 32])
     """
 
+    @checked
     def __init__(
         self,
         in_channels: int,
@@ -75,7 +77,7 @@ class PublishedPlaceNet(nn.Module):
         *,
         kind: Kind,
         trunk: Trunk,
-        blocks: Sequence[int],
+        blocks: Sequence[Count],
         sizes: Mapping[str, int],
     ):
         super().__init__()

@@ -6,13 +6,17 @@ torchvision's ResNet.
 """
 
 from collections.abc import Sequence
+from typing import Annotated
 
 import torch
 import torch.nn.functional as F
+from annotated_types import Ge, Le
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.errors import ArgumentError
 from sextant.models.standardize import Standardize
+from sextant.ranges import checked
 
 WIDTHS = (16, 32, 64)
 
@@ -58,19 +62,20 @@ class ResNetCifar(nn.Module):
         272474
     """
 
+    @checked
     def __init__(
         self,
         in_channels: int,
         image_size: tuple[int, int],
         num_classes: int,
         *,
-        depth: int = 20,
+        depth: Annotated[int, Ge(8), Le(1202)] = 20,
         mean: Sequence[float] | None = None,
         std: Sequence[float] | None = None,
     ):
         super().__init__()
-        if depth < 8 or (depth - 2) % 6:
-            raise ValueError(f"depth must be 6 n + 2, for example 20, 32, 44 or 56; got {depth}")
+        if (depth - 2) % 6:
+            raise ArgumentError(f"depth={depth} must be 6 n + 2, for example 20, 32, 44 or 56")
         if min(image_size) < 4:
             raise ValueError(f"ResNet needs images of at least 4x4 pixels, got {image_size[0]}x{image_size[1]}")
         blocks = (depth - 2) // 6

@@ -8,29 +8,32 @@ transformations for deep neural networks", CVPR 2017; K. He et al., CVPR 2016. N
 """
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 import torch.nn.functional as F
+from annotated_types import Ge, Le
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from sextant.models.resnet_cifar import he_normal
 from sextant.models.standardize import Standardize
+from sextant.ranges import Count, Positive, checked
 
 Kind = Literal["wide_resnet", "resnext", "resnet18"]
 
 
+@checked
 def robustbench_net(
     in_channels: int,
     image_size: tuple[int, int],
     num_classes: int,
     *,
     kind: Kind = "wide_resnet",
-    depth: int = 28,
-    width: int = 10,
-    groups: int = 1,
+    depth: Annotated[int, Ge(10), Le(1000)] = 28,
+    width: Count = 10,
+    groups: Count = 1,
     mean: Sequence[float] | None = None,
-    std: Sequence[float] | None = None,
+    std: Sequence[Positive] | None = None,
 ) -> nn.Module:
     """A network of one of these kinds, with new weights.
 

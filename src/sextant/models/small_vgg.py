@@ -9,6 +9,8 @@ import math
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.ranges import Count, checked
+
 
 class SmallVGG(nn.Module):
     """Stages of convolutions with batch normalisation and ReLU; 2x2 max pooling between them; a linear layer.
@@ -32,14 +34,15 @@ class SmallVGG(nn.Module):
         torch.Size([2, 64, 7, 7])
     """
 
+    @checked
     def __init__(
         self,
         in_channels: int,
         image_size: tuple[int, int],
         num_classes: int,
         *,
-        widths: tuple[int, ...] = (16, 32, 64),
-        depths: tuple[int, ...] = (1, 2, 2),
+        widths: tuple[Count, ...] = (16, 32, 64),
+        depths: tuple[Count, ...] = (1, 2, 2),
     ):
         super().__init__()
         if len(widths) != len(depths):

@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from sextant.layers.cell_means import cell_means
 from sextant.models.convolutions import convolutions
+from sextant.ranges import Channels, Count, checked
 
 
 class StridedCNN(nn.Module):
@@ -32,14 +33,15 @@ class StridedCNN(nn.Module):
         (torch.Size([2, 160, 6, 8]), torch.Size([2, 8]))
     """
 
+    @checked
     def __init__(
         self,
         in_channels: int,
         image_size: tuple[int, int],
         num_classes: int,
         *,
-        widths: tuple[int, ...] = (24, 48, 96, 128, 160),
-        grid: tuple[int, int] = (3, 4),
+        widths: tuple[Channels, ...] = (24, 48, 96, 128, 160),
+        grid: tuple[Count, Count] = (3, 4),
     ):
         super().__init__()
         smallest = tuple(math.ceil(side / 2 ** (len(widths) - 1)) for side in image_size)

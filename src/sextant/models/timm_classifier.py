@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from sextant.models.standardize import Standardize
 from sextant.models.timm_backbone import timm_backbone
+from sextant.ranges import Positive, checked
 
 
 class TimmClassifier(nn.Module):
@@ -26,6 +27,7 @@ class TimmClassifier(nn.Module):
         >>> network = TimmClassifier(3, (32, 32), 7, name="resnet10t", mean=[0.5] * 3, std=[0.5] * 3)  # doctest: +SKIP
     """
 
+    @checked
     def __init__(
         self,
         in_channels: int,
@@ -34,7 +36,7 @@ class TimmClassifier(nn.Module):
         *,
         name: str,
         mean: Sequence[float],
-        std: Sequence[float],
+        std: Sequence[Positive],
     ):
         super().__init__()
         self.standardize = Standardize(in_channels, mean, std)

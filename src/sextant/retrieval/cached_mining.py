@@ -1,13 +1,13 @@
 """Mining of hard negatives in the whole training set, by descriptors that were computed some steps ago."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from sextant.errors import ArgumentError
+from sextant.ranges import Count, checked
 from sextant.retrieval.relations import Places, Tolerance, relations
 from sextant.retrieval.triplet_mining import Mined, draw_column
 
@@ -17,6 +17,7 @@ Positive = Literal["nearest", "random", "furthest"]
 BLOCK = 2**20
 
 
+@checked
 @dataclass(frozen=True)
 class CachedHardMining:
     """For each of some anchors, the nearest negatives among a sample of the training set.
@@ -35,19 +36,11 @@ class CachedHardMining:
         UserError: a count is below 1, or ``positive`` is unknown.
     """
 
-    refresh: int = 100
-    anchors: int = 1000
-    candidates: int = 1000
-    negatives: int = 10
+    refresh: Count = 100
+    anchors: Count = 1000
+    candidates: Count = 1000
+    negatives: Count = 10
     positive: Positive = "nearest"
-
-    def __post_init__(self) -> None:
-        for name in ("refresh", "anchors", "candidates", "negatives"):
-            if getattr(self, name) < 1:
-                raise ArgumentError(f"{name}={getattr(self, name)} must be at least 1", f"For example {name}=100")
-        if self.positive not in get_args(Positive):
-            allowed = ", ".join(get_args(Positive))
-            raise ArgumentError(f"positive={self.positive!r} must be one of {allowed}", "positive=nearest")
 
     @torch.no_grad()
     def __call__(

@@ -24,7 +24,7 @@ import torch
 from jaxtyping import Bool, Float, Int64, Shaped
 from torch import Tensor
 
-from sextant.errors import ArgumentError
+from sextant.ranges import Count, Positive, checked
 from sextant.retrieval.relations import Relation
 
 
@@ -63,6 +63,7 @@ class NoMining:
         return _mined(relation, *all_triplets(relation).unbind(1))
 
 
+@checked
 @dataclass(frozen=True)
 class RandomMining:
     """Draws positives and negatives uniformly.
@@ -74,11 +75,7 @@ class RandomMining:
         UserError: ``per_anchor`` is below 1.
     """
 
-    per_anchor: int = 1
-
-    def __post_init__(self) -> None:
-        if self.per_anchor < 1:
-            raise ArgumentError(f"per_anchor={self.per_anchor} must be at least 1", "per_anchor=1")
+    per_anchor: Count = 1
 
     def __call__(
         self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
@@ -90,6 +87,7 @@ class RandomMining:
         return _mined(relation, anchor, positive, negative)
 
 
+@checked
 @dataclass(frozen=True)
 class SemiHardMining:
     """For every pair of anchor and positive, draws a negative with ``d+ < d- < d+ + margin``.
@@ -101,11 +99,7 @@ class SemiHardMining:
         UserError: ``margin`` is not positive.
     """
 
-    margin: float = 0.1
-
-    def __post_init__(self) -> None:
-        if not self.margin > 0:
-            raise ArgumentError(f"margin={self.margin} must be above 0", "For example margin=0.1")
+    margin: Positive = 0.1
 
     def __call__(
         self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None

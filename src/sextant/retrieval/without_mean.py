@@ -9,20 +9,21 @@ counts as ten images:
 The result is scaled to norm one again.
 """
 
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
 from sextant.errors import ArgumentError
+from sextant.ranges import checked
 
 Centring = Literal["none", "running", "all"]
-CENTRINGS: tuple[Centring, ...] = get_args(Centring)
 #: weight of the map's mean in a running mean, in images
 PRIOR_IMAGES = 10
 
 
+@checked
 def centred(
     reference: Float32[ndarray, "n d"], query: Float32[ndarray, "m d"], centring: Centring
 ) -> tuple[Float32[ndarray, "n d"], Float32[ndarray, "m d"]]:
@@ -36,8 +37,6 @@ def centred(
     Raises:
         ArgumentError: ``centring`` is unknown, or is ``all`` for a single query.
     """
-    if centring not in CENTRINGS:
-        raise ArgumentError(f"centring={centring} must be one of {', '.join(CENTRINGS)}", "centring=none")
     if centring == "none":
         return reference, query
     if centring == "all" and len(query) == 1:

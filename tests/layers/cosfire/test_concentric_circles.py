@@ -8,6 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sextant.errors import ArgumentError
 from sextant.layers.cosfire import ConcentricCircles
 
 GRID = torch.tensor([[4.0, 0.0], [8.0, 0.0], [4.0, 1.0], [8.0, 1.0]], dtype=torch.float64)
@@ -104,5 +105,5 @@ def test_outside_the_maps_there_is_nothing():
 
 @pytest.mark.parametrize("options", [{"radii": ()}, {"radii": (-1.0,)}, {"t2": 1.5}])
 def test_circles_that_cannot_be_are_refused(options):
-    with pytest.raises(ValueError, match="circles need"):
+    with pytest.raises(ArgumentError, match=f"{next(iter(options))}=.* must be"):
         ConcentricCircles(**options)

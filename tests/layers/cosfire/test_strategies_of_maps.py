@@ -7,6 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sextant.errors import ArgumentError
 from sextant.layers.cosfire import ChannelPeaks, VectorKeypoints
 from sextant.layers.cosfire.strategies import keep_apart, peaks
 
@@ -105,5 +106,5 @@ def test_what_is_kept_apart_is_the_strongest_first():
 @pytest.mark.parametrize("options", [{"strength": 1.5}, {"window": -1}, {"most": 0}])
 @pytest.mark.parametrize("kind", [ChannelPeaks, VectorKeypoints])
 def test_strategies_that_cannot_be_are_refused(kind, options):
-    with pytest.raises(ValueError, match="need"):
+    with pytest.raises(ArgumentError, match=f"{next(iter(options))}=.* must be"):
         kind(**options)

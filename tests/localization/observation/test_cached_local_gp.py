@@ -212,9 +212,9 @@ def test_a_railway_works_where_all_y_and_headings_are_one():
     assert (model.predict(truth).mean - image).abs().max() < 0.02
 
 
-@pytest.mark.parametrize("blend", [0, 241])
-def test_a_blend_of_more_images_than_there_are_is_refused_with_the_key(blend):
-    with pytest.raises(UserError, match=rf"blend={blend}.*\[1, 240\]"):
+@pytest.mark.parametrize(("blend", "said"), [(0, "at least 1"), (241, r"\[1, 240\]")])
+def test_a_blend_of_more_images_than_there_are_is_refused_with_the_key(blend, said):
+    with pytest.raises(UserError, match=rf"blend={blend} must be .*{said}"):
         CachedLocalGP(blend=blend).fit(smooth_map(), KERNEL)
 
 

@@ -86,5 +86,5 @@ def test_a_saved_one_is_the_same(tmp_path):
 
 @pytest.mark.parametrize("headings", [[], [0.0], [1.0, -2.0], [math.nan], [math.inf]])
 def test_headings_that_are_none_are_refused(headings):
-    with pytest.raises(UserError, match=r"headings=.*must be factors above 0"):
+    with pytest.raises(UserError, match=r"headings=.*must be a list"):
         KernelMixture(headings=headings)

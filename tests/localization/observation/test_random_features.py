@@ -81,5 +81,5 @@ def test_it_tends_to_the_exact_process():
 
 @pytest.mark.parametrize("features", [0, 1, 7])
 def test_an_odd_number_of_features_is_refused(features):
-    with pytest.raises(UserError, match=rf"features={features} must be even"):
+    with pytest.raises(UserError, match=rf"features={features} must be at least 2 and a multiple of 2"):
         RandomFeatures(features)

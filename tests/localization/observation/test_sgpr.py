@@ -114,7 +114,7 @@ def test_no_inducing_pose_is_refused():
 
 
 def test_an_unknown_placement_is_refused():
-    with pytest.raises(UserError, match=r"placement=corners must be one of kmeans, every"):
+    with pytest.raises(UserError, match=r"placement='corners' must be one of kmeans, every"):
         SGPR(inducing=5, placement="corners")
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal, Self, get_args, overload
+from typing import Any, Literal, Self, overload
 
 from sextant.applications.failures import Errors, FailedPhoto, attempted, raise_failed, several
 from sextant.chapters.calibration.confidence import photo_camera
@@ -21,6 +21,7 @@ from sextant.chapters.calibration.priors import (
 )
 from sextant.errors import ArgumentError
 from sextant.kit.trained import read_trained
+from sextant.ranges import checked
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 
@@ -53,9 +54,8 @@ class PhotoCalibrator:
         UserError: there is no such method.
     """
 
+    @checked
     def __init__(self, network: CameraNetwork, method: Method = "joint"):
-        if method not in get_args(Method):
-            raise ArgumentError(f"method={method} must be one of {', '.join(get_args(Method))}")
         self.network, self.method = network.eval(), method
 
     @classmethod

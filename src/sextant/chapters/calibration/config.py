@@ -6,10 +6,11 @@ from pydantic import ConfigDict, Field, model_validator
 
 from sextant.config.schema.images import Dataset
 from sextant.config.schema.networks import Backbone, Inhibition
-from sextant.config.schema.parts import CHOSEN_BY_TARGET, Choice, Count, Node, Part, Positive, Seed
+from sextant.config.schema.parts import CHOSEN_BY_TARGET, Choice, Node, Part
 from sextant.config.schema.run import Config, TaskNode
-from sextant.config.schema.splits import BlockSide, BySplit, Conditions, ImageSide, Samples, Streets
+from sextant.config.schema.splits import BlockSide, BySplit, Conditions, Samples, Streets
 from sextant.config.schema.world_datasets import require_one_seed
+from sextant.ranges import Count, ImageSide, Positive, Seed
 
 
 class Parameterization(Part):

@@ -6,8 +6,9 @@ from pydantic import Field
 
 from sextant.config.schema.images import Augmentation
 from sextant.config.schema.networks import Backbone, Inhibition
-from sextant.config.schema.parts import Choice, Count, Seed, Share
+from sextant.config.schema.parts import Choice
 from sextant.config.schema.run import Config, TaskNode
+from sextant.ranges import Count, Seed, Share
 
 
 class ClassificationTask(TaskNode):

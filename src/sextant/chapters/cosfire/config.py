@@ -6,8 +6,9 @@ from pydantic import AfterValidator, Field
 
 from sextant.chapters.places.config import DescribingConfig, ToleranceByUnit
 from sextant.config.schema.images import Augmentation
-from sextant.config.schema.parts import Choice, Count, Node, NonNegative, Part, Positive, Seed, Share, distinct
+from sextant.config.schema.parts import Choice, Node, Part, distinct
 from sextant.config.schema.run import TaskNode
+from sextant.ranges import Count, NonNegative, Positive, Seed, Share
 
 UnitShare = Annotated[float, Field(ge=0, le=1)]
 Border = Literal["zeros", "replicate", "reflect", "circular"]
@@ -30,7 +31,7 @@ class GaborBank(Bank):
     """Gabor filters."""
 
     target: Literal["sextant.layers.cosfire.GaborBank"] = Field(alias="_target_")
-    wavelengths: Annotated[list[Annotated[float, Field(ge=2, le=1000)]], Field(min_length=1, examples=["[2.83,4]"])]
+    wavelengths: Annotated[list[Annotated[float, Field(gt=2, le=1000)]], Field(min_length=1, examples=["[2.83,4]"])]
     orientations: Count = Field(examples=[16])
     span_deg: Positive | None = Field(examples=[360.0])
     phase_deg: float = Field(examples=[90.0])

@@ -6,9 +6,9 @@ from pydantic import AfterValidator, Field, model_validator
 
 from sextant.chapters.places.config import DescribingConfig, Descriptor, Pooling, Traverses
 from sextant.config.schema.images import Dataset
-from sextant.config.schema.parts import Choice, Count, Node, NonNegative, Part, Positive, Seed, Share, distinct
+from sextant.config.schema.parts import Choice, Node, Part, distinct
 from sextant.config.schema.run import TaskNode
-from sextant.config.schema.splits import ImageSide
+from sextant.ranges import Count, ImageSide, NonNegative, Positive, Seed, Share
 
 
 class Drives(Dataset):
@@ -210,7 +210,7 @@ class RandomFeatures(Observation):
     """Random Fourier features."""
 
     target: Literal["sextant.localization.observation.RandomFeatures"] = Field(alias="_target_")
-    features: Count = Field(examples=[1000])
+    features: int = Field(ge=2, multiple_of=2, examples=[1000])
     seed: Seed = Field(examples=[0])
 
 

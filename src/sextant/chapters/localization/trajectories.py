@@ -29,6 +29,7 @@ from sextant.evaluation.trajectory_error import (
     relative_errors,
     segment_errors,
 )
+from sextant.ranges import NonNegative, checked
 from sextant.user_files import read_lines, table_header
 
 Format = Literal["TUM", "KITTI", "table", "euroc", "robotcar", "nclt"] | NamedFormat
@@ -118,8 +119,9 @@ class TrajectoryComparison:
         }
 
 
+@checked
 def compare_trajectories(
-    reference: Path | str, estimate: Path | str, *, max_gap_s: float = 0.01
+    reference: Path | str, estimate: Path | str, *, max_gap_s: NonNegative = 0.01
 ) -> TrajectoryComparison:
     """Compare two files of poses, both of TUM, EuRoC, RobotCar or NCLT (by nearest time) or both of KITTI (by line).
 
@@ -140,8 +142,6 @@ def compare_trajectories(
         >>> found = compare_trajectories("poses/00.txt", "estimates/00_ORB.txt")  # doctest: +SKIP
         >>> found.absolute_m["rigid"].rmse  # doctest: +SKIP
     """
-    if not 0 <= max_gap_s < np.inf:
-        raise ArgumentError(f"max_gap_s={max_gap_s:g} must be 0 or more, and finite", "max_gap_s=0.01")
     formats = {str(path): pose_format(path) for path in (reference, estimate)}
     if len({JOINED_BY[form] for form in formats.values()}) > 1:
         said = ", ".join(f"{path} ({form}) by {JOINED_BY[form]}" for path, form in formats.items())

@@ -6,9 +6,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from sextant.config.schema.images import Dataset
 from sextant.config.schema.networks import Backbone, Inhibition
-from sextant.config.schema.parts import Choice, Count, Node, NonNegative, Part, Positive, Seed
+from sextant.config.schema.parts import Choice, Node, Part
 from sextant.config.schema.run import Config, TaskNode
-from sextant.config.schema.splits import ImageSide
+from sextant.ranges import Count, ImageSide, NonNegative, Positive, Seed
 
 #: first frame, and the frame after the last
 FrameRange = Annotated[list[Annotated[int, Field(ge=0)] | None], Field(min_length=2, max_length=2)]
@@ -73,7 +73,7 @@ class GeM(Pooling):
     """Generalised means of the channels."""
 
     target: Literal["sextant.models.pooling.GeM"] = Field(alias="_target_")
-    p: float = Field(ge=1, le=100, examples=[3.0])
+    p: float = Field(ge=1, le=12, examples=[3.0])
     train_p: bool
 
 

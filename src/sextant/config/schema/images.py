@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from sextant.config.schema.parts import Choice, NonNegative, Part, Positive, Seed, Share, distinct
+from sextant.config.schema.parts import Choice, Part, distinct
+from sextant.ranges import NonNegative, Positive, Seed, Share
 
 
 class Dataset(Part):

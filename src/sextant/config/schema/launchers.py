@@ -4,7 +4,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from sextant.config.schema.parts import Count, Node, Positive
+from sextant.config.schema.parts import Node
+from sextant.ranges import Count, Positive
 
 
 class Launcher(Node):

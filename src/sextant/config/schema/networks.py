@@ -1,10 +1,11 @@
 """Networks, and the inhibition layers put into them."""
 
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from sextant.config.schema.parts import Count, NonNegative, Part, Positive
+from sextant.config.schema.parts import Part
+from sextant.ranges import Channels, Count, NonNegative, Positive
 
 
 class Backbone(Part):
@@ -57,7 +58,7 @@ class StridedCNN(Backbone):
     """A small convolutional network."""
 
     target: Literal["sextant.models.StridedCNN"] = Field(alias="_target_")
-    widths: list[Annotated[int, Field(ge=8, le=4096, multiple_of=8)]] = Field(min_length=2, examples=["[24,48,96]"])
+    widths: list[Channels] = Field(min_length=2, examples=["[24,48,96]"])
     grid: list[Count] = Field(min_length=2, max_length=2, examples=["[3,4]"])
 
 
@@ -65,7 +66,7 @@ class OrientedCNN(Backbone):
     """Convolutions on histograms of oriented gradients."""
 
     target: Literal["sextant.models.OrientedCNN"] = Field(alias="_target_")
-    widths: list[Annotated[int, Field(ge=8, le=4096, multiple_of=8)]] = Field(min_length=1, examples=["[48,96,128]"])
+    widths: list[Channels] = Field(min_length=1, examples=["[48,96,128]"])
     strides: list[Literal[1, 2]] = Field(min_length=1, examples=["[1,2,2]"])
     orientations: int = Field(ge=2, le=64, examples=[10])
     cell: int = Field(ge=1, le=32, examples=[4])
@@ -82,7 +83,7 @@ class PlaceCNN(Backbone):
     """A small network for places."""
 
     target: Literal["sextant.models.PlaceCNN"] = Field(alias="_target_")
-    widths: list[Annotated[int, Field(ge=8, le=4096, multiple_of=8)]] = Field(min_length=1, examples=["[32,64,96]"])
+    widths: list[Channels] = Field(min_length=1, examples=["[32,64,96]"])
     strides: list[Literal[1, 2]] = Field(min_length=1, examples=["[1,2,2]"])
     window: int | None = Field(ge=3, le=255, examples=[9])
 

@@ -106,10 +106,3 @@ def distinct(values: list[float]) -> list[float]:
     if len({f"{value:g}" for value in values}) < len(values):
         raise ValueError(f"values must differ, got {values}")
     return values
-
-
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Share = Annotated[float, Field(gt=0, lt=1)]
-Seed = Annotated[int, Field(ge=0, lt=2**31)]
-Count = Annotated[int, Field(ge=1)]

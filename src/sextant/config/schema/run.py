@@ -15,10 +15,11 @@ from pydantic import (
 
 from sextant.config.schema.images import Dataset, TestConditions
 from sextant.config.schema.launchers import AnyLauncher, LocalLauncher
-from sextant.config.schema.parts import Choice, CustomPart, Node, Seed, known_targets, named_targets
+from sextant.config.schema.parts import Choice, CustomPart, Node, known_targets, named_targets
 from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.training import Debug, Optimizer, Paths, Schedule, Tracking, Trainer
 from sextant.moved import with_present_names
+from sextant.ranges import Seed
 
 #: groups that every config listed when digests were first taken, those of other tasks as null
 LISTED = (

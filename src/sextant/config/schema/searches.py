@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from sextant.config.schema.parts import Count, Node, Seed, distinct
+from sextant.config.schema.parts import Node, distinct
+from sextant.ranges import Count, Seed
 
 Kind = Literal["uniform", "log_uniform", "int", "choice"]
 WRITTEN = re.compile(r"\s*([A-Za-z_]\w*)\s*\((.*)\)\s*", re.DOTALL)

@@ -5,7 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from sextant.config.schema.parts import Count, Node
+from sextant.config.schema.parts import Node
+from sextant.ranges import Count
 
 
 class BySplit(Node):
@@ -46,7 +47,6 @@ Streets = Annotated[
     Field(examples=["mytown.geojson"]),
     BeforeValidator(_map_or_maps),
 ]
-ImageSide = Annotated[int, Field(ge=16, le=4096)]
 Samples = Literal[1, 4, 9, 16]
 BlockSide = Annotated[float, Field(ge=60, le=400)]
 Conditions = Annotated[list[str | dict[str, Any]], Field(min_length=1, examples=["[summer_noon,winter_dusk]"])]

@@ -4,8 +4,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sextant.config.schema.parts import Count, Node
+from sextant.config.schema.parts import Node
 from sextant.config.schema.searches import Search, Seeds
+from sextant.ranges import Count
 
 
 def _block(text: str) -> str:

@@ -5,7 +5,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive, Share
+from sextant.config.schema.parts import Node, Part
+from sextant.ranges import Count, NonNegative, Positive, Share
 
 Folder = Annotated[str, AfterValidator(os.path.expanduser)]
 

@@ -5,8 +5,9 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from sextant.config.schema.images import Dataset
-from sextant.config.schema.parts import Count, Node, NonNegative, Positive, Seed
-from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileBySplit, ImageSide, Samples, Streets
+from sextant.config.schema.parts import Node
+from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileBySplit, Samples, Streets
+from sextant.ranges import Count, ImageSide, NonNegative, Positive, Seed
 
 
 def require_one_seed(seed: int, world: int | None) -> None:

@@ -2,16 +2,18 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import torch
 import torch.nn.functional as F
+from annotated_types import Ge, Gt, Le, MinLen
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from sextant.errors import UserError
 from sextant.layers.cosfire.blur import Border, gaussian_line, padded, twice_convolved
 from sextant.layers.cosfire.tolerance import Move
+from sextant.ranges import Count, Positive, checked
 
 
 class Bank(nn.Module, ABC):
@@ -136,28 +138,22 @@ class GaborBank(SteerableBank):
         border: how images continue beyond their border.
 
     Raises:
-        ValueError: no wavelength, one that pixels cannot resolve (2 or less), no orientation, or a bandwidth or aspect
-            that is not positive.
+        ArgumentError: no wavelength, one that pixels cannot resolve (2 or less), no orientation, or a bandwidth or
+            aspect that is not positive.
     """
 
+    @checked
     def __init__(
         self,
-        wavelengths: tuple[float, ...] = (4.0,),
-        orientations: int = 8,
-        span_deg: float | None = None,
+        wavelengths: Annotated[tuple[Annotated[float, Gt(2), Le(1000)], ...], MinLen(1)] = (4.0,),
+        orientations: Count = 8,
+        span_deg: Positive | None = None,
         phase_deg: float = 180.0,
-        bandwidth: float = 2.0,
-        aspect: float = 0.5,
+        bandwidth: Positive = 2.0,
+        aspect: Positive = 0.5,
         border: Border = "replicate",
     ):
         super().__init__()
-        if not wavelengths or min(wavelengths) <= 2 or orientations < 1:
-            raise ValueError(
-                f"Gabor filters need wavelengths above 2 pixels and an orientation; got {wavelengths} "
-                f"and {orientations}"
-            )
-        if bandwidth <= 0 or aspect <= 0:
-            raise ValueError(f"bandwidth and aspect of Gabor filters must be positive, got {bandwidth} and {aspect}")
         self.wavelengths = tuple(float(length) for length in wavelengths)
         self.orientations, self.phase_deg = orientations, phase_deg
         self.symmetric = phase_deg % 180 == 0
@@ -239,19 +235,18 @@ class DoGBank(SteerableBank):
         border: how images continue beyond their border.
 
     Raises:
-        ValueError: no σ, one that is not positive, or a polarity that is neither 1 nor -1.
+        ArgumentError: no σ, one that is not positive, or a polarity that is neither 1 nor -1.
     """
 
+    @checked
     def __init__(
         self,
-        sigmas: tuple[float, ...] = (2.4,),
-        polarities: tuple[int, ...] = (1,),
-        ratio: float = 0.5,
+        sigmas: Annotated[tuple[Positive, ...], MinLen(1)] = (2.4,),
+        polarities: Annotated[tuple[Literal[-1, 1], ...], MinLen(1)] = (1,),
+        ratio: Positive = 0.5,
         border: Border = "replicate",
     ):
         super().__init__()
-        if not sigmas or min(sigmas) <= 0 or not polarities or not {*polarities} <= {1, -1}:
-            raise ValueError(f"DoG needs positive sigmas and polarities of 1 or -1; got {sigmas} and {polarities}")
         self.sigmas, self.polarities, self.ratio = tuple(float(s) for s in sigmas), tuple(polarities), ratio
         self.border = border
 
@@ -336,7 +331,8 @@ class VectorBank(Bank):
 
     learnable = True
 
-    def __init__(self, features: nn.Module, size: int, *, least: float = 0.05):
+    @checked
+    def __init__(self, features: nn.Module, size: int, *, least: Annotated[float, Ge(0), Le(1)] = 0.05):
         super().__init__()
         self.features, self.size, self.least = features, size, least
 

@@ -3,16 +3,18 @@
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
 import torch.nn.functional as F
+from annotated_types import Ge, Le, MinLen
 from jaxtyping import Bool, Float, Int64
 from numpy import ndarray
 from torch import Tensor
 
 from sextant.layers.cosfire.tuples import Tuples
+from sextant.ranges import Count, NonNegative, Positive, checked
 
 
 class Strategy(ABC):
@@ -61,6 +63,7 @@ def keep_apart(
     return kept
 
 
+@checked
 @dataclass(frozen=True)
 class ConcentricCircles(Strategy):
     """Strategy C: peaks of the responses on concentric circles.
@@ -87,18 +90,14 @@ class ConcentricCircles(Strategy):
             filters, σ of differences of Gaussians); does nothing for channels of one number.
 
     Raises:
-        ValueError: no radius, a negative one, or t2 outside [0, 1].
+        ArgumentError: no radius, a negative one, or t2 outside [0, 1].
     """
 
-    radii: tuple[float, ...] = (0.0, 3.0, 8.0)
-    t2: float = 0.75
+    radii: Annotated[tuple[NonNegative, ...], MinLen(1)] = (0.0, 3.0, 8.0)
+    t2: Annotated[float, Ge(0), Le(1)] = 0.75
     relative_to: Literal["place", "example"] = "place"
-    apart_deg: float = 22.5
+    apart_deg: NonNegative = 22.5
     one_of: bool = True
-
-    def __post_init__(self) -> None:
-        if not self.radii or min(self.radii) < 0 or not 0 <= self.t2 <= 1:
-            raise ValueError(f"circles need radii >= 0 and t2 in [0, 1]; got {self.radii} and {self.t2}")
 
     def tuples(self, maps: Float[Tensor, "k y x"], grid: Float[Tensor, "k p"], point: tuple[int, int]) -> Tuples:
         """Parts on the circles; see :meth:`Strategy.tuples`. Outside the maps, responses are 0."""
@@ -169,18 +168,14 @@ class MapKeypoints(Strategy):
         most: largest number of parts; the strongest are kept.
 
     Raises:
-        ValueError: ``strength`` is outside [0, 1], ``window`` is negative, or ``most`` is below 1.
+        ArgumentError: ``strength`` is outside [0, 1], ``window`` is negative, or ``most`` is below 1.
     """
 
-    window: int = 1
-    reach: float = 8.0
-    strength: float = 0.2
-    apart: float = 1.0
-    most: int = 20
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.strength <= 1 and self.window >= 0 and self.most >= 1):
-            raise ValueError(f"keypoints need strength in [0, 1], window >= 0 and most >= 1; got {self}")
+    window: Annotated[int, Ge(0), Le(1000)] = 1
+    reach: Positive = 8.0
+    strength: Annotated[float, Ge(0), Le(1)] = 0.2
+    apart: NonNegative = 1.0
+    most: Count = 20
 
     def strongest(
         self, strength: Float[Tensor, "k y x"], among: Bool[Tensor, "k y x"] | None, point: tuple[int, int]
@@ -193,6 +188,7 @@ class MapKeypoints(Strategy):
         return k[kept], y[kept], x[kept]
 
 
+@checked
 @dataclass(frozen=True)
 class ChannelPeaks(MapKeypoints):
     """Strategy A: local maxima of each channel.
@@ -212,15 +208,10 @@ class ChannelPeaks(MapKeypoints):
         other arguments: as for :class:`MapKeypoints`.
 
     Raises:
-        ValueError: as for :class:`MapKeypoints`, or ``t2`` is outside [0, 1].
+        ArgumentError: as for :class:`MapKeypoints`, or ``t2`` is outside [0, 1].
     """
 
-    t2: float = 0.75
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0 <= self.t2 <= 1:
-            raise ValueError(f"channel peaks need t2 in [0, 1], got {self.t2}")
+    t2: Annotated[float, Ge(0), Le(1)] = 0.75
 
     def tuples(self, maps: Float[Tensor, "k y x"], grid: Float[Tensor, "k p"], point: tuple[int, int]) -> Tuples:
         """Parts at peaks; see :meth:`Strategy.tuples`."""
@@ -228,6 +219,7 @@ class ChannelPeaks(MapKeypoints):
         return Tuples.at(grid[k], x - point[1], y - point[0])
 
 
+@checked
 @dataclass(frozen=True)
 class VectorKeypoints(MapKeypoints):
     """Strategy B: local maxima of the length of feature vectors; for a :class:`VectorBank`.
@@ -246,7 +238,7 @@ class VectorKeypoints(MapKeypoints):
         arguments: as for :class:`MapKeypoints`.
 
     Raises:
-        ValueError: as for :class:`MapKeypoints`.
+        ArgumentError: as for :class:`MapKeypoints`.
     """
 
     def tuples(self, maps: Float[Tensor, "k y x"], grid: Float[Tensor, "k p"], point: tuple[int, int]) -> Tuples:

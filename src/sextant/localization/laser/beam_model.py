@@ -27,6 +27,7 @@ from torch import Tensor
 
 from sextant.compiled import compiled
 from sextant.localization.laser.scan_evidence import ScanEvidence, chosen_beams, chosen_ranges
+from sextant.ranges import Count, Positive, Share, checked
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import FREE, OccupancyGrid
 
@@ -120,6 +121,7 @@ def _cast(poses, beams, cells, steps, left, bottom, resolution, reach_m, out):  
 BLOCK = 2**18
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class BeamModel:
     """Scores poses by casting rays in the map.
@@ -135,7 +137,7 @@ class BeamModel:
         tempering: exponent β of the product over the beams.
 
     Raises:
-        ValueError: ``z_hit`` or ``z_short`` is negative, or another number is not positive.
+        ArgumentError: a number is outside its range.
 
     Example:
         >>> import torch
@@ -149,23 +151,17 @@ class BeamModel:
 
     grid: OccupancyGrid
     scanner: LaserScanner
-    z_hit: float = 0.5
-    z_short: float = 0.05
-    z_max: float = 0.05
-    z_rand: float = 0.5
-    sigma_hit: float = 0.2
-    lambda_short: float = 0.1
-    beams: int = 60
-    tempering: float = 1.0
+    z_hit: Share = 0.5
+    z_short: Share = 0.05
+    z_max: Share = 0.05
+    z_rand: Share = 0.5
+    sigma_hit: Positive = 0.2
+    lambda_short: Positive = 0.1
+    beams: Count = 60
+    tempering: Positive = 1.0
     steps: Float32[ndarray, "rows columns"] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        positive = (self.z_max, self.z_rand, self.sigma_hit, self.lambda_short, self.beams, self.tempering)
-        if not all(0 < number < np.inf for number in positive) or min(self.z_hit, self.z_short) < 0:
-            raise ValueError(
-                f"z_max, z_rand, sigma_hit, lambda_short, beams and tempering must be positive, got {positive}, "
-                f"and z_hit={self.z_hit} and z_short={self.z_short} not negative"
-            )
         object.__setattr__(self, "steps", free_steps(self.grid))
 
     def observe(self, scans: Float64[Tensor, "r beams"], map_poses: Float64[Tensor, "n 3"]) -> ScanEvidence:

@@ -27,10 +27,12 @@ from torch import Tensor
 
 from sextant.compiled import compiled
 from sextant.localization.laser.scan_evidence import ScanEvidence, chosen_beams, chosen_ranges
+from sextant.ranges import Count, Positive, Share, checked
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import UNKNOWN, OccupancyGrid
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class LikelihoodField:
     """Scores poses by the distance of the ends of beams from walls.
@@ -48,7 +50,7 @@ class LikelihoodField:
             AMCL) or are random (``random``).
 
     Raises:
-        ValueError: a number is not positive (``z_hit`` may be 0), or ``unknown`` has another value.
+        ArgumentError: a number is outside its range, or ``unknown`` has another value.
 
     Example:
         >>> import torch
@@ -62,21 +64,16 @@ class LikelihoodField:
 
     grid: OccupancyGrid
     scanner: LaserScanner
-    sigma_m: float = 0.2
-    z_hit: float = 0.5
-    z_rand: float = 0.5
-    max_distance_m: float = 2.0
-    beams: int = 60
-    tempering: float = 1.0
+    sigma_m: Positive = 0.2
+    z_hit: Share = 0.5
+    z_rand: Share = 0.5
+    max_distance_m: Positive = 2.0
+    beams: Count = 60
+    tempering: Positive = 1.0
     unknown: Literal["random", "distance"] = "distance"
     table: Float32[ndarray, "rows columns"] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        positive = (self.sigma_m, self.z_rand, self.max_distance_m, self.beams, self.tempering)
-        if not all(0 < number < np.inf for number in positive) or not 0 <= self.z_hit < np.inf:
-            raise ValueError(f"sigma_m, z_rand, max_distance_m, beams and tempering must be positive, got {positive}")
-        if self.unknown not in ("distance", "random"):
-            raise ValueError(f"unknown={self.unknown!r} must be 'random' or 'distance'")
         distance = self.grid.distance_m()
         random = (distance > self.max_distance_m) | ((self.grid.cells == UNKNOWN) & (self.unknown == "random"))
         hit = np.where(random, 0.0, self.z_hit * np.exp(-(distance**2) / (2 * self.sigma_m**2)))

@@ -23,9 +23,9 @@ from sextant.localization.observation._factor import noisy_variance
 from sextant.localization.observation._feature_regression import FeatureRegression
 from sextant.localization.observation.model import Prediction, stored
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.ranges import Count, Seed, checked
 
 Placement = Literal["kmeans", "every"]
-PLACEMENTS: tuple[Placement, ...] = ("kmeans", "every")
 #: Jitter for the diagonal, as shares of the signal variance; the first that allows the factorisation is used.
 JITTER = (0.0, 1e-12, 1e-10, 1e-8, 1e-6)
 #: Batch size of the clustering, in map poses.
@@ -49,11 +49,8 @@ class InducingRegression(FeatureRegression):
     _factor: Float64[Tensor, "m m"]
     _projection: Float64[Tensor, "m d_and_m"]
 
-    def __init__(self, inducing: int, placement: Placement = "kmeans", seed: int = 0):
-        if inducing < 1:
-            raise ArgumentError(f"inducing={inducing} must be at least 1", "Set inducing=200.")
-        if placement not in PLACEMENTS:
-            raise ArgumentError(f"placement={placement} must be one of {', '.join(PLACEMENTS)}")
+    @checked
+    def __init__(self, inducing: Count, placement: Placement = "kmeans", seed: Seed = 0):
         self.inducing, self.placement, self.seed = inducing, placement, seed
 
     @property

@@ -37,6 +37,7 @@ from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.model import ObservationModel, Prediction, Residuals
 from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.ranges import Count, checked
 from sextant.reporter import Advance
 
 
@@ -60,7 +61,6 @@ def blending_weights(squared: Float64[Tensor, "n k"], m: int) -> Float64[Tensor,
 
 
 MapEvidence = Literal["image", "mean"]
-MAP_EVIDENCE: tuple[MapEvidence, ...] = ("image", "mean")
 _SPATIAL = {"rbf": machine.RBF, "matern32": machine.MATERN32, "matern52": machine.MATERN52}
 #: Gathered descriptor values that are held at a time: 16 MiB in float32.
 ENTRIES = 2**22
@@ -85,7 +85,8 @@ class CachedLocalGP(ObservationModel):
             observation at a time takes half as long, several together as long as without. Predictions do not change.
 
     Raises:
-        ValueError: ``map_evidence`` is unknown, or ``tile`` is below 1 or given with ``rounded``.
+        ArgumentError: ``map_evidence`` is unknown, or ``tile`` is below 1.
+        ValueError: ``tile`` is given with ``rounded``.
 
     Example:
         >>> from sextant.localization.observation import LocalGP
@@ -96,18 +97,15 @@ class CachedLocalGP(ObservationModel):
         True
     """
 
+    @checked
     def __init__(
         self,
-        neighbours: int = 16,
-        blend: int = 1,
+        neighbours: Count = 16,
+        blend: Count = 1,
         map_evidence: MapEvidence = "image",
-        tile: int | None = None,
+        tile: Count | None = None,
         rounded: bool = False,
     ):
-        if map_evidence not in MAP_EVIDENCE:
-            raise ValueError(f"map_evidence={map_evidence!r} must be one of {', '.join(MAP_EVIDENCE)}")
-        if tile is not None and tile < 1:
-            raise ValueError(f"tile={tile} must be at least 1")
         if tile is not None and rounded:
             raise ValueError(f"tile={tile} reads part of the map, but rounded=True holds all of it: use only one")
         self.neighbours, self.blend, self.map_evidence, self.tile = neighbours, blend, map_evidence, tile

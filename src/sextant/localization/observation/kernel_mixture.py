@@ -16,17 +16,19 @@ hyper-parameters instead of the likeliest ones.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Annotated
 
 import torch
+from annotated_types import MinLen
 from jaxtyping import Float32, Float64
 from torch import Tensor
 
-from sextant.errors import ArgumentError
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.cached_local_gp import CachedEvidence, CachedLocalGP, MapEvidence
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.model import ObservationModel, Prediction, Residuals
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.ranges import Count, Positive, checked
 
 
 class KernelMixture(ObservationModel):
@@ -60,17 +62,14 @@ class KernelMixture(ObservationModel):
         0.5
     """
 
+    @checked
     def __init__(
         self,
-        neighbours: int = 16,
+        neighbours: Count = 16,
         map_evidence: MapEvidence = "mean",
-        headings: Sequence[float] = (1.0, 4.0),
+        headings: Annotated[Sequence[Positive], MinLen(1)] = (1.0, 4.0),
         rounded: bool = False,
     ):
-        if not headings or not all(c > 0 and math.isfinite(c) for c in headings):
-            raise ArgumentError(
-                f"headings={list(headings)!r} must be factors above 0, at least one", "For example headings=[1.0,4.0]"
-            )
         self.neighbours, self.map_evidence, self.headings = neighbours, map_evidence, [float(c) for c in headings]
         self.rounded = rounded
         self.parts = [  # observations are compared by the first

@@ -13,9 +13,11 @@ Source: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic visual place recogniti
 """
 
 import math
+from typing import Annotated
 
 import numpy as np
 import torch
+from annotated_types import Gt
 from jaxtyping import Float32, Float64, Int64
 from numpy import ndarray
 from scipy.spatial import cKDTree
@@ -26,6 +28,7 @@ from sextant.geometry.planar import wrap_angle
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.model import ObservationModel, Prediction, stored
+from sextant.ranges import Count, Positive, checked
 
 QUANTILES = (0.025, 0.975)
 
@@ -56,23 +59,15 @@ class KernelSum(ObservationModel):
         tensor(7)
     """
 
+    @checked
     def __init__(
         self,
-        neighbours: int = 3,
-        pose_rate: float = 0.2,
-        heading_weight: float = 15.0,
-        contrast: float = 5.0,
-        appearance_rate: float | None = None,
+        neighbours: Count = 3,
+        pose_rate: Positive = 0.2,
+        heading_weight: Positive = 15.0,
+        contrast: Annotated[float, Gt(1)] = 5.0,
+        appearance_rate: Positive | None = None,
     ):
-        if neighbours < 1:
-            raise ArgumentError(f"neighbours={neighbours} must be at least 1", "Set neighbours=3.")
-        positive = {"pose_rate": pose_rate, "heading_weight": heading_weight, "contrast": contrast - 1}
-        if appearance_rate is not None:
-            positive["appearance_rate"] = appearance_rate
-        for name, value in positive.items():
-            if not (value > 0 and math.isfinite(value)):
-                least = 1 if name == "contrast" else 0
-                raise ArgumentError(f"{name}={value + least} must be above {least} and finite")
         self.neighbours, self.pose_rate, self.heading_weight = neighbours, pose_rate, heading_weight
         self.contrast, self.appearance_rate = contrast, appearance_rate
 

@@ -22,9 +22,9 @@ from torch import Tensor
 from sextant.localization.observation._factor import noisy_factor, noisy_variance
 from sextant.localization.observation.model import ObservationModel, Prediction
 from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
+from sextant.ranges import Count, checked
 
 Neighbourhood = Literal["own", "nearest_image"]
-NEIGHBOURHOODS: tuple[Neighbourhood, ...] = ("own", "nearest_image")
 #: Gathered descriptor and covariance values that are held at a time: 16 MiB in float32.
 ENTRIES = 2**22
 
@@ -48,9 +48,8 @@ class LocalGP(ObservationModel):
         tensor([1.0198, 3.0000, 4.9802], dtype=torch.float64)
     """
 
-    def __init__(self, neighbours: int = 16, neighbourhood: Neighbourhood = "own"):
-        if neighbourhood not in NEIGHBOURHOODS:
-            raise ValueError(f"neighbourhood={neighbourhood!r} must be one of {', '.join(NEIGHBOURHOODS)}")
+    @checked
+    def __init__(self, neighbours: Count = 16, neighbourhood: Neighbourhood = "own"):
         self.neighbours, self.neighbourhood = neighbours, neighbourhood
 
     def _fit(self) -> None:

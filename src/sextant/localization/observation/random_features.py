@@ -17,15 +17,17 @@ J. Schneider, "On the error of random Fourier features", UAI 2015, for the pairs
 """
 
 import math
+from typing import Annotated
 
 import torch
+from annotated_types import Ge, MultipleOf
 from jaxtyping import Float64
 from torch import Generator, Tensor
 
-from sextant.errors import ArgumentError
 from sextant.localization.observation._feature_regression import FeatureRegression
 from sextant.localization.observation.model import stored
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.ranges import Seed, checked
 
 #: Degrees of freedom of the spectral density, twice the smoothness of the kernel.
 DOF = {"matern32": 3, "matern52": 5}
@@ -52,12 +54,8 @@ class RandomFeatures(FeatureRegression):
 
     frequencies: Float64[Tensor, "4 half"]
 
-    def __init__(self, features: int = 512, seed: int = 0):
-        if features < 2 or features % 2:
-            raise ArgumentError(
-                f"features={features} must be even and at least 2: each wave has a cosine and a sine",
-                "Set features=512.",
-            )
+    @checked
+    def __init__(self, features: Annotated[int, Ge(2), MultipleOf(2)] = 512, seed: Seed = 0):
         self.features, self.seed = features, seed
 
     @property

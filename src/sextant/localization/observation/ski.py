@@ -21,8 +21,10 @@ J. Cunningham, M. Filippone, "Preconditioning kernel matrices", ICML 2016.
 
 import warnings
 from collections.abc import Callable
+from typing import Annotated
 
 import torch
+from annotated_types import Ge, Gt, Le
 from jaxtyping import Float32, Float64
 from linear_operator.utils import linear_cg
 from linear_operator.utils.lanczos import lanczos_tridiag
@@ -33,6 +35,7 @@ from sextant.errors import ArgumentError, UserError
 from sextant.localization.observation._inducing import factor_of, inducing_poses
 from sextant.localization.observation._pose_grid import PoseGrid
 from sextant.localization.observation.model import ObservationModel, Prediction, stored
+from sextant.ranges import Seed, checked
 
 #: Relative residual at which the solver stops.
 TOLERANCE = 1e-5
@@ -69,14 +72,10 @@ class SKI(ObservationModel):
     grid_mean: Float32[Tensor, "g d"]
     grid_root: Float32[Tensor, "g t"]
 
-    def __init__(self, spacing: float = 0.5, rank: int = 200, seed: int = 0):
-        if not 0 < spacing <= 1:
-            raise ArgumentError(
-                f"spacing={spacing} must be above 0 and at most 1 kernel length",
-                "Set spacing=0.5.",
-            )
-        if rank < 2:
-            raise ArgumentError(f"rank={rank} must be at least 2", "Set rank=200.")
+    @checked
+    def __init__(
+        self, spacing: Annotated[float, Gt(0), Le(1)] = 0.5, rank: Annotated[int, Ge(2)] = 200, seed: Seed = 0
+    ):
         self.spacing, self.rank, self.seed = spacing, rank, seed
 
     def _fit(self) -> None:

@@ -17,13 +17,15 @@ Source: J. Hensman, N. Fusi, N. D. Lawrence, "Gaussian processes for big data", 
 """
 
 import math
+from typing import Annotated
 
 import torch
+from annotated_types import Gt, Le
 from torch import Tensor
 
-from sextant.errors import ArgumentError
 from sextant.localization.observation._feature_regression import ENTRIES
 from sextant.localization.observation._inducing import InducingRegression, Placement
+from sextant.ranges import Count, Seed, checked
 
 
 class SVGP(InducingRegression):
@@ -52,24 +54,17 @@ class SVGP(InducingRegression):
         True
     """
 
+    @checked
     def __init__(
         self,
-        inducing: int,
-        steps: int = 200,
-        batch: int = 256,
-        forgetting: float = 1.0,
+        inducing: Count,
+        steps: Count = 200,
+        batch: Count = 256,
+        forgetting: Annotated[float, Gt(0.5), Le(1)] = 1.0,
         placement: Placement = "kmeans",
-        seed: int = 0,
+        seed: Seed = 0,
     ):
         super().__init__(inducing, placement, seed)
-        for name, value in {"steps": steps, "batch": batch}.items():
-            if value < 1:
-                raise ArgumentError(f"{name}={value} must be at least 1", f"Set {name}=200.")
-        if not 0.5 < forgetting <= 1:
-            raise ArgumentError(
-                f"forgetting={forgetting} must be above 0.5 and at most 1, or the steps do not converge",
-                "Set forgetting=1.",
-            )
         self.steps, self.batch, self.forgetting = steps, batch, forgetting
 
     def _fit_posterior(self) -> None:

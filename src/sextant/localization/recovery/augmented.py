@@ -13,7 +13,7 @@ Source: Thrun, Burgard & Fox, "Probabilistic Robotics", MIT Press 2005, table 8.
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import torch
 from jaxtyping import Float64
@@ -21,12 +21,14 @@ from torch import Tensor
 
 from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.recovery.recovery import Injection, Memory, Recovery, anywhere, check_share, whole_number
+from sextant.localization.recovery.recovery import Injection, Memory, Recovery, anywhere, whole_number
 from sextant.localization.weighted_belief import WeightedBelief
+from sextant.ranges import Share, checked
 
 Average = Literal["geometric", "arithmetic"]
 
 
+@checked
 @dataclass(frozen=True)
 class AugmentedMCL(Recovery):
     """Injection by the ratio of a short-term to a long-term average of the likelihood.
@@ -57,10 +59,10 @@ class AugmentedMCL(Recovery):
         [0, 0, 50]
     """
 
-    alpha_slow: float = 0.001
-    alpha_fast: float = 0.1
+    alpha_slow: Share = 0.001
+    alpha_fast: Share = 0.1
     average: Average = "geometric"
-    most: float = 0.5
+    most: Share = 0.5
 
     def __post_init__(self) -> None:
         if not 0 < self.alpha_slow < self.alpha_fast < 1:
@@ -69,10 +71,6 @@ class AugmentedMCL(Recovery):
                 "0 < alpha_slow < alpha_fast < 1",
                 "For example alpha_slow=0.001 alpha_fast=0.1",
             )
-        if self.average not in get_args(Average):
-            allowed = ", ".join(get_args(Average))
-            raise ArgumentError(f"average={self.average!r} must be one of {allowed}", "average=geometric")
-        check_share("most", self.most)
 
     def memory(self, runs: int, device: torch.device | None = None) -> Float64[Tensor, "r 2"]:
         """The two averages; nan before the first observation and after an injection."""

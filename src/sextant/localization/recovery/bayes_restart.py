@@ -26,18 +26,20 @@ counts fully.
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import torch
+from annotated_types import Ge, Le
 from jaxtyping import Bool, Float64
 from torch import Tensor
 
-from sextant.errors import ArgumentError
 from sextant.geometry.planar import se2_compose, se2_inverse
 from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.observation.evidence import Evidence
-from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
+from sextant.localization.recovery.recovery import Injection, Recovery, whole_number
 from sextant.localization.weighted_belief import WeightedBelief
+from sextant.ranges import Share, checked
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,7 @@ class Trail:
         return worth
 
 
+@checked
 @dataclass(frozen=True)
 class BayesRestart(Recovery):
     r"""Restarts at the map images most similar to the observation, weighted by the probability of a kidnapping.
@@ -145,16 +148,10 @@ class BayesRestart(Recovery):
         (10, 10.0)
     """
 
-    hazard: float = 1e-3
-    share: float = 0.1
+    hazard: Share = 1e-3
+    share: Share = 0.1
     weigh_jitter: bool = True
-    window: int = 0
-
-    def __post_init__(self) -> None:
-        check_share("hazard", self.hazard)
-        check_share("share", self.share)
-        if isinstance(self.window, bool) or not isinstance(self.window, int) or self.window < 0:
-            raise ArgumentError(f"window={self.window!r} must be a whole number, at least 0", "For example window=20")
+    window: Annotated[int, Ge(0), Le(1000)] = 0
 
     def memory(self, runs: int, device: torch.device | None = None) -> Trail:
         """An empty trail, before the first observation."""

@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Float64, Int64
 from torch import Tensor
 
-from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.weighted_belief import WeightedBelief
+from sextant.ranges import Share, checked
 
 #: state that a recovery carries for all runs from step to step; its type is private to the recovery
 Memory = Any
@@ -80,16 +80,6 @@ def whole_number(
     return (share * particles + chance).floor().long().minimum(particles - 1).clamp(min=0)
 
 
-def check_share(argument: str, share: float) -> None:
-    """Reject a share that is not in (0, 1).
-
-    Raises:
-        ArgumentError: names the argument and the value.
-    """
-    if not 0 < share < 1:
-        raise ArgumentError(f"{argument}={share} must lie between 0 and 1", f"For example {argument}=0.1")
-
-
 @dataclass(frozen=True)
 class NoRecovery(Recovery):
     """Adds nothing.
@@ -106,6 +96,7 @@ class NoRecovery(Recovery):
         return None, memory
 
 
+@checked
 @dataclass(frozen=True)
 class UniformInjection(Recovery):
     """Replaces a share of the posterior by the map's prior after weighting by the image.
@@ -133,10 +124,7 @@ class UniformInjection(Recovery):
         (5, 0.05)
     """
 
-    share: float = 0.05
-
-    def __post_init__(self) -> None:
-        check_share("share", self.share)
+    share: Share = 0.05
 
     def inject(
         self, weighed: WeightedBelief, prior: MapPrior, memory: Memory, generator: torch.Generator

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 import torch
 
-from sextant.errors import ArgumentError
 from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.recovery.recovery import Injection, Memory, Recovery, check_share, whole_number
+from sextant.localization.recovery.recovery import Injection, Memory, Recovery, whole_number
 from sextant.localization.weighted_belief import WeightedBelief
+from sextant.ranges import Count, Share, checked
 
 
+@checked
 @dataclass(frozen=True)
 class TopKInjection(Recovery):
     """Draws a share of the particles at the best map images, by their likelihood, before all are weighted by the image.
@@ -40,13 +41,8 @@ class TopKInjection(Recovery):
         (10, [10.0])
     """
 
-    share: float = 0.05
-    top: int = 10
-
-    def __post_init__(self) -> None:
-        check_share("share", self.share)
-        if self.top < 1:
-            raise ArgumentError(f"top={self.top} must be at least 1", "For example top=10")
+    share: Share = 0.05
+    top: Count = 10
 
     def inject(
         self, weighed: WeightedBelief, prior: MapPrior, memory: Memory, generator: torch.Generator

@@ -11,10 +11,11 @@ down. The others keep their distribution.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
+from annotated_types import Ge, Le
 from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 from scipy.special import ndtr, ndtri
@@ -31,6 +32,7 @@ from sextant.geometry import (
     tilt_from_rho,
     tilt_from_tau,
 )
+from sextant.ranges import Positive, checked
 
 Function = Callable[[ndarray], ndarray]
 
@@ -217,6 +219,7 @@ class CameraDraw:
     aspect: Float[Tensor, "b"]
 
 
+@checked
 @dataclass(frozen=True)
 class CameraDistribution:
     """Distributions of a camera's parameters; ``conf/sampling`` has those of the literature with their sources.
@@ -256,23 +259,15 @@ class CameraDistribution:
     focal_as: FocalQuantity = "mm"
     k1_as: BendQuantity = "k1"
     k2_of_k1: K2Family = "lopez"
-    portrait: float = 0.0
-    frame_height_mm: float = 27.0
+    portrait: Annotated[float, Ge(0), Le(1)] = 0.0
+    frame_height_mm: Positive = 27.0
     name: str = ""
     _mixtures: Mapping[str, Mixture] = field(init=False, repr=False, compare=False)
     _landscape: Float64[ndarray, "a"] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        kinds = {"tilt_as": TiltQuantity, "roll_as": RollQuantity, "focal_as": FocalQuantity, "k1_as": BendQuantity}
-        for key, kind in kinds.items():
-            if getattr(self, key) not in get_args(kind):
-                raise ArgumentError(f"{key}={getattr(self, key)!r} must be one of {', '.join(get_args(kind))}")
         if self.k2_of_k1 not in ("lopez", "zero"):
             raise ArgumentError(f"k2_of_k1={self.k2_of_k1!r} must be lopez or zero")
-        if not 0 <= self.portrait <= 1:
-            raise ArgumentError(f"portrait={self.portrait:g} must be a share from 0 to 1")
-        if self.frame_height_mm <= 0:
-            raise ArgumentError(f"frame_height_mm={self.frame_height_mm:g} must be above 0")
         weights = list(self.aspect.values())
         if not weights or min(weights) < 0 or sum(weights) <= 0:
             raise ArgumentError(

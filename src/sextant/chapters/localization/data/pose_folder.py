@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import torch
@@ -17,15 +17,12 @@ from sextant.atomic_files import file_sha256
 from sextant.chapters.localization.data.drive import (
     Drive,
     LocalizationData,
-    ProtocolName,
     compose,
     first_share,
     motions_along,
 )
 from sextant.chapters.localization.data.odometry_file import is_odometry_table, is_timed, read_odometry
 from sextant.chapters.localization.data.pose_formats import (
-    AHEAD,
-    PLANES,
     Ahead,
     Plane,
     read_kitti,
@@ -52,10 +49,9 @@ from sextant.data.source import MissingDataError, first_folder
 from sextant.errors import ArgumentError, problem_list
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
 from sextant.localization.map_support import map_spacing
+from sextant.ranges import Positive, checked
 
 PoseFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "euroc", "robotcar", "nclt"]
-POSE_FORMATS: tuple[PoseFormat, ...] = get_args(PoseFormat)
-PROTOCOLS = ("office", "town")
 FILES: dict[PoseFormat, str] = {
     "csv": "poses.csv",
     "tum": "poses.txt",
@@ -133,6 +129,7 @@ class PoseFolder:
 
     name = "pose_folder"
 
+    @checked
     def __init__(
         self,
         folder: str,
@@ -146,23 +143,14 @@ class PoseFolder:
         plane: Plane = "xy",
         ahead: Ahead = "z",
         mounting: Sequence[float] = (0.0, 0.0, 0.0),
-        protocol: ProtocolName = "office",
-        max_gap_s: float | None = 5.0,
+        protocol: Literal["office", "town"] = "office",
+        max_gap_s: Positive | None = 5.0,
         height: int = 64,
         width: int = 96,
         channels: int = 3,
         skip_bad: bool = False,
         roots: Sequence[Path | str] = (),
     ):
-        choices = (
-            ("poses", poses, POSE_FORMATS),
-            ("plane", plane, PLANES),
-            ("ahead", ahead, AHEAD),
-            ("protocol", protocol, PROTOCOLS),
-        )
-        for key, value, allowed in choices:
-            if value not in allowed:
-                raise ArgumentError(f"{key}={value!r} must be one of {', '.join(allowed)}", f"{key}={allowed[0]}")
         if poses == "gps" and (pose_file or odometry):
             wrong, file = ("pose_file", pose_file) if pose_file else ("odometry", odometry)
             raise ArgumentError(f"{wrong}={file}: poses=gps takes poses from the images alone", f"{wrong}=null")
@@ -171,8 +159,6 @@ class PoseFolder:
                 f"mounting={list(mounting)} must be metres ahead, metres to the left, degrees to the left",
                 "mounting=[0,0,0] if the poses are those of the camera",
             )
-        if max_gap_s is not None and not max_gap_s > 0:
-            raise ArgumentError(f"max_gap_s={max_gap_s:g} must be positive, or null", "max_gap_s=5")
         self.poses, self.pose_file, self.odometry, self.times = poses, pose_file or FILES[poses], odometry, times
         self.plane, self.ahead, self.protocol, self.max_gap_s = plane, ahead, protocol, max_gap_s
         x, y, yaw = (float(value) for value in mounting)

@@ -4,20 +4,22 @@ import hashlib
 import json
 import zlib
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
 from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.chapters.localization.data.drive import motions_along
 from sextant.data.rendered import RenderedSource
-from sextant.errors import ArgumentError
+from sextant.ranges import Positive, Share, checked
 from sextant.worlds.odometry import OdometryNoise, simulate
 
 Split = Literal["map", "validation", "test"]
 
 
+@checked
 @dataclass(frozen=True)
 class DriveSettings:
     """How drives are made from a dataset.
@@ -35,20 +37,10 @@ class DriveSettings:
         UserError: a value is out of range.
     """
 
-    odometry_scale: float = 1.0
+    odometry_scale: Annotated[float, Ge(0), Le(100)] = 1.0
     odometry_seed: int = 0
-    validation_share: float | None = None
-    near_map: float | None = None
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.odometry_scale <= 100:
-            raise ArgumentError(
-                f"odometry_scale={self.odometry_scale:g} must be in [0, 100]", "odometry_scale=1", of=self
-            )
-        if self.validation_share is not None and not 0 < self.validation_share < 1:
-            raise ArgumentError(
-                f"validation_share={self.validation_share:g} must be within (0, 1)", "validation_share=0.25", of=self
-            )
+    validation_share: Share | None = None
+    near_map: Positive | None = None
 
     def share(self, usual: float) -> float:
         """The validation share, or a dataset's usual one."""

@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -18,9 +18,9 @@ from sextant.chapters.places.data.images import SPLITS, PlaceImages, Split
 from sextant.chapters.places.data.pose_files import Pose, table_poses, utm_poses
 from sextant.data.source import MissingDataError, first_folder
 from sextant.errors import ArgumentError, problem_list
+from sextant.ranges import checked
 
 Places = Literal["csv", "utm", "gps", "order", "name"]
-PLACES: tuple[Places, ...] = get_args(Places)
 #: traverses of a test that does not name any, map first
 REFERENCE_AND_QUERY = {"reference": "reference", "query": "query"}
 
@@ -68,6 +68,7 @@ class PlaceFolders:
         UserError: an argument is invalid.
     """
 
+    @checked
     def __init__(
         self,
         folder: str,
@@ -84,8 +85,6 @@ class PlaceFolders:
         name: str | None = None,
         roots: Sequence[Path | str] = (),
     ):
-        if places not in PLACES:
-            raise ArgumentError(f"places={places!r} must be one of {', '.join(PLACES)}", "places=order")
         self.name, self.places, self.csv = name or "place_folders", places, csv
         self.looked = [Path(folder).expanduser().absolute(), *(Path(root) / folder for root in roots)]
         self.cache = Path(roots[-1]) if roots else None

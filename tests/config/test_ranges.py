@@ -1,0 +1,106 @@
+"""Constructors are checked against the ranges that the schema has for the keys of configs."""
+
+import inspect
+import re
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+import pytest
+from annotated_types import MinLen
+from pydantic.fields import FieldInfo
+
+from sextant.config.building import named
+from sextant.config.schema.parts import Part
+from sextant.config.validate import config_classes
+from sextant.errors import ArgumentError
+from sextant.ranges import WORDS, Count, Positive, Share, checked, fits, is_range
+
+#: packages that people import without a config
+LIBRARY = (
+    "baselines", "correspondence", "corruptions", "evaluation", "geometry", "layers", "localization", "losses",
+    "models", "retrieval",
+)  # fmt: skip
+
+
+def bounds(kind: Any, metadata: Any = ()) -> set[str]:
+    """The limits within an annotation or a field, in an order-free form."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        return bounds(inner[0], [*inner[1:], *metadata])
+    if origin is Literal:
+        return {repr(each) for each in inner}
+    flat = [each for one in metadata for each in (one.metadata if isinstance(one, FieldInfo) else [one])]
+    own = {repr(each) for each in flat if type(each) in WORDS and not isinstance(each, MinLen)}
+    return own if origin is dict else own.union(*(bounds(each) for each in inner if each not in (..., type(None))))
+
+
+def parts(kind: type[Part] = Part):
+    yield kind
+    for each in kind.__subclasses__():
+        yield from parts(each)
+
+
+def keys():
+    config_classes()
+    for kind in parts():
+        annotation = kind.model_fields["target"].annotation
+        targets = [each for one in (annotation, *get_args(annotation)) for each in get_args(one) if type(each) is str]
+        for target in (each for each in targets if each.split(".")[1] in LIBRARY):
+            for name, field in kind.model_fields.items():
+                if name != "target":
+                    yield target, name, bounds(field.annotation, field.metadata)
+
+
+KEYS = [key for key in keys() if key[2]]
+#: arguments with a wider annotation: images too small for experiments, and lenses that no network predicts
+WIDER = re.compile(r"sextant\.baselines\..*\.(height|width)|sextant\.geometry\.Parameterization\.k2_of_k1")
+
+
+def test_there_are_keys_with_ranges():
+    assert len(KEYS) > 150
+
+
+@pytest.mark.parametrize(("target", "name", "allowed"), KEYS, ids=[f"{target}.{name}" for target, name, _ in KEYS])
+def test_an_argument_has_the_range_of_its_key(target, name, allowed):
+    make = named(target)
+    parameter = inspect.signature(make).parameters.get(name)
+    if WIDER.fullmatch(f"{target}.{name}") or parameter is None:
+        return
+    assert bounds(parameter.annotation) == allowed
+    checks = make.__init__ if isinstance(make, type) else make
+    assert hasattr(checks, "__wrapped__"), f"{target} is not @checked"
+
+
+@checked
+class Loss:
+    def __init__(
+        self, margin: Positive = 0.5, *, sizes: tuple[Count, Count] = (1, 2), kind: Literal["l1", "l2"] = "l1"
+    ):
+        self.margin, self.sizes, self.kind = margin, sizes, kind
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"margin": 0}, "margin=0 must be above 0"),
+        ({"margin": float("nan")}, "margin=nan must be a number above 0"),
+        ({"margin": "0.5"}, "margin='0.5' must be a number above 0"),
+        ({"margin": True}, "margin=True must be a number above 0"),
+        ({"sizes": (1, 0)}, r"sizes=\(1, 0\) must be 2 values, each a whole number, at least 1"),
+        ({"sizes": (1, 2, 3)}, "2 values"),
+        ({"kind": "l3"}, "kind='l3' must be one of l1, l2"),
+    ],
+)
+def test_an_argument_outside_of_its_range(wrong, said):
+    with pytest.raises(ArgumentError, match=said) as caught:
+        Loss(**wrong)
+    assert caught.value.of == "Loss"
+
+
+def test_what_is_within_its_range_is_passed_on():
+    made = Loss(2, sizes=[3, 4], kind="l2")
+    assert (made.margin, made.sizes, made.kind) == (2, [3, 4], "l2")
+    with pytest.raises(TypeError, match="unexpected keyword argument 'edge'"):
+        Loss(edge=1)
+    assert is_range(Share | None)
+    assert not is_range(dict[str, int])
+    assert fits(Share | None, None)
