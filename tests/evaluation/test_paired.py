@@ -249,5 +249,5 @@ def test_ranks_that_are_tied_but_for_rounding_are_tied():
 @pytest.mark.parametrize("given", [{"method": "foo"}, {"better": "foo"}])
 def test_an_unknown_method_or_direction_is_refused(given):
     ((name, _),) = given.items()
-    with pytest.raises((ArgumentError, TypeCheckError), match=f"{name}=foo must be one of|Type-check error"):
+    with pytest.raises((ArgumentError, TypeCheckError), match=f"{name}='foo' must be one of|Type-check error"):
         paired_difference(np.arange(4.0), np.zeros(4), **given)

@@ -132,7 +132,7 @@ def test_what_is_no_photo_is_told():
 
 
 def test_a_method_that_is_none_is_refused():
-    with pytest.raises(UserError, match="method=best must be one of joint, lines, network"):
+    with pytest.raises(UserError, match="method='best' must be one of joint, lines, network"):
         PhotoCalibrator(Fake(), "best")
 
 
