@@ -72,9 +72,9 @@ def timed(work: Callable[[], Any]) -> tuple[float, Any]:
     return time.process_time() - began, result
 
 
-def kept(built: PoseMap) -> tuple[Any, Any]:
+def kept(built: PoseMap) -> tuple[Any, Any, Any]:
     """What describes images."""
-    return built._described_by, built._features
+    return built._described_by, built._features, built._local
 
 
 def turned(built: PoseMap, size: int) -> ndarray:

@@ -29,6 +29,9 @@ class LocateOptions(Options):
     """use every n-th image of a video or ROS bag (default: 1)"""
     image_topic: str | None = Field(None, examples=["/camera/image_raw"])
     """topic of a ROS bag's images (default: the only such topic)"""
+    local: str | None = Field(None, examples=["trunk"])
+    """local features: xfeat, trunk (of the network that chooses candidates), or aliked:<folder of its weights>
+    (default: xfeat, or those of a saved map)"""
     save: UserPath | None = None
     """folder to save the map to for later use as map="""
 
@@ -54,7 +57,7 @@ def main(arguments: Sequence[str]) -> None:
     if options.save is not None:
         make_output(options.save, "save")
     with work_progress("the map's features", "images") as progress:
-        poses, paths = locating.map_of_folder(options.map, progress)
+        poses, paths = locating.map_of_folder(options.map, progress, options.local)
     if options.save is not None:
         poses.save(options.save)
     console.print(f"map: {len(poses.names):,} images, {len(poses.posed.points):,} points")

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.correspondence.local_features import LocalFeatures
+from sextant.correspondence.local_features import LocalFeatures, Matcher
 from sextant.correspondence.matching import mutual_matches
 from sextant.correspondence.pinhole import Pinhole
 from sextant.correspondence.posed_map import agreeing, neighbouring
@@ -30,21 +30,24 @@ def _alternatives(poses: ndarray) -> dict[str, ndarray]:
 
 
 def likely_convention(
-    features: Sequence[LocalFeatures], poses: Float64[ndarray, "n 4 4"], cameras: Sequence[Pinhole]
+    features: Sequence[LocalFeatures],
+    poses: Float64[ndarray, "n 4 4"],
+    cameras: Sequence[Pinhole],
+    match: Matcher = mutual_matches,
 ) -> str | None:
     """The convention that the poses probably have; None if no other agrees much better than the given one."""
-    given = _share(features, poses, cameras)
-    shares = {name: _share(features, other, cameras) for name, other in _alternatives(poses).items()}
+    given = _share(features, poses, cameras, match)
+    shares = {name: _share(features, other, cameras, match) for name, other in _alternatives(poses).items()}
     best = max(shares, key=lambda name: shares[name])
     return best if shares[best] > max(LEAST_SHARE, 2 * given) else None
 
 
-def _share(features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole]) -> float:
+def _share(features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], match: Matcher) -> float:
     """The share of matches that are points in front of both cameras, of some pairs of neighbours."""
     pairs = neighbouring(poses)
     right, total = 0, 0
     for i, j in pairs[:: max(1, len(pairs) // PAIRS)]:
-        matches = mutual_matches(features[i], features[j])
+        matches = match(features[i], features[j])
         total += len(matches)
         matches = matches[agreeing(features, poses, cameras, i, j, matches)]
         pixels = np.concatenate([features[i].points[matches[:, 0]], features[j].points[matches[:, 1]]])

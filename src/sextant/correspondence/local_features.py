@@ -1,6 +1,6 @@
 """Local features of an image, and what extracts and matches them."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import groupby
@@ -45,6 +45,9 @@ class LocalFeatures:
     def strongest(self, n: int) -> "LocalFeatures":
         """The first ``n`` keypoints."""
         return replace(self, points=self.points[:n], descriptors=self.descriptors[:n])
+
+
+Matcher = Callable[[LocalFeatures, LocalFeatures], Int64[ndarray, "m 2"]]
 
 
 class LocalFeatureExtractor(Protocol):

@@ -26,7 +26,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sextant.correspondence.absolute_pose import FOCAL_LENGTHS, EstimatedPose, absolute_pose
-from sextant.correspondence.local_features import LocalFeatures
+from sextant.correspondence.local_features import LocalFeatures, Matcher
 from sextant.correspondence.matching import mutual_matches
 from sextant.correspondence.pinhole import Pinhole, cross_matrices
 from sextant.correspondence.relative_pose import sampson_errors
@@ -56,6 +56,7 @@ class PosedMap:
         covariances: of the points, for a standard deviation of one pixel of the pictures that they were detected in.
         point_of: for each image, the number of each feature's point, or -1.
         variance_factor: by which covariances of poses are multiplied, see :mod:`sextant.correspondence.left_out`.
+        match: matches the features of two images.
     """
 
     features: Sequence[LocalFeatures]
@@ -65,6 +66,7 @@ class PosedMap:
     covariances: Float64[ndarray, "p 3 3"]
     point_of: Sequence[Int32[ndarray, "_"]]
     variance_factor: float = 1.0
+    match: Matcher = mutual_matches
 
     @property
     def nbytes(self) -> int:
@@ -79,7 +81,7 @@ class PosedMap:
         for image in candidates:
             known = np.flatnonzero(self.point_of[image] >= 0)
             theirs = self.features[image]
-            pairs = mutual_matches(
+            pairs = self.match(
                 query, replace(theirs, points=theirs.points[known], descriptors=theirs.descriptors[known])
             )
             numbers = self.point_of[image][known[pairs[:, 1]]]
@@ -130,16 +132,19 @@ class Located:
 
 
 def build_map(
-    features: Sequence[LocalFeatures], poses: Float64[ndarray, "n 4 4"], cameras: Sequence[Pinhole]
+    features: Sequence[LocalFeatures],
+    poses: Float64[ndarray, "n 4 4"],
+    cameras: Sequence[Pinhole],
+    match: Matcher = mutual_matches,
 ) -> PosedMap:
     """Match the images of a map, and triangulate what agrees with their poses."""
     offsets = np.cumsum([0, *(len(each) for each in features)])
     links = [np.empty((0, 2), np.int64)]
     for i, j in neighbouring(poses):
-        pairs = mutual_matches(features[i], features[j])
+        pairs = match(features[i], features[j])
         kept = pairs[agreeing(features, poses, cameras, i, j, pairs)]
         links.append(kept + offsets[[i, j]])
-    return _triangulated(features, poses, cameras, np.concatenate(links), offsets)
+    return replace(_triangulated(features, poses, cameras, np.concatenate(links), offsets), match=match)
 
 
 def neighbouring(poses: Float64[ndarray, "n 4 4"]) -> list[tuple[int, int]]:
@@ -153,11 +158,13 @@ def neighbouring(poses: Float64[ndarray, "n 4 4"]) -> list[tuple[int, int]]:
     return [(i, j) for i, j in np.unique(pairs, axis=0).tolist()]
 
 
-def focal_length_of(features: Sequence[LocalFeatures], poses: Float64[ndarray, "n 4 4"]) -> float | None:
+def focal_length_of(
+    features: Sequence[LocalFeatures], poses: Float64[ndarray, "n 4 4"], match: Matcher = mutual_matches
+) -> float | None:
     """The focal length, in longer sides of the images, under which most matches agree with the poses; None: too few."""
     matched = []
     for i, j in neighbouring(poses)[:: max(1, len(poses) // 8)]:
-        pairs = mutual_matches(features[i], features[j])
+        pairs = match(features[i], features[j])
         matched.append((i, j, pairs))
     if sum(len(pairs) for _, _, pairs in matched) < 50:
         return None

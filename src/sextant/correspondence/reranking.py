@@ -12,17 +12,16 @@ with the level :math:`\alpha = 0.05` divided by the number c of candidates that 
 cluster in an image, so the level is nominal.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 from scipy.stats import binom
 
-from sextant.correspondence.local_features import LocalFeatures
+from sextant.correspondence.local_features import LocalFeatures, Matcher
 from sextant.correspondence.matching import epipolar_inliers, mutual_matches
 
-Matcher = Callable[[LocalFeatures, LocalFeatures], Int64[ndarray, "m 2"]]
 #: matches that any fundamental matrix fits
 FITTED = 7
 #: the conventional level of a test

@@ -238,6 +238,38 @@ def test_a_model_of_other_images_is_refused_and_of_smaller_ones_scaled():
         lens.of_size(640, 640, "a.jpg")
 
 
+@real
+@pytest.mark.slow
+def test_a_map_of_other_local_features_opens_with_them_and_refuses_others(desk, tmp_path, capsys):
+    folder, truth, camera = desk
+    words = [f"map={folder / 'map'}", f"input={folder / 'photos'}", f"output={tmp_path / 'out'}"]
+    cli.run("locate", [*words, f"save={tmp_path / 'kept'}", "local=trunk"])
+    assert "1 of 2 images located, 1 not in the map" in capsys.readouterr().out
+    kept = PoseMap.open(tmp_path / "kept")
+    found = kept.locate(folder / "photos" / "query.jpg", camera)
+    assert np.linalg.norm(found.world_from_camera[:3, 3] - truth[:3, 3]) < 0.05
+    with pytest.raises(UserError, match="other local features"):
+        PoseMap.open(tmp_path / "kept", local="xfeat")
+    with pytest.raises(UserError, match="must be xfeat, trunk"):
+        PoseMap.from_folder(folder / "map", local="sift")
+    header = tmp_path / "kept" / "pose_map.json"
+    assert json.loads(header.read_text())["local"] == "trunk"
+
+
+@real
+@pytest.mark.slow
+def test_local_features_that_are_an_object_are_given_again(desk, tmp_path):
+    folder, _, camera = desk
+    own = XFeatures(600, 320)
+    poses = PoseMap.from_folder(folder / "map", local=own)
+    assert max(map(len, poses.posed.features)) <= 600
+    poses.save(tmp_path)
+    with pytest.raises(UserError, match="local features of an object"):
+        PoseMap.open(tmp_path)
+    again = PoseMap.open(tmp_path, local=own).locate(folder / "photos" / "query.jpg", camera)
+    assert again.inliers == poses.locate(folder / "photos" / "query.jpg", camera).inliers
+
+
 def test_blank_walls_make_no_map():
     poses = np.tile(np.eye(4), (2, 1, 1))
     poses[1, 0, 3] = 1

@@ -42,15 +42,20 @@ class LocatedFrame:
     problem: str = ""
 
 
-def map_of_folder(folder: Path, progress: Advance) -> tuple[PoseMap, Sequence[Path]]:
+def map_of_folder(folder: Path, progress: Advance, local: str | None = None) -> tuple[PoseMap, Sequence[Path]]:
     """A saved map, or one made of posed photos; and the files of its images, none of a saved map.
 
+    Args:
+        folder: of the map or the photos.
+        progress: is given the images done and their number.
+        local: the local features; None: XFeat's, or those of the saved map.
+
     Raises:
-        UserError: the folder is neither.
+        UserError: the folder is neither, or there are no such local features.
     """
     if (folder / FORMAT.header).is_file():
-        return PoseMap.open(folder), []
-    poses = PoseMap.from_folder(folder, progress=progress)
+        return PoseMap.open(folder, local), []
+    poses = PoseMap.from_folder(folder, local=local or "xfeat", progress=progress)
     return poses, [folder / name for name in poses.names]
 
 

@@ -18,13 +18,14 @@ from sextant.applications.arguments import check_several, check_whole, make_fold
 from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.chapters.localization.data.posed_photos import StraightPhotos, posed_photos
 from sextant.chapters.localization.pose_map_files import SavedPoseMap, open_pose_map, save_pose_map
+from sextant.chapters.places.photo_features import extractor_of
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, kept_network
 from sextant.correspondence import (
+    LocalFeatureExtractor,
     LocalFeatures,
     Located,
     Pinhole,
     PosedMap,
-    XFeatures,
     build_map,
     calibrated,
     focal_length_of,
@@ -121,10 +122,12 @@ class PoseMap:
         names: Sequence[str],
         descriptors: Float32[ndarray, "n d"],
         described_by: SavedDescriptor,
-        features: XFeatures,
+        features: LocalFeatureExtractor,
+        local: str | None = None,
     ):
         self.posed, self.names = posed, list(names)
         self._descriptors, self._described_by, self._features = descriptors, described_by, features
+        self._local = local
 
     @classmethod
     def from_images(
@@ -137,6 +140,7 @@ class PoseMap:
         keypoints: int = 4096,
         side: int | None = 1024,
         descriptor: str | Path = DESCRIPTOR,
+        local: LocalFeatureExtractor | str = "xfeat",
         progress: Callable[[int, int], None] = lambda done, total: None,
     ) -> Self:
         """Make a map of images at known poses.
@@ -152,6 +156,9 @@ class PoseMap:
             side: longer side to which images are scaled for their features; None keeps their size.
             descriptor: run or file of the network for places that chooses candidates, as for
                 :meth:`sextant.PlaceMap.load`.
+            local: the local features: ``xfeat``; ``trunk``, the activations of the network that chooses candidates;
+                ``aliked:<folder>``, with the folder of its weights; or an object that extracts features, which then
+                decides on ``keypoints`` and ``side``.
             progress: is given the images done and their number.
 
         Raises:
@@ -161,11 +168,12 @@ class PoseMap:
         check_several("images", images)
         images = images if hasattr(images, "__len__") else list(images)
         matrices = _checked_poses(poses, len(images))
-        features = XFeatures(keypoints, side)
         described_by = kept_network(resolve_run(str(descriptor), default_outputs(), "descriptor").checkpoint)
+        features = extractor_of(local, described_by.describer, keypoints=keypoints, side=side)
         found, descriptors = _features_of(images, features, described_by, progress)
-        posed = _built(found, matrices, _cameras(cameras, found, matrices))
-        return cls(posed, _checked_names(names, images), descriptors, described_by, features)
+        posed = _built(found, matrices, _cameras(cameras, found, matrices, features), features)
+        named = local if isinstance(local, str) else None
+        return cls(posed, _checked_names(names, images), descriptors, described_by, features, named)
 
     @classmethod
     def from_folder(cls, folder: Path | str, **options: Any) -> Self:
@@ -176,7 +184,7 @@ class PoseMap:
 
         Args:
             folder: of photos, see :func:`~sextant.chapters.localization.data.posed_photos.posed_photos`.
-            options: ``keypoints``, ``side``, ``descriptor`` and ``progress`` of :meth:`from_images`.
+            options: ``keypoints``, ``side``, ``descriptor``, ``local`` and ``progress`` of :meth:`from_images`.
 
         Raises:
             UserError: as there; or the file is missing, or of other photos.
@@ -201,9 +209,9 @@ class PoseMap:
         if cameras is None:
             more = [_scaled(self.posed.cameras[0], each) for each in found]
         else:
-            more = _cameras(cameras, found, matrices)
+            more = _cameras(cameras, found, matrices, self._features)
         everything, joined = [*self.posed.features, *found], np.concatenate([self.posed.poses, matrices])
-        posed = _built(everything, joined, [*self.posed.cameras, *more])
+        posed = _built(everything, joined, [*self.posed.cameras, *more], self._features)
         self.posed, self.names = posed, [*self.names, *named]
         self._descriptors = np.concatenate([self._descriptors, descriptors])
 
@@ -236,28 +244,35 @@ class PoseMap:
             OSError: it cannot be written to.
         """
         described = (self._described_by, self._descriptors)
-        save_pose_map(SavedPoseMap(self.posed, self.names, *described, self._features), make_folder("folder", folder))
+        saved = SavedPoseMap(self.posed, self.names, *described, self._features, self._local)
+        save_pose_map(saved, make_folder("folder", folder))
 
     @classmethod
-    def open(cls, folder: Path | str) -> Self:
+    def open(cls, folder: Path | str, local: LocalFeatureExtractor | str | None = None) -> Self:
         """Open a saved map.
 
+        Args:
+            folder: that it was saved to.
+            local: its local features, where these were an object, or their weights are in another folder now.
+
         Raises:
-            UserError: it is not one, or is damaged.
+            UserError: it is not one, is damaged, or has other local features.
         """
-        saved = open_pose_map(Path(folder))
-        return cls(saved.posed, saved.names, saved.descriptors, saved.described_by, saved.features)
+        saved = open_pose_map(Path(folder), local)
+        return cls(saved.posed, saved.names, saved.descriptors, saved.described_by, saved.features, saved.local)
 
 
-def _built(found: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole]) -> PosedMap:
+def _built(
+    found: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], features: LocalFeatureExtractor
+) -> PosedMap:
     """The map, with its variance factor.
 
     Raises:
         UserError: no points agree with the poses, or few, and many with poses of another convention.
     """
-    posed = build_map(found, poses, cameras)
+    posed = build_map(found, poses, cameras, features.match)
     if len(posed.points) < FEW_POINTS * len(found):
-        other = likely_convention(found, poses, cameras)
+        other = likely_convention(found, poses, cameras, features.match)
         if other is not None:
             raise UserError(
                 f"matches of the map's images contradict their poses, but agree with poses that have {other}",
@@ -292,7 +307,7 @@ def _described(described_by: SavedDescriptor, pixels: ndarray) -> Float32[ndarra
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True).clip(min=1e-12))
 
 
-def _detected(features: XFeatures, pixels: ndarray) -> LocalFeatures:
+def _detected(features: LocalFeatureExtractor, pixels: ndarray) -> LocalFeatures:
     """Local features; of an image far larger than they are detected in, by a reduced one, which needs less memory."""
     height, width = pixels.shape[:2]
     if features.side is None or max(height, width) <= REDUCED * features.side:
@@ -312,7 +327,10 @@ def _resized(pixels: ndarray, size: tuple[int, int, int]) -> ndarray:
 
 
 def _features_of(
-    images: Sequence[AnyImage], features: XFeatures, described_by: SavedDescriptor, progress: Callable[[int, int], None]
+    images: Sequence[AnyImage],
+    features: LocalFeatureExtractor,
+    described_by: SavedDescriptor,
+    progress: Callable[[int, int], None],
 ) -> tuple[list[LocalFeatures], Float32[ndarray, "n d"]]:
     """Local features and global descriptors; one image is held at a time."""
     found, descriptors = list[LocalFeatures](), []
@@ -385,9 +403,11 @@ def _pinhole(camera: Any, features: LocalFeatures) -> Pinhole:
     return Pinhole(features.width, features.height, fx, fy, cx, cy)
 
 
-def _cameras(cameras: Any, found: Sequence[LocalFeatures], poses: ndarray) -> list[Pinhole]:
+def _cameras(
+    cameras: Any, found: Sequence[LocalFeatures], poses: ndarray, features: LocalFeatureExtractor
+) -> list[Pinhole]:
     if cameras is None:
-        focal = focal_length_of(found, poses)
+        focal = focal_length_of(found, poses, features.match)
         if focal is None:
             raise UserError(*_without_points(found))
         return [Pinhole.centred(each.width, each.height, focal * max(each.width, each.height)) for each in found]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from jaxtyping import Float32
@@ -11,8 +11,10 @@ from numpy import ndarray
 
 from sextant.array_folder import FolderFormat, file_sha256
 from sextant.atomic_files import write_atomically
+from sextant.chapters.places.photo_features import extractor_of
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, load_descriptor
-from sextant.correspondence import LocalFeatures, Pinhole, PosedMap, XFeatures
+from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, PosedMap
+from sextant.errors import ArgumentError
 
 FORMAT = FolderFormat("a map of posed photos", "sextant pose map", 1, "pose_map.json")
 DESCRIPTOR = "descriptor"
@@ -30,13 +32,15 @@ class SavedPoseMap:
         described_by: what describes whole images.
         descriptors: of the images, of unit length.
         features: the local features.
+        local: their name, by which they are made again; None: they are an object of the user.
     """
 
     posed: PosedMap
     names: Sequence[str]
     described_by: SavedDescriptor
     descriptors: Float32[ndarray, "n d"]
-    features: XFeatures
+    features: LocalFeatureExtractor
+    local: str | None
 
 
 def save_pose_map(saved: SavedPoseMap, folder: Path) -> None:
@@ -64,13 +68,15 @@ def save_pose_map(saved: SavedPoseMap, folder: Path) -> None:
         path = folder / f"{name}.npy"
         write_atomically(path, lambda file, parts=parts: _write_parts(file, parts))  # type: ignore[misc]
         hashes[name] = file_sha256(path)
-    options = {"keypoints": saved.features.keypoints, "side": saved.features.side}
+    options = {"keypoints": getattr(saved.features, "keypoints", None), "side": saved.features.side}
     FORMAT.write_header(
         folder,
         {
             "sha256": hashes,
             "names": list(saved.names),
             "features": {"name": saved.features.name, **options},
+            "local": saved.local,
+            "local_model": saved.features.model,
             "keypoints_of": [len(each) for each in posed.features],
             "pixel": [each.pixel for each in posed.features],
             "cameras": [asdict(each) for each in posed.cameras],
@@ -89,11 +95,15 @@ def _write_parts(file: BinaryIO, parts: Sequence[ndarray]) -> None:
         file.write(np.ascontiguousarray(part, first.dtype).tobytes())
 
 
-def open_pose_map(folder: Path) -> SavedPoseMap:
+def open_pose_map(folder: Path, local: Any = None) -> SavedPoseMap:
     """Open a map that :func:`save_pose_map` wrote; local features are read from the disk when they are matched.
 
+    Args:
+        folder: that it was saved to.
+        local: the local features or their name; None: as it was saved.
+
     Raises:
-        UserError: it is not one, or is damaged.
+        UserError: it is not one, is damaged, or has other local features.
     """
     header = FORMAT.read_header(folder)
     arrays = {
@@ -112,7 +122,34 @@ def open_pose_map(folder: Path) -> SavedPoseMap:
     point_of = np.split(arrays["point_of"], ends)
     factor = float(header.get("variance_factor", 1.0))  # maps of earlier versions have none
     covariances = arrays["covariances"].astype(np.float64)
-    posed = PosedMap(features, arrays["poses"], cameras, arrays["points"], covariances, point_of, factor)
-    options = {key: value for key, value in header["features"].items() if key != "name"}
     described_by = load_descriptor(folder / DESCRIPTOR)
-    return SavedPoseMap(posed, header["names"], described_by, arrays["descriptors"], XFeatures(**options))
+    local, extractor = _extractor(folder, header, local, described_by)
+    posed = PosedMap(
+        features, arrays["poses"], cameras, arrays["points"], covariances, point_of, factor, extractor.match
+    )
+    return SavedPoseMap(posed, header["names"], described_by, arrays["descriptors"], extractor, local)
+
+
+def _extractor(
+    folder: Path, header: dict[str, Any], local: Any, described_by: SavedDescriptor
+) -> tuple[str | None, LocalFeatureExtractor]:
+    """The name of a map's local features, and what extracts them.
+
+    Raises:
+        ArgumentError: they are others than those of the map, or those of the map are an object that is not given.
+    """
+    local = header.get("local", "xfeat") if local is None else local  # maps of earlier versions have XFeat's
+    if local is None:
+        raise ArgumentError(
+            f"the map in {folder} has local features of an object: {header['features']['name']}",
+            "Give it: PoseMap.open(folder, local=...).",
+        )
+    options = {key: value for key, value in header["features"].items() if key != "name"}
+    extractor = extractor_of(local, described_by.describer, **options)
+    if extractor.model != header.get("local_model", extractor.model):
+        raise ArgumentError(
+            f"local={local} gives other local features ({extractor.model}) than those of the map in {folder} "
+            f"({header['local_model']})",
+            "Leave out local, or make the map anew.",
+        )
+    return local if isinstance(local, str) else None, extractor

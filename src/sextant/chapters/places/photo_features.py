@@ -29,13 +29,14 @@ ARRAYS = ("points", "descriptors")
 KEPT = 4096
 
 
-def extractor_of(local: "LocalFeatureExtractor | str", describer: object) -> "LocalFeatureExtractor":
+def extractor_of(local: "LocalFeatureExtractor | str", describer: object, **settings: Any) -> "LocalFeatureExtractor":
     """The local features of a name, or those given.
 
     Args:
         local: ``xfeat``; ``trunk``, the activations of the network that describes the images; ``aliked:<folder>``, with
             the folder of its weights; or an object that extracts features.
         describer: what describes whole images.
+        settings: of the features that are named, such as ``keypoints`` and ``side``.
 
     Raises:
         ArgumentError: there are no such features, whole images are not described by a network of convolutions, or
@@ -47,11 +48,11 @@ def extractor_of(local: "LocalFeatureExtractor | str", describer: object) -> "Lo
         return checked(local)
     name, _, folder = local.partition(":")
     if local == "xfeat":
-        return checked(XFeatures())
+        return checked(XFeatures(**settings))
     if local == "trunk":
-        return checked(trunk_features(describer))
+        return checked(trunk_features(describer, **settings))
     if name == "aliked" and folder:
-        return checked(AlikedFeatures(folder))
+        return checked(AlikedFeatures(folder, **settings))
     raise ArgumentError(
         f"local={local!r} must be xfeat, trunk, or aliked:<folder of its weights>", "For example local=xfeat"
     )
