@@ -8,7 +8,8 @@ day. *Always* takes the candidate with the most inliers whatever the retrieval a
 its features, and its matches with 15 candidates, whose features are in memory. Run it with OMP_NUM_THREADS=1.
 
 ``fit=true`` also re-ranks in half of each map, its first images, which lacks the places of some half of the queries,
-fits the confidence for each set to the sets of other families, and compares it with the share of right answers.
+fits the confidence for each set to the sets of other families, and compares it with the share of right answers; sets of
+images too small for a confidence are left out of both.
 """
 
 import hashlib
@@ -26,10 +27,8 @@ from rich.table import Table
 
 from benchmarks.machine import describe_machine
 from benchmarks.place_sets import ImageSet, image_sets, interval
-from sextant.chapters.places.match_confidence import (
-    fit_match_confidence,
-    fit_reranked_confidence,
-)
+from sextant.chapters.places.describing import upright_size
+from sextant.chapters.places.match_confidence import LEAST_SIDE, fit_match_confidence, fit_reranked_confidence
 from sextant.chapters.places.photo_features import PhotoFeatures, trunk_features
 from sextant.chapters.places.place_map import PlaceMap
 from sextant.chapters.places.reranked_matches import evidence_of
@@ -229,7 +228,6 @@ class Answers(NamedTuple):
 
     inliers: ndarray
     rival: ndarray
-    margin: ndarray
     right: ndarray
     in_map: ndarray
     plain_margin: ndarray
@@ -242,12 +240,12 @@ def answers(found: Counted, near: int) -> Answers:
     for i, counts in enumerate(found.inliers):
         best = int(reranked(counts)[0])
         place = np.abs(found.order[i] - found.order[i, best]) <= near
-        evidence.append(evidence_of(counts, found.similarities[i], place, best, float(found.margin[i])))
+        evidence.append(evidence_of(counts, place, best))
         right.append(hits[i, best])
     in_map = np.array([len(found.positives[int(i)]) > 0 for i in found.queries])
     # a query without a rival counts as one whose rival has no inliers, as when the confidence was fitted
-    inliers, rival, margin = np.array(evidence).T
-    return Answers(inliers, np.nan_to_num(rival), margin, np.array(right), in_map, found.margin, hits[:, 0])
+    inliers, rival = np.array(evidence).T
+    return Answers(inliers, np.nan_to_num(rival), np.array(right), in_map, found.margin, hits[:, 0])
 
 
 def confidence_table(title: str, asked: list[tuple[ImageSet, list[Counted]]]) -> Table:
@@ -257,15 +255,19 @@ def confidence_table(title: str, asked: list[tuple[ImageSet, list[Counted]]]) ->
         *("told *not in the map* where it is not, %", "by the margin", "where it is and was found, %", "by the margin"),
         title=title,
     )
-    found = [(each, [answers(part, same_place(each.positives)) for part in maps]) for each, maps in asked]
+    found = [
+        (each, [answers(part, same_place(each.positives)) for part in maps])
+        for each, maps in asked
+        if max(upright_size(each.queries[0])) >= LEAST_SIDE
+    ]
     for each, maps in found:
         others = [part for other, parts in found if other.family != each.family for part in parts]
         if not others:
             continue
-        model = fit_reranked_confidence([part[:4] for part in others])
+        model = fit_reranked_confidence([part[:3] for part in others])
         plain = fit_match_confidence([(part.plain_margin, part.plain_right) for part in others])
         for part, name in zip(maps, ("whole", "half"), strict=True):
-            sure = model.probability(*part[:3])
+            sure = model.probability(*part[:2])
             before = plain.probability(part.plain_margin)
             table.add_row(
                 *(each.name, name, f"{100 * part.plain_right.mean():.1f}", _bias(before, part.plain_right)),
@@ -274,7 +276,7 @@ def confidence_table(title: str, asked: list[tuple[ImageSet, list[Counted]]]) ->
                 _told(sure, part.in_map & part.right),
                 _told(before, part.in_map & part.plain_right),
             )
-    everything = [part[:4] for _, parts in found for part in parts]
+    everything = [part[:3] for _, parts in found for part in parts]
     if len(found) > 1:
         table.caption = f"fitted to all sets: {fit_reranked_confidence(everything)}"
     return table

@@ -16,12 +16,12 @@ _HERE = {
     "LocatedPhoto": "sextant.chapters.localization.pose_map",
     "LocalizedPose": "sextant.chapters.localization.localizer",
     "Localizer": "sextant.chapters.localization.localizer",
-    "LookedUp": "sextant.chapters.places.place_map",
+    "LookedUp": "sextant.chapters.places.looked_up",
     "OneCamera": "sextant.chapters.calibration.one_camera",
     "PhotoCalibrator": "sextant.chapters.calibration.calibrator",
     "PhotoCamera": "sextant.chapters.calibration.photo_camera",
     "PlaceMap": "sextant.chapters.places.place_map",
-    "PlaceMatch": "sextant.chapters.places.place_map",
+    "PlaceMatch": "sextant.chapters.places.looked_up",
     "PoseMap": "sextant.chapters.localization.pose_map",
 }
 __all__ = list(_HERE)

@@ -12,10 +12,10 @@ from tiny_places import Pixels, ride, scene
 
 from sextant import PlaceMap
 from sextant.chapters.places import written_matches
+from sextant.chapters.places.looked_up import LookedUp
 from sextant.chapters.places.match_confidence import UNSEEN, RerankedConfidence
 from sextant.chapters.places.options import read_inputs
 from sextant.chapters.places.photo_features import PhotoFeatures
-from sextant.chapters.places.place_map import LookedUp
 from sextant.chapters.places.predict import predict_places
 from sextant.chapters.places.saved_map import Temperature
 from sextant.correspondence import LocalFeatures, XFeatures, mutual_matches, reranking
@@ -220,7 +220,7 @@ def test_local_none_does_not_re_rank_and_unknown_kinds_are_refused(rides, inlier
         places.look_up(query, rerank=5, local=f"aliked:{tmp_path}")
 
 
-def test_the_verdict_follows_from_inliers_and_margin(rides, inliers, monkeypatch):
+def test_the_verdict_follows_from_inliers_in_photos_that_are_large_enough(rides, inliers, monkeypatch):
     """A network's map tells whether the place is there; a descriptor of another kind does not."""
     monkeypatch.setattr(XFeatures, "detect", lambda self, images: Mean().detect(images))
     monkeypatch.setattr(XFeatures, "check", lambda self: None)
@@ -231,11 +231,13 @@ def test_the_verdict_follows_from_inliers_and_margin(rides, inliers, monkeypatch
     query = rides[1] / "002.png"
     assert places.look_up(query, rerank=PLACES).verdict is None
     monkeypatch.setattr("sextant.chapters.places.place_map.fitted_confidence", lambda facts: UNSEEN)
-    fitted = RerankedConfidence(margin=1.0, inliers=2.0, rival=2.0, offset=-1.0)
+    assert places.look_up(query, rerank=PLACES).found is None  # of 64 pixels
+    monkeypatch.setattr("sextant.chapters.places.reranked_matches.LEAST_SIDE", 1)
+    fitted = RerankedConfidence(slope=1.0, offset=-1.0)
     monkeypatch.setattr("sextant.chapters.places.place_map.RERANKED", fitted)
     seen = places.look_up(query, k=PLACES, rerank=PLACES)
     assert (seen.best.photo.name, seen.verdict) == ("002.png", "in the map")
-    assert seen.found == pytest.approx(fitted.probability([300], [0], [seen.margin])[0])
+    assert seen.found == pytest.approx(fitted.probability([300], [0])[0])
     inliers.clear()
     lost = places.look_up(scene(77), k=PLACES, rerank=PLACES)
     assert lost.found < 0.5

@@ -51,31 +51,29 @@ def test_matches_that_a_margin_parts_are_refused(right):
 
 def drawn_after_re_ranking(model, seed, count=20_000):
     rng = np.random.default_rng(seed)
-    inliers, rival = rng.integers(0, 200, count), rng.integers(0, 60, count)
-    margin = rng.normal(0.05, 0.1, count)
-    return inliers, rival, margin, rng.random(count) < model.probability(inliers, rival, margin)
+    inliers, rival = rng.integers(0, 100, count), rng.integers(0, 60, count)
+    return inliers, rival, rng.random(count) < model.probability(inliers, rival)
 
 
 def test_what_was_drawn_after_re_ranking_is_fitted():
-    model = RerankedConfidence(margin=8.0, inliers=1.5, rival=1.2, offset=-2.0)
+    model = RerankedConfidence(slope=0.8, offset=-1.2)
     found = fit_reranked_confidence([drawn_after_re_ranking(model, 0), drawn_after_re_ranking(model, 1)])
-    for key in ("margin", "inliers", "rival", "offset"):
-        assert getattr(found, key) == pytest.approx(getattr(model, key), rel=0.1, abs=0.15)
-    *given, right = drawn_after_re_ranking(model, 2)
-    assert found.probability(*given).mean() == pytest.approx(right.mean(), abs=0.02)
+    assert (found.slope, found.offset) == (pytest.approx(0.8, rel=0.1), pytest.approx(-1.2, abs=0.15))
+    inliers, rival, right = drawn_after_re_ranking(model, 2)
+    assert found.probability(inliers, rival).mean() == pytest.approx(right.mean(), abs=0.02)
 
 
 def test_seven_inliers_are_no_evidence():
-    model = RerankedConfidence(margin=8.0, inliers=1.5, rival=1.2, offset=-2.0)
-    few, none = (model.probability([count], [0], [0.1])[0] for count in (7, 0))
+    model = RerankedConfidence(slope=0.8, offset=-1.2)
+    few, none = (model.probability([count], [0])[0] for count in (7, 0))
     assert few == none
-    assert np.isnan(model.probability([50], [10], [np.nan])[0])
+    assert np.isnan(model.probability([50], [np.nan])[0])
 
 
 def test_sets_whose_right_matches_are_separable_are_refused():
     counts, right = np.array([0.0, 0.0, 90.0, 90.0]), np.array([False, False, True, True])
-    with pytest.raises(ValueError, match="separable"):
-        fit_reranked_confidence([(counts, np.zeros(4), np.zeros(4), right)])
+    with pytest.raises(ValueError, match="separates the 2 right matches"):
+        fit_reranked_confidence([(counts, np.zeros(4), right)])
     with pytest.raises(ValueError, match="finite margins"):
         fit_reranked_confidence([])
 

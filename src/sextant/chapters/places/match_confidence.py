@@ -7,12 +7,12 @@ with the margin g of the best match over the best map image of another place. Th
 probability that the match is wrong or the place is not in the map. a and b are fitted to sets of images not used in
 training, each with its whole map and with half of it, so that queries without a place are included.
 
-After re-ranking, the evidence of the inliers is added: with the numbers :math:`n` of inliers of the best match and
-:math:`n'` of its best rival at another place, beyond the seven that any fundamental matrix fits,
+After re-ranking, it is from the inliers alone. With the numbers :math:`e` of the best match and :math:`e'` of its best
+rival at another place, beyond the seven that any fundamental matrix fits,
 
-.. math:: p(\text{right}) = \sigma\bigl(a\, g + c \log(1 + n) - d \log(1 + n') + b\bigr),
+.. math:: p(\text{right}) = \sigma(a\, z + b), \qquad z = \frac{e - e'}{\sqrt{e + e' + 1}},
 
-where g is negative if the retrieval preferred another place.
+where z is by how many standard deviations two counts of one rate differ (Przyborowski and Wilenski, 1940).
 
 Source: J. Platt, "Probabilistic outputs for support vector machines", 1999.
 """
@@ -97,83 +97,66 @@ class RerankedConfidence:
     """The probability that a match is right after re-ranking.
 
     Attributes:
-        margin: a, per unit of similarity.
-        inliers: c.
-        rival: d.
+        slope: a, per standard deviation.
         offset: b.
 
     Example:
-        >>> told = RerankedConfidence(margin=10.0, inliers=2.0, rival=2.0, offset=-1.0)
-        >>> told.probability(np.array([150.0, 20.0]), np.array([20.0, 20.0]), np.array([0.1, 0.1])).round(2)
-        array([0.99, 0.5 ])
+        >>> told = RerankedConfidence(slope=1.0, offset=-1.0)
+        >>> told.probability(np.array([150.0, 20.0]), np.array([20.0, 20.0])).round(2)
+        array([1.  , 0.27])
     """
 
-    margin: float
-    inliers: float
-    rival: float
+    slope: float
     offset: float
 
-    def probability(
-        self, inliers: Float[ndarray, "m"], rival: Float[ndarray, "m"], margin: Float[ndarray, "m"]
-    ) -> Float64[ndarray, "m"]:
-        """Probability that each match is right; nan where there is no margin or no rival.
+    def probability(self, inliers: Float[ndarray, "m"], rival: Float[ndarray, "m"]) -> Float64[ndarray, "m"]:
+        """Probability that each match is right; nan where a number is.
 
         Args:
             inliers: of the best match.
             rival: most inliers of a candidate of another place; nan without one.
-            margin: similarity of the best match minus that of the best map image of another place.
         """
-        columns = reranked_columns(inliers, rival, margin)
-        return np.asarray(expit(columns @ [self.margin, self.inliers, -self.rival, self.offset]))
+        return np.asarray(expit(self.slope * deviations(inliers, rival) + self.offset))
 
 
-def reranked_columns(
-    inliers: Float[ndarray, "m"], rival: Float[ndarray, "m"], margin: Float[ndarray, "m"]
-) -> Float64[ndarray, "m 4"]:
-    """What the logistic function after re-ranking is linear in: margin, both logarithms, one.
+def deviations(inliers: Float[ndarray, "m"], rival: Float[ndarray, "m"]) -> Float64[ndarray, "m"]:
+    """By how many standard deviations two numbers of inliers differ, of those beyond the seven that any model fits.
 
-    >>> reranked_columns(np.array([8]), np.array([3]), np.array([0.25])).round(2).tolist()
-    [[0.25, 0.69, 0.0, 1.0]]
+    >>> deviations(np.array([31, 8]), np.array([7, 3])).round(2).tolist()
+    [4.8, 0.71]
     """
-    beyond = (np.log1p(np.maximum(0.0, np.asarray(each, np.float64) - FITTED)) for each in (inliers, rival))
-    return np.stack([np.asarray(margin, np.float64), *beyond, np.ones(len(margin))], axis=1)
+    own, other = (np.maximum(0.0, np.asarray(each, np.float64) - FITTED) for each in (inliers, rival))
+    return np.asarray((own - other) / np.sqrt(own + other + 1))
 
 
 def fit_reranked_confidence(
-    sets: Sequence[tuple[Float[ndarray, "m"], Float[ndarray, "m"], Float[ndarray, "m"], Bool[ndarray, "m"]]],
+    sets: Sequence[tuple[Float[ndarray, "m"], Float[ndarray, "m"], Bool[ndarray, "m"]]],
 ) -> RerankedConfidence:
-    """Fit the parameters by maximum mean log-likelihood; each set counts the same.
+    """Fit both parameters as :func:`fit_match_confidence` does.
 
     Args:
-        sets: inliers, inliers of the rival, and margin of the best matches of each, and whether they are right.
+        sets: inliers and inliers of the rival of the best matches of each, and whether they are right.
 
     Raises:
-        ValueError: there is no set, one has a margin that is not finite, or the likelihood has no maximum.
+        ValueError: as there.
 
-    >>> inliers, rival, margin = np.array([30, 9, 20, 12]), np.array([8, 9, 15, 7]), np.array([0.3, 0.1, 0.1, 0.2])
-    >>> fitted = fit_reranked_confidence([(inliers, rival, margin, np.array([True, False, False, True]))] * 2)
-    Traceback (most recent call last):
-    ValueError: right matches are separable from wrong ones; add sets of images in which these overlap
+    >>> inliers, right = np.repeat([8, 32], 4), np.array([1, 0, 0, 0, 1, 1, 1, 0], bool)
+    >>> fitted = fit_reranked_confidence([(inliers, np.full(8, 7), right)])
+    >>> fitted.probability(np.array([8, 32]), np.array([7, 7])).round(2)  # 1 of 4 right, and 3 of 4
+    array([0.25, 0.75])
     """
-    parts = [(reranked_columns(*given), np.where(right, 1, -1)) for *given, right in sets]
-    if not parts or not all(len(columns) and np.isfinite(columns).all() for columns, _ in parts):
-        raise ValueError("confidence is fitted to at least one set of matches, each with finite margins")
-
-    def loss(weights: ndarray) -> float:
-        return -float(np.mean([log_expit(columns @ weights * sign).mean() for columns, sign in parts]))
-
-    found = minimize(loss, np.zeros(4)).x
-    if all((columns @ found * sign > 0).all() for columns, sign in parts):
-        raise ValueError("right matches are separable from wrong ones; add sets of images in which these overlap")
-    margin, inliers, rival, offset = found.tolist()
-    return RerankedConfidence(margin, inliers, -rival, offset)
+    found = fit_match_confidence([(deviations(inliers, rival), right) for inliers, rival, right in sets])
+    return RerankedConfidence(found.slope, found.offset)
 
 
 #: candidates that were compared; with fewer, the best rival at another place is weaker
 CANDIDATES = 15
-#: for XFeat at its own settings and so many candidates; fitted to all sets of
-#: ``python -m benchmarks.reranking local=xfeat side=640 every=3 fit=true``
-RERANKED = RerankedConfidence(margin=12.6, inliers=4.38, rival=3.93, offset=-3.23)
+#: Longer sides, in pixels, below which a confidence after re-ranking is unknown: on pictures of 64x32 pixels the median
+#: right match has 10 inliers more than its rival's 55, as wrong ones of photos of 97 pixels and more do.
+LEAST_SIDE = 90
+#: for XFeat at its own settings and so many candidates; fitted to all sets of large enough images of
+#: ``python -m benchmarks.reranking local=xfeat side=640 fit=true``
+RERANKED = RerankedConfidence(slope=0.758, offset=-2.17)
 
 #: what is answered about the place of a photo
 Verdict = Literal["in the map", "not in the map"]

@@ -49,14 +49,12 @@ class Evidence(NamedTuple):
 
     Attributes:
         inliers: of the best match.
-        rival: most inliers of a candidate of another place; nan without one.
-        margin: similarity of the best match minus that of the best map image of another place; nan without one.
+        rival: most inliers of a candidate of another place; nan without one, or if the query is too small.
         compared: number of candidates.
     """
 
     inliers: Float64[ndarray, "m"]
     rival: Float64[ndarray, "m"]
-    margin: Float64[ndarray, "m"]
     compared: int
 
 

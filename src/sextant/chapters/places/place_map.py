@@ -1,7 +1,6 @@
 """A map of photos, in which other photos are looked up."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, overload
 
@@ -15,9 +14,10 @@ from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.array_folder import file_sha256
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, failed_photo, silent
-from sextant.chapters.places.describing import DescribedPhotos, describe
+from sextant.chapters.places.describing import describe
 from sextant.chapters.places.given_descriptors import GivenDescriptors, given_rows
-from sextant.chapters.places.match_confidence import CANDIDATES, RERANKED, Verdict, verdict
+from sextant.chapters.places.looked_up import LookedUp, looked_up
+from sextant.chapters.places.match_confidence import CANDIDATES, RERANKED
 from sextant.chapters.places.matching import Matches
 from sextant.chapters.places.photo_features import (
     Kind,
@@ -55,94 +55,6 @@ if TYPE_CHECKING:
 
 #: local features by name, or what extracts them
 Local: TypeAlias = "LocalFeatureExtractor | str"
-
-
-@dataclass(frozen=True)
-class PlaceMatch:
-    """A photo of the map, as a match of another photo.
-
-    Attributes:
-        photo: its file, which may have been deleted since it was added.
-        similarity: cosine of the two descriptors, in [-1, 1]; by sequences, the mean along the best line.
-        confidence: probability in [0, 1] that it shows the same place, assuming that the place is in the map; None
-            without a temperature, and by sequences.
-        position: x and y in metres; None if unknown.
-        inliers: local features shared with the photo that agree with one epipolar geometry; None if not re-ranked.
-    """
-
-    photo: Path
-    similarity: float
-    confidence: float | None = None
-    position: tuple[float, float] | None = None
-    inliers: int | None = None
-
-
-@dataclass(frozen=True)
-class LookedUp:
-    """What was found for one photo.
-
-    Attributes:
-        name: its file, or the position of its array among those given.
-        matches: the best-matching photos of the map, the best first.
-        margin: similarity of the best match minus that of the best photo of another place, at least 0; None if the map
-            has no other place, if re-ranking replaced the best match, and by sequences.
-        found: probability in [0, 1] that the best match shows the photo's place, which need not be in the map; for
-            networks, from the margin and, if re-ranked by XFeat, from inliers
-            (:mod:`~sextant.chapters.places.match_confidence`). None if unknown.
-        stretched: the photo's aspect differs from that of the network's images by a factor above 1.4, so it was
-            stretched that much.
-    """
-
-    name: str
-    matches: tuple[PlaceMatch, ...]
-    margin: float | None = None
-    found: float | None = None
-    stretched: bool = False
-
-    @property
-    def best(self) -> PlaceMatch:
-        """The best match."""
-        return self.matches[0]
-
-    @property
-    def verdict(self) -> Verdict | None:
-        """Whether the place is in the map: it is not if :attr:`found` is below one half. None if that is unknown."""
-        return verdict(self.found)
-
-
-def looked_up(
-    names: Sequence[str],
-    stretched: Sequence[bool],
-    reference: DescribedPhotos,
-    found: Matches,
-    found_probability: Float64[ndarray, "m"] | None = None,
-) -> list[LookedUp]:
-    """What was found for each photo: by sequences if they were matched that way, otherwise individually."""
-    folder, files = reference.photos.folder, reference.index.names or ()
-    results = []
-    for i, name in enumerate(names):
-        sequenced = found.by_sequence(i)
-        matches = tuple(
-            PlaceMatch(
-                folder / files[each.image],
-                each.similarity,
-                each.confidence,
-                _position(reference, each.image),
-                each.inliers,
-            )
-            for each in (found.single(i) if sequenced is None else sequenced)
-        )
-        margin = found.margin_of(i) if sequenced is None else None
-        sure = None if found_probability is None or sequenced is not None else float(found_probability[i])
-        results.append(LookedUp(name, matches, margin, None if sure is None or sure != sure else sure, stretched[i]))
-    return results
-
-
-def _position(reference: DescribedPhotos, number: int) -> tuple[float, float] | None:
-    if reference.positions is None:
-        return None
-    x, y = reference.positions[number].tolist()
-    return None if x != x or y != y else (x, y)
 
 
 class PlaceMap(DescribedMap):
@@ -455,8 +367,8 @@ class PlaceMap(DescribedMap):
         """Probability that each best match shows the place of its query, which need not be in the map.
 
         nan where it is unknown: without re-ranking in a map of one place, and with it by other features than XFeat's
-        at their own settings, with fewer than 15 candidates of a larger map, or without one of another place. None for
-        descriptors other than networks.
+        at their own settings, with fewer than 15 candidates of a larger map, without one of another place, or of
+        photos below 90 pixels. None for descriptors other than networks.
         """
         fitted = fitted_confidence(self.descriptor.facts)
         if fitted is None:
@@ -469,7 +381,7 @@ class PlaceMap(DescribedMap):
         usual = self._features is not None and self._features.extractor.model == XFeatures().model
         if not usual or told.compared < min(CANDIDATES, len(self)):
             return np.full(len(matches.margin), np.nan)
-        return RERANKED.probability(told.inliers, told.rival, told.margin)
+        return RERANKED.probability(told.inliers, told.rival)
 
     def _look_up(
         self,

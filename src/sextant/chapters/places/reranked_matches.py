@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sextant.applications.pixels import AnyImage
+from sextant.chapters.places.match_confidence import LEAST_SIDE
 from sextant.chapters.places.matching import NOT_COUNTED, Evidence, Matches
 from sextant.chapters.places.photo_features import PhotoFeatures
 from sextant.errors import UserError
@@ -49,15 +50,18 @@ def rerank(
     _check_files([files[image] for image in np.unique(near[:, :candidates]).tolist()], candidates, features)
     inliers, margin = np.full(near.shape, NOT_COUNTED), found.margin.copy()
     order = np.tile(np.arange(near.shape[1]), (len(near), 1))
-    evidence = np.empty((len(near), 3))
+    evidence = np.empty((len(near), 2))
     for i, query in enumerate(queries):
         compared = [features.of_file(files[image]) for image in near[i, :candidates].tolist()]
-        counted = count_inliers(features.of(query), compared, side=features.side, match=features.extractor.match)
+        own = features.of(query)
+        counted = count_inliers(own, compared, side=features.side, match=features.extractor.match)
         inliers[i, :candidates] = counted
         order[i, :candidates] = reranked(counted)
         best = int(order[i, 0])
         place = np.isin(near[i], np.append(same_place[int(near[i, best])], near[i, best]))
-        evidence[i] = evidence_of(counted, found.neighbours.values[i], place, best, float(margin[i]))
+        evidence[i] = evidence_of(counted, place, best)
+        if max(own.width, own.height) < LEAST_SIDE:
+            evidence[i, 1] = np.nan
         if best:
             margin[i] = np.nan
         progress(i + 1, len(queries))
@@ -73,34 +77,23 @@ def rerank(
         margin=margin,
         sequences=sequences,
         inliers=inliers,
-        evidence=Evidence(evidence[:, 0], evidence[:, 1], evidence[:, 2], min(candidates, near.shape[1])),
+        evidence=Evidence(evidence[:, 0], evidence[:, 1], min(candidates, near.shape[1])),
     )
 
 
-def evidence_of(
-    inliers: np.ndarray, similarities: np.ndarray, place: np.ndarray, best: int, margin: float
-) -> tuple[float, float, float]:
-    """Inliers of the best match, those of its best rival at another place, and its margin of similarity.
+def evidence_of(inliers: np.ndarray, place: np.ndarray, best: int) -> tuple[float, float]:
+    """Inliers of the best match, and those of its best rival at another place; nan if all show one place.
 
     Args:
         inliers: of the candidates, in the order of the retrieval.
-        similarities: of at least these matches, in the same order.
-        place: whether each of them shows the place of the best match.
+        place: whether each of at least these shows the place of the best match.
         best: number of the best match.
-        margin: of the retrieval's best match.
 
-    Returns:
-        The margin is negative if the retrieval preferred another place, and nan in a map of one place. The rival is nan
-        if all candidates show one place, since none was compared.
-
-    >>> evidence_of(np.array([10, 50, 9]), np.array([0.8, 0.7, 0.6]), np.array([False, True, False]), 1, 0.1)
-    (50.0, 10.0, -0.1)
+    >>> evidence_of(np.array([10, 50, 9]), np.array([False, True, False]), 1)
+    (50.0, 10.0)
     """
     others = ~place[: len(inliers)]
-    rival = float(inliers[others].max()) if others.any() else math.nan
-    if not place[0]:  # a retrieval that preferred another place; otherwise its margin is that of this place
-        margin = round(float(similarities[best]) - float(similarities[0]), 9)
-    return float(inliers[best]), rival, margin
+    return float(inliers[best]), float(inliers[others].max()) if others.any() else math.nan
 
 
 def _check_files(files: Sequence[Path], candidates: int, features: PhotoFeatures) -> None:
