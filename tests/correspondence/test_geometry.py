@@ -6,7 +6,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 pytest.importorskip("poselib")
-from sextant.correspondence import Pinhole, absolute_pose, relative_pose, shared_focal_length, triangulate
+from sextant.correspondence import Pinhole, absolute_pose, relative_pose, triangulate
 from sextant.errors import ArgumentError
 
 CAMERA = Pinhole.centred(640, 480, 520.0)
@@ -91,21 +91,15 @@ def test_points_are_triangulated_with_their_uncertainty():
     np.testing.assert_allclose(exact.points, points, atol=1e-6)
 
 
-def test_the_focal_length_that_two_views_share_is_found_with_its_interval():
-    deviations = []
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        _, _, inside = scene(rng, 200)
-        turn = Rotation.from_rotvec([0.05, 0.25, 0.02]).as_matrix()
-        second = inside @ turn.T + [-1.2, 0.1, 0.2]
-        one, two = (CAMERA.project(each) + rng.normal(scale=0.4, size=(200, 2)) for each in (inside, second))
-        found = shared_focal_length(one, two, (640, 480))
-        assert not found.only_rotation
-        deviations.append(np.log(found.focal_px / 520.0) / found.focal_sigma)
-        known = relative_pose(one, two, (CAMERA, CAMERA))
-        np.testing.assert_allclose(known.second_from_first[:3, :3], turn, atol=0.02)
-    assert np.abs(deviations).max() < 5
-    assert np.median(np.abs(deviations)) < 1.6
+def test_the_relative_pose_of_known_cameras_is_found():
+    rng = np.random.default_rng(0)
+    _, _, inside = scene(rng, 200)
+    turn = Rotation.from_rotvec([0.05, 0.25, 0.02]).as_matrix()
+    second = inside @ turn.T + [-1.2, 0.1, 0.2]
+    one, two = (CAMERA.project(each) + rng.normal(scale=0.4, size=(200, 2)) for each in (inside, second))
+    known = relative_pose(one, two, (CAMERA, CAMERA))
+    assert not known.only_rotation
+    np.testing.assert_allclose(known.second_from_first[:3, :3], turn, atol=0.02)
 
 
 def test_a_camera_that_only_turns_is_reported():

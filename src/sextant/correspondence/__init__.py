@@ -10,11 +10,12 @@ from sextant.correspondence.conventions import likely_convention
 from sextant.correspondence.features import XFeatures
 from sextant.correspondence.left_out import calibrated
 from sextant.correspondence.local_features import LocalFeatureExtractor, LocalFeatures
-from sextant.correspondence.matching import epipolar_inliers, mutual_matches
+from sextant.correspondence.matching import distinct_matches, epipolar_inliers, mutual_matches
 from sextant.correspondence.pinhole import Pinhole
 from sextant.correspondence.posed_map import Located, PosedMap, build_map, focal_length_of, log_false_alarms
-from sextant.correspondence.relative_pose import TwoViews, relative_pose, shared_focal_length
+from sextant.correspondence.relative_pose import TwoViews, relative_pose
 from sextant.correspondence.reranking import count_inliers, reranked
+from sextant.correspondence.shared_focal import SharedFocalLength, shared_focal_length
 from sextant.correspondence.triangulation import Triangulated, triangulate
 from sextant.correspondence.trunk_features import TrunkFeatures
 
@@ -26,6 +27,7 @@ __all__ = [
     "Located",
     "Pinhole",
     "PosedMap",
+    "SharedFocalLength",
     "Triangulated",
     "TrunkFeatures",
     "TwoViews",
@@ -34,6 +36,7 @@ __all__ = [
     "build_map",
     "calibrated",
     "count_inliers",
+    "distinct_matches",
     "epipolar_inliers",
     "focal_length_of",
     "likely_convention",

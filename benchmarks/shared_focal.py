@@ -1,0 +1,109 @@
+"""Focal length from two to ten photos of a still scene: ``python -m benchmarks.shared_focal``.
+
+Groups of consecutive photos, spread over each set. Developed on the fountain and the entrance of ``strecha_posed``; the
+other sets were only measured. The focal length of the castle in Sceaux is from the model of the camera, that of the
+tree from structure from motion, both in another's software. Intervals are 95 % by Clopper and Pearson over groups,
+which overlap. One thread.
+"""
+
+import csv
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+import torch
+from numpy import ndarray
+from scipy.stats import beta
+
+from benchmarks.machine import describe_machine
+from benchmarks.posed_photos import scenes
+from sextant.applications.pixels import as_pixels
+from sextant.chapters.localization.pose_map import _detected
+from sextant.console.arguments import parse_arguments
+from sextant.correspondence import LocalFeatures, XFeatures, shared_focal_length
+
+SIZES = (2, 3, 5, 10)
+KEYS = {
+    "sets": "beginnings of names of sets, separated by commas (default: all)",
+    "groups": "groups of each size (default: 8)",
+    "side": "longer side of the images in pixels (default: 1024)",
+}
+
+
+def main(begins: tuple[str, ...] = ("",), groups: int = 8, side: int = 1024) -> None:
+    """Print a row for each set and number of photos."""
+    torch.set_num_threads(1)
+    print(describe_machine())
+    heads = (
+        "set",
+        "photos",
+        "groups",
+        "known",
+        "error %, quartiles",
+        "largest",
+        "told sigma %",
+        "in the 95 % interval",
+    )
+    print(f"| {' | '.join((*heads, 'CPU s'))} |\n|{'---|' * (len(heads) + 1)}", flush=True)
+    for name, (files, focal) in sets(Path(os.environ["SEXTANT_DATA"])).items():
+        if not name.startswith(begins):
+            continue
+        features = [_detected(XFeatures(4096, side), as_pixels(file)) for file in files]
+        for size in SIZES:
+            starts = np.unique(np.linspace(0, len(files) - size, groups).round().astype(int)).tolist()
+            if len(files) < size:
+                continue
+            rows = np.array([measured(features[start : start + size], focal) for start in starts])
+            print(f"| {name} | {size} | {len(rows)} | {cells(rows)} |", flush=True)
+
+
+def sets(data: Path) -> dict[str, tuple[list[Path], float]]:
+    """Photos in order, and their focal length in pixels."""
+    found = {name: (files, camera[0]) for name, (files, _, camera) in scenes(data / "strecha_posed").items()}
+    matrix = (data / "photos/sceaux_castle/K.txt").read_text().split()
+    found["sceaux"] = sorted((data / "photos/sceaux_castle").glob("*.JPG")), float(matrix[0])
+    with (data / "phone_gravity/phone_gravity.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["f_sfm_px"]]
+    found["tree"] = [data / "phone_gravity" / row["file"] for row in rows], float(rows[0]["f_sfm_px"])
+    return found
+
+
+def measured(features: list[LocalFeatures], focal: float) -> tuple[float, ...]:
+    """Error in per cent and its standard deviation, nan if unknown; whether the interval holds; CPU seconds."""
+    began = time.process_time()
+    found = shared_focal_length(features)
+    held = found.interval_px[0] <= focal <= found.interval_px[1]
+    sigma = np.nan if found.focal_sigma is None else 100 * found.focal_sigma
+    return 100 * (found.focal_px / focal - 1), sigma, float(held), time.process_time() - began
+
+
+def cells(rows: ndarray) -> str:
+    """The rest of a row."""
+    known = np.isfinite(rows[:, 0])
+    held = int(rows[:, 2].sum())
+    low, high = (100 * each for each in clopper(held, len(rows)))
+    told = f"{held} of {len(rows)} [{low:.0f}, {high:.0f}]"
+    seconds = f"{np.median(rows[:, 3]):.1f}"
+    if not known.any():
+        return f"0 | – | – | – | {told} | {seconds}"
+    error, sigma = np.abs(rows[known, 0]), np.median(rows[known, 1])
+    a, b, c = np.quantile(error, [0.25, 0.5, 0.75])
+    return f"{known.sum()} | {b:.2f} [{a:.2f}, {c:.2f}] | {error.max():.1f} | {sigma:.2f} | {told} | {seconds}"
+
+
+def clopper(held: int, total: int) -> tuple[float, float]:
+    """The 95 % interval of a share."""
+    low = beta.ppf(0.025, held, total - held + 1) if held else 0.0
+    high = beta.ppf(0.975, held + 1, total - held) if held < total else 1.0
+    return float(low), float(high)
+
+
+if __name__ == "__main__":
+    given = parse_arguments(
+        sys.argv[1:], KEYS, "python -m benchmarks.shared_focal [sets=fountain] [groups=8] [side=1024]"
+    )
+    main(tuple(given.get("sets", "").split(",")), int(given.get("groups", 8)), int(given.get("side", 1024)))

@@ -1,0 +1,127 @@
+"""The focal length that photos of one camera share: made-up scenes, whose truth is known, and photos."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+pytest.importorskip("poselib")
+from sextant.correspondence import LocalFeatures, Pinhole, XFeatures, distinct_matches, shared_focal_length
+from sextant.correspondence.bundle import Scene, Tracks, errors, fitted
+from sextant.errors import ArgumentError
+
+CAMERA = Pinhole.centred(640, 480, 520.0)
+DATA = os.environ.get("SEXTANT_DATA")
+
+
+def photos(rng, poses, points, camera=CAMERA, noise=0.4, descriptors=None):
+    """Features of points from camera_from_world poses; each point keeps its descriptor."""
+    unit = np.linalg.qr(rng.normal(size=(len(points), len(points))))[0] if descriptors is None else descriptors
+    found = []
+    for turn, way in poses:
+        inside = points @ turn.T + way
+        pixels = camera.project(inside) + rng.normal(scale=noise, size=(len(points), 2))
+        seen = np.isfinite(pixels).all(1) & (pixels > 0).all(1) & (pixels < [camera.width, camera.height]).all(1)
+        found.append(LocalFeatures(pixels[seen].astype(np.float32), unit[seen].astype(np.float16), 640, 480))
+    return found
+
+
+def around(count, step=0.18, nearer=0.4):
+    """Cameras that look at a point 6 m away, each from elsewhere and nearer than the one before."""
+    poses = []
+    for k in range(count):
+        turn = Rotation.from_euler("yx", [step * k, 0.07 * (-1) ** k]).as_matrix()
+        poses.append((turn, np.array([0.1 * k, 0.0, 6.0 - nearer * k])))
+    return poses
+
+
+def points(rng, count=400, depth=2.0):
+    return np.column_stack(
+        [rng.uniform(-2.5, 2.5, count), rng.uniform(-1.8, 1.8, count), rng.uniform(-depth, depth, count)]
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [2, 4])
+def test_the_focal_length_is_found_within_its_interval(count):
+    """Truth inside the 95 % interval in at least 8 of 10 scenes: 0.99 by the binomial distribution."""
+    held, error = [], []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        found = shared_focal_length(photos(rng, around(count), points(rng)))
+        held.append(found.interval_px[0] <= 520 <= found.interval_px[1])
+        error.append(abs(found.focal_px / 520 - 1))
+    assert sum(held) >= 8
+    assert np.nanmedian(error) < (0.03 if count == 2 else 0.01)
+
+
+def test_cameras_that_do_not_determine_it_are_told():
+    rng = np.random.default_rng(0)
+    fixating = [(Rotation.from_euler("y", angle).as_matrix(), np.array([0.0, 0.0, 6.0])) for angle in (-0.1, 0.1)]
+    flat = points(rng, depth=0.0)
+    for poses, seen in ((fixating, points(rng)), (around(2), flat)):
+        found = shared_focal_length(photos(rng, poses, seen))
+        assert found.verdict == "undetermined" or found.focal_sigma > 0.05
+        assert found.interval_px[0] < 520 < found.interval_px[1]
+
+
+def test_photos_of_other_scenes_have_none():
+    rng = np.random.default_rng(0)
+    one, other = (photos(rng, around(1), points(rng, 100))[0] for _ in range(2))
+    found = shared_focal_length([one, other])
+    assert (found.verdict, found.focal_sigma) == ("no common scene", None)
+
+
+def test_photos_that_cannot_share_it_are_refused():
+    empty = [
+        LocalFeatures(np.empty((0, 2), np.float32), np.empty((0, 8), np.float16), *size)
+        for size in ((640, 480), (320, 240))
+    ]
+    with pytest.raises(ArgumentError, match="640x480 pixels have no focal length in pixels in common"):
+        shared_focal_length(empty)
+    with pytest.raises(ArgumentError, match="1 photos; a shared focal length needs 2 to 10"):
+        shared_focal_length(empty[:1])
+
+
+def test_repeated_features_are_no_distinct_matches():
+    rng = np.random.default_rng(0)
+    unit = np.linalg.qr(rng.normal(size=(64, 64)))[0].astype(np.float16)
+    one = LocalFeatures(rng.uniform(0, 400, (64, 2)).astype(np.float32), unit, 640, 480)
+    twice = LocalFeatures(np.tile(one.points, (2, 1)), np.concatenate([unit, unit[:10] * 1.0, unit[10:]]), 640, 480)
+    twice = LocalFeatures(twice.points[:74], twice.descriptors[:74], 640, 480)
+    assert len(distinct_matches(one, one)) == 64
+    assert set(distinct_matches(one, twice)[:, 0].tolist()) == set(range(10, 64))
+
+
+def test_an_adjusted_scene_has_the_slope_of_its_valley():
+    """A fit at a nearby focal length, started along the slope, begins near its end."""
+    rng = np.random.default_rng(1)
+    world, poses = points(rng, 80), around(3)
+    turns, ways = (np.stack(each) for each in zip(*poses, strict=True))
+    pixels = np.concatenate([CAMERA.project(world @ turn.T + way) - [319.5, 239.5] for turn, way in poses])
+    order = np.argsort(np.tile(np.arange(80), 3), kind="stable")
+    tracks = Tracks(
+        pixels[order], np.repeat(np.arange(3), 80)[order], np.repeat(np.arange(80), 3), np.zeros(3, int), 640.0
+    )
+    scene = Scene(np.array([np.log(520.0), 0, 0, 0]), turns, ways, world)
+    assert np.abs(errors(tracks, scene)).max() < 1e-9
+    tilted = Scene(scene.shared + [0.05, 0, 0, 0], turns, ways, world + 0.02)
+    found = fitted(tracks, tilted, 0.25, free=True)
+    assert found.log_focal == pytest.approx(np.log(520.0), abs=2e-3)
+    nearby = fitted(tracks, found.towards(found.log_focal + 0.5 * found.log_sigma), 0.25, free=False)
+    assert nearby.deviation == pytest.approx(found.deviation + 0.25, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DATA, reason="SEXTANT_DATA does not name a folder with real data")
+def test_five_photos_tell_the_focal_length_of_their_camera():
+    from sextant.applications.pixels import as_pixels
+
+    files = [Path(DATA) / "strecha_posed" / f"fountain-P11__{k:04d}.jpg" for k in range(5)]
+    features = XFeatures(2048, 768).detect([as_pixels(file) for file in files])
+    found = shared_focal_length(features)
+    assert found.verdict == "known"
+    assert found.focal_px == pytest.approx(1034.8, rel=0.02)
+    assert found.interval_px[0] < 1034.8 < found.interval_px[1]
