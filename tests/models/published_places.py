@@ -10,8 +10,8 @@ def of_module(module, prefix):
     return {prefix + name: value for name, value in module.state_dict().items()}
 
 
-def dinov2(prefix, *, width=768, depth=1, side=37, generator=None):
-    """The state dict of facebookresearch/dinov2's ViT at 518 pixels."""
+def dinov2(prefix, *, width=768, depth=1, side=37, registers=0, gated=0, generator=None):
+    """The state dict of facebookresearch/dinov2's ViT at 518 pixels; ViT-g has gated layers."""
     shapes = {
         "cls_token": (1, 1, width),
         "pos_embed": (1, side * side + 1, width),
@@ -28,6 +28,13 @@ def dinov2(prefix, *, width=768, depth=1, side=37, generator=None):
         "mlp.fc1.weight": (4 * width, width), "mlp.fc1.bias": (4 * width,),
         "mlp.fc2.weight": (width, 4 * width), "mlp.fc2.bias": (width,), "ls2.gamma": (width,),
     }  # fmt: skip
+    if registers:
+        shapes["register_tokens"] = (1, registers, width)
+    if gated:
+        block = {name: shape for name, shape in block.items() if ".fc" not in name} | {
+            "mlp.w12.weight": (gated, width), "mlp.w12.bias": (gated,),
+            "mlp.w3.weight": (width, gated // 2), "mlp.w3.bias": (width,),
+        }  # fmt: skip
     shapes |= {f"blocks.{k}.{name}": shape for k in range(depth) for name, shape in block.items()}
     return random_arrays({prefix + name: shape for name, shape in shapes.items()}, generator)
 
@@ -137,6 +144,14 @@ FILES = {
     ),
     "salad": (
         lambda: dinov2("backbone.model.") | salad_aggregator("aggregator.", 768, 128),
+        "SALAD", 8448, (322, 322),
+    ),
+    "salad_with_registers": (
+        lambda: dinov2("backbone.model.", registers=4) | salad_aggregator("aggregator.", 768, 128),
+        "SALAD", 8448, (322, 322),
+    ),
+    "salad_of_vit_g": (
+        lambda: dinov2("backbone.model.", width=1536, gated=8192) | salad_aggregator("aggregator.", 1536, 128),
         "SALAD", 8448, (322, 322),
     ),
     "megaloc": (megaloc, "MegaLoc", 8448, (322, 322)),

@@ -12,9 +12,11 @@ from models.published_places import FILES, boq_aggregator, dinov2, mixvpr_aggreg
 
 from sextant.errors import UserError
 from sextant.models.bag_of_queries import BagOfQueries
-from sextant.models.published_place_file import kind_of, read_published_places, tensors_of
-from sextant.models.published_place_net import PublishedPlaceNet, resampled_positions
+from sextant.models.published_arrays import tensors_of
+from sextant.models.published_place_file import kind_of, read_published_places
+from sextant.models.published_place_net import PublishedPlaceNet
 from sextant.models.transported_features import TransportedFeatures, transported
+from sextant.models.vision_transformer import resampled_positions
 
 
 def built(found):
@@ -245,6 +247,45 @@ def test_positions_are_resampled_as_by_dinov2():
     np.testing.assert_allclose(found[1:].numpy(), wanted, atol=1e-5)
     assert torch.equal(found[0], positions[0, 0])
     assert torch.equal(resampled_positions(positions, (5, 5)), positions)
+
+
+@pytest.mark.parametrize(
+    ("registers", "gated", "peer"),
+    [(4, 0, "vit_small_patch14_reg4_dinov2"), (0, 2048, None), (4, 2048, None)],
+)
+def test_transformers_with_registers_or_gated_layers_are_timms(registers, gated, peer):
+    """Against timm's own models and its own conversion of the authors' arrays."""
+    from timm.layers import SwiGLUPacked
+    from timm.models.vision_transformer import VisionTransformer, checkpoint_filter_fn
+
+    torch.manual_seed(4)
+    sizes = {"registers": registers} if registers else {}
+    sizes |= {"gated": gated} if gated else {}
+    arrays = dinov2("backbone.model.", width=384, **sizes) | salad_aggregator("aggregator.", 384, 8)
+    found = read_published_places(arrays, "their.ckpt")
+    assert {name: found.settings["sizes"].get(name, 0) for name in ("registers", "gated")} == {
+        "registers": registers, "gated": gated
+    }  # fmt: skip
+    more = {"reg_tokens": registers, "no_embed_class": True} if registers else {}
+    more |= {"mlp_ratio": gated / 384, "mlp_layer": SwiGLUPacked, "act_layer": torch.nn.SiLU} if gated else {}
+    theirs = VisionTransformer(
+        img_size=322, patch_size=14, embed_dim=384, depth=1, num_heads=6, init_values=1e-5, num_classes=0, **more
+    ).eval()
+    if peer:
+        import timm
+
+        built_in = timm.create_model(peer, img_size=322, num_classes=0, depth=1)
+        assert {k: v.shape for k, v in built_in.state_dict().items()} == {
+            k: v.shape for k, v in theirs.state_dict().items()
+        }
+    plain = {name.removeprefix("backbone.model."): value for name, value in arrays.items() if "backbone" in name}
+    if not registers:  # timm resamples these without DINOv2's 0.1 too many
+        plain["pos_embed"] = resampled_positions(plain["pos_embed"], (23, 23))
+    theirs.load_state_dict(checkpoint_filter_fn(plain, theirs))
+    ours, image = built(found), torch.rand(1, 3, 322, 322)
+    with torch.no_grad():
+        difference = ours.trunk.forward_features(image) - theirs.forward_features(image)
+    assert difference.abs().max() < 1e-4
 
 
 def wrong(change):

@@ -26,7 +26,8 @@ def places_content(path: Path, other: Callable[[Path, Any], dict[str, Any]] | No
     Raises:
         UserError: the file is missing, damaged or neither; nothing in it was executed.
     """
-    from sextant.models.published_place_file import kind_of, read_published_places, tensors_of
+    from sextant.models.published_arrays import tensors_of
+    from sextant.models.published_place_file import kind_of, read_published_places
     from sextant.runs.checkpoint import KEY, load_plain, require_checkpoint
 
     try:
@@ -84,7 +85,8 @@ def _safetensors(path: Path) -> Any:
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
-    from sextant.models.published_place_file import KNOWN, kind_of, tensors_of
+    from sextant.models.published_arrays import tensors_of
+    from sextant.models.published_place_file import KNOWN, kind_of
     from sextant.models.weights_file import why_unread
 
     try:

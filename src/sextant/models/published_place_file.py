@@ -26,7 +26,9 @@ import torch
 from torch import Tensor
 
 from sextant.errors import ArgumentError, UserError
-from sextant.models.published_place_net import Kind, PublishedPlaceNet, Trunk, resampled_positions
+from sextant.models.published_arrays import count_of, fitted_arrays, told_shape
+from sextant.models.published_place_net import Kind, PublishedPlaceNet, Trunk
+from sextant.models.vision_transformer import GATED, resampled_positions, with_registers_folded
 
 
 @dataclass(frozen=True)
@@ -101,22 +103,6 @@ class PublishedPlaces:
     state: dict[str, Tensor]
 
 
-def tensors_of(content: Any) -> dict[str, Tensor] | None:
-    """The arrays of a state dict, or of one within a training checkpoint; None if there are none.
-
-    >>> tensors_of({"epoch": 3, "state_dict": {"module.w": torch.zeros(1)}})
-    {'w': tensor([0.])}
-    """
-    for key in ("state_dict", "model_state_dict", "model"):
-        if isinstance(content, Mapping) and isinstance(content.get(key), Mapping):
-            content = content[key]
-            break
-    if not isinstance(content, Mapping):
-        return None
-    found = {str(name): value for name, value in content.items() if isinstance(value, Tensor)}
-    return {re.sub(r"(^|\.)module\.", r"\1", name): value for name, value in found.items()} or None
-
-
 def kind_of(tensors: Mapping[str, Any]) -> Kind | None:
     """The kind of network that has arrays of these names."""
     return next((kind for kind in get_args(Kind) if LAYOUTS[kind].mark in tensors), None)
@@ -149,6 +135,8 @@ class _Reading:
     def __init__(self, kind: Kind, tensors: Mapping[str, Tensor], file: str):
         self.kind, self.layout, self.tensors, self.file = kind, LAYOUTS[kind], tensors, file
         self.prefix, self.sequence, self.trunk = self._trunk()
+        self.tensors = with_registers_folded(tensors, self.prefix) if self.trunk == "vit" else tensors
+        self.gated = f"{self.prefix}blocks.0.mlp.w12.bias" in tensors
 
     def network(self) -> PublishedPlaces:
         blocks, sizes = self._blocks(), self._trunk_sizes() | self._sizes()
@@ -197,7 +185,12 @@ class _Reading:
         if self.trunk != "vit":
             return {}
         width, _, patch, _ = self._shape(f"{self.prefix}patch_embed.proj.weight", 4)
-        return {"width": width, "patch": patch}
+        sizes = {"width": width, "patch": patch}
+        if f"{self.prefix}reg_token" in self.tensors:
+            sizes["registers"] = self._shape(f"{self.prefix}reg_token", 3)[1]
+        if self.gated:
+            sizes["gated"] = self._shape(f"{self.prefix}blocks.0.mlp.w12.bias", 1)[0]
+        return sizes
 
     def _sizes(self) -> dict[str, int]:
         """The numbers of the aggregation and of the last layer."""
@@ -248,6 +241,9 @@ class _Reading:
         part, _, rest = name.partition(".")
         if part == "trunk":
             first, _, inner = rest.partition(".")
+            if self.gated:
+                for theirs, ours in GATED.items():
+                    rest = rest.replace(ours, theirs)
             return self.prefix + (f"{PLACES[first]}.{inner}" if self.sequence else rest)
         if part == "head":
             return self.layout.last + rest
@@ -257,37 +253,17 @@ class _Reading:
 
     def _fitted(self, own: Mapping[str, Tensor], size: tuple[int, int], sizes: Mapping[str, int]) -> dict[str, Tensor]:
         """The arrays by our names; raises a ``UserError`` unless the file has exactly those, in their shapes."""
-        state, missing, shapes = dict[str, Tensor](), list[str](), list[str]()
-        left = {name for name in self.tensors if UNUSED.search(name) is None}
-        for name, wanted in own.items():
-            theirs = self._theirs(name)
-            left.discard(theirs)
-            found = self.tensors.get(theirs)
-            if found is None:
-                if OPTIONAL.search(name) is None:
-                    missing.append(theirs)
-                state[name] = torch.zeros(wanted.shape, dtype=wanted.dtype)
-                continue
-            if name == "trunk.pos_embed":
-                grid = size[0] // sizes["patch"], size[1] // sizes["patch"]
-                try:
-                    found = resampled_positions(found, grid)
-                except ValueError as error:
-                    shapes.append(f"{theirs} ({error})")
-                    continue
-            if [n for n in found.shape if n != 1] != [n for n in wanted.shape if n != 1]:
-                shapes.append(f"{theirs} ({_told(found.shape)} instead of {_told(wanted.shape)})")
-                continue
-            state[name] = found.reshape(wanted.shape).to(wanted.dtype).contiguous()
-        problems = [
-            f"{how} {', '.join(names[:3])}{f' and {len(names) - 3:,} more' if len(names) > 3 else ''}"
-            for how, names in (
-                ("lacks", missing), ("has in another shape", shapes), ("also holds", sorted(left))
-            )
-            if names
-        ]  # fmt: skip
+        def adapted(name: str, found: Tensor) -> Tensor:
+            if name != "trunk.pos_embed":
+                return found
+            grid = size[0] // sizes["patch"], size[1] // sizes["patch"]
+            return resampled_positions(found, grid, registers="registers" in sizes)
+
+        state, problems = fitted_arrays(
+            own, self.tensors, self._theirs, unused=UNUSED, optional=OPTIONAL, adapted=adapted
+        )
         if problems:
-            raise self._unfit("; it ".join(["it " + problems[0], *problems[1:]]))
+            raise self._unfit("; ".join(problems))
         return state
 
     def _shape(self, name: str, axes: int) -> tuple[int, ...]:
@@ -295,20 +271,14 @@ class _Reading:
         if found is None:
             raise self._unfit(f"it lacks {name}")
         if found.ndim != axes:
-            raise self._unfit(f"it has in another shape {name} ({_told(found.shape)} instead of {axes} axes)")
+            raise self._unfit(f"it has in another shape {name} ({told_shape(found.shape)} instead of {axes} axes)")
         return tuple(found.shape)
 
     def _count(self, pattern: str) -> int:
-        """One more than the largest number in names that begin with this pattern; 0 if there are none."""
-        found = (re.match(pattern, name) for name in self.tensors)
-        return max((int(match[1]) + 1 for match in found if match is not None), default=0)
+        return count_of(self.tensors, pattern)
 
     def _unfit(self, how: str) -> UserError:
         return UserError(
             f"{self.file} looks like {self.layout.title} by {self.layout.mark}, but does not fit it: {how}",
             f"Copy the file again, or give one of the authors' files. Known: {KNOWN}",
         )
-
-
-def _told(shape: torch.Size) -> str:
-    return "x".join(map(str, shape)) or "a single number"

@@ -1,14 +1,14 @@
 """Networks for places that others published, as one module each: trunk, aggregation, last layer, norm."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from sextant.errors import ArgumentError, UserError, how_to_install
+from sextant.errors import ArgumentError
 from sextant.models.bag_of_queries import BagOfQueries
 from sextant.models.pooling import FeatureMixer, GeM, NetVLAD
 from sextant.models.standardize import Standardize
@@ -16,11 +16,10 @@ from sextant.models.torchvision_backbone import resnet_stages, vgg16_map
 from sextant.models.transported_features import TransportedFeatures
 from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD
 from sextant.ranges import Count, checked
+from sextant.models.vision_transformer import vision_transformer
 
 Kind = Literal["boq", "salad", "megaloc", "mixvpr", "cosplace", "netvlad"]
 Trunk = Literal["vit", "resnet_basic", "resnet_bottleneck", "vgg16"]
-#: channels of one attention head of the trunk
-HEAD = 64
 #: images described at once, which bounds the memory
 MOST = 8
 
@@ -50,7 +49,8 @@ class PublishedPlaceNet(nn.Module):
         trunk: a vision transformer as DINOv2 (timm), a ResNet with one or the other kind of block, or VGG-16 without
             its last activation (torchvision).
         blocks: of the transformer, or of each stage of the ResNet; empty for VGG-16.
-        sizes: numbers of the aggregation, and ``width`` and ``patch`` of a transformer.
+        sizes: numbers of the aggregation, and ``width`` and ``patch`` of a transformer; ``registers`` and ``gated`` if
+            it has any (:func:`~sextant.models.vision_transformer.vision_transformer`).
 
     Attributes:
         dimension: length of a descriptor.
@@ -103,7 +103,9 @@ class PublishedPlaceNet(nn.Module):
                 raise ArgumentError(
                     f"images of {size[0]}x{size[1]} do not divide into patches of {patch}", f"Multiples of {patch}."
                 )
-            self.trunk: nn.Module = _transformer(width, patch, blocks[0], size, normed=normed)
+            more = {name: sizes.get(name, 0) for name in ("registers", "gated")}
+            self.trunk: nn.Module = vision_transformer(width, patch, blocks[0], size, normed=normed, **more)
+            self.registers = more["registers"]
             self.grid = (size[0] // patch, size[1] // patch)
             return width, self.grid
         self.trunk = vgg16_map() if trunk == "vgg16" else resnet_stages(blocks, bottleneck=trunk == "resnet_bottleneck")
@@ -127,7 +129,7 @@ class PublishedPlaceNet(nn.Module):
             pooled = self.aggregator(F.normalize(features, dim=1) if self.unit_cells else features)
         else:
             tokens = self.trunk.forward_features(x)  # type: ignore[operator]
-            features = tokens[:, 1:].transpose(1, 2).unflatten(2, self.grid)
+            features = tokens[:, 1 + self.registers :].transpose(1, 2).unflatten(2, self.grid)
             pooled = self.aggregator(features, tokens[:, 0]) if self.tokens else self.aggregator(features)
         return F.normalize(self.head(pooled), dim=1)
 
@@ -148,34 +150,3 @@ def _aggregator(kind: Kind, channels: int, size: tuple[int, int], sizes: Mapping
     if kind == "netvlad":
         return NetVLAD(channels, size, **of("clusters"))
     return GeM(channels, size)
-
-
-def _transformer(width: int, patch: int, depth: int, size: tuple[int, int], *, normed: bool) -> nn.Module:
-    try:
-        from timm.models.vision_transformer import VisionTransformer
-    except ImportError:
-        raise UserError("networks with a vision transformer need the package timm", how_to_install("timm")) from None
-    settings: dict[str, Any] = {"init_values": 1.0, "num_classes": 0, "global_pool": ""}
-    network: nn.Module = VisionTransformer(
-        img_size=size, patch_size=patch, embed_dim=width, depth=depth, num_heads=max(1, width // HEAD), **settings
-    )
-    if not normed:
-        network.norm = nn.Identity()
-    return network
-
-
-def resampled_positions(positions: Float[Tensor, "1 n d"], grid: tuple[int, int]) -> Float[Tensor, "1 m d"]:
-    """The learnt positions of a square grid of patches, for another grid, as DINOv2 does it: bicubic, 0.1 too many.
-
-    Raises:
-        ValueError: these are not the positions of one token and a square of patches.
-    """
-    side = round((positions.shape[1] - 1) ** 0.5)
-    if positions.ndim != 3 or positions.shape[1] != side * side + 1:
-        raise ValueError(f"{tuple(positions.shape)} are not positions of one token and a square of patches")
-    if grid == (side, side):
-        return positions
-    square = positions[:, 1:].float().unflatten(1, (side, side)).permute(0, 3, 1, 2)
-    factors = [(wanted + 0.1) / side for wanted in grid]
-    found = F.interpolate(square, scale_factor=factors, mode="bicubic").flatten(2).transpose(1, 2)
-    return torch.cat([positions[:, :1].float(), found], 1)
