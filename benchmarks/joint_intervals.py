@@ -21,11 +21,17 @@ from sextant.applications import PhotoCalibrator
 from sextant.chapters.calibration.jointly import MULTIPLES
 from sextant.chapters.calibration.metrics.photo_benchmark import WRONG, Answers, Truth
 from sextant.chapters.calibration.metrics.summary import AUC_DEG
+from sextant.chapters.calibration.options import NetworkOptions
+from sextant.chapters.calibration.predict import calibrator_of_others
 from sextant.console.arguments import parse_arguments
 from sextant.lifecycle.photo_benchmark import PhotoBenchmark, benchmark_calibration
 from sextant.zoo import model_file, read_card
 
-KEYS = {"run": "a run of calibration; zoo:calibration by default"}
+KEYS = {
+    "run": "a run of calibration; zoo:calibration by default",
+    "network": "or a network of others: geocalib:<file> or anycalib:<file>",
+    "scale": "the scale of its spreads, from sextant benchmark calibration",
+}
 #: the folders of each set
 SETS = {
     "York Urban": ["york_urban"],
@@ -178,7 +184,9 @@ def table(titles: list[str], rows: list[list[str]]) -> str:
 
 def main() -> None:
     given = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.joint_intervals")
-    calibrator, data = PhotoCalibrator.load(given.get("run", "zoo:calibration")), Path(os.environ["SEXTANT_DATA"])
+    others, data = NetworkOptions.of(given), Path(os.environ["SEXTANT_DATA"])
+    own = given.get("run", "zoo:calibration")
+    calibrator = PhotoCalibrator.load(own) if others.network is None else calibrator_of_others(others)
     trained = [
         entry["file"]
         for files in read_card(model_file("zoo:calibration"))["data"].values()

@@ -1,10 +1,14 @@
 """``sextant benchmark calibration`` on a few drawn photos, by a network that was never trained."""
 
 import csv
+import hashlib
+import json
 
 import numpy as np
 import pytest
+import torch
 from baselines.calibration.drawings import cameras, picture
+from models.published_cameras import anycalib
 from PIL import Image
 from tiny_calibration import tiny_checkpoint
 
@@ -53,6 +57,50 @@ def test_all_methods_are_measured_and_written(benchmark, photos, tmp_path):
     text = (tmp_path / "out" / "benchmark.md").read_text()
     for part in ("# known", "| joint | 3 |", "*GeoCalib, LaMAR*", "Truth inside the interval", "| not trustworthy |"):
         assert part in text
+
+
+@pytest.fixture(scope="module")
+def others(tmp_path_factory):
+    """A file of random weights in AnyCalib's layout."""
+    path = tmp_path_factory.mktemp("others") / "theirs.pt"
+    torch.manual_seed(0)
+    torch.save(anycalib(), path)
+    return path
+
+
+@pytest.mark.slow
+def test_the_scale_of_a_network_of_others_is_fitted_and_used(benchmark, photos, others, tmp_path):
+    shared = ("calibration", f"network=anycalib:{others}", f"folder={photos}")
+    status, said = benchmark(*shared, f"output={tmp_path / 'out'}")
+    assert status == 0, said
+    for part in ("not supplied by Sextant; spreads as the network gives them", "Scale of the network's spreads"):
+        assert part in said
+    file = tmp_path / "out" / "network_scale.json"
+    content = json.loads(file.read_text())
+    assert content["network"]["sha256"] == hashlib.sha256(others.read_bytes()).hexdigest()
+    assert content["photos"][:3] == [0, 0, 3]  # rays say nothing of tilt and roll
+    content["scale"]["vfov"] = 2.5
+    file.write_text(json.dumps(content))
+    status, said = benchmark(*shared, f"scale={file}", f"output={tmp_path / 'scaled'}")
+    assert status == 0, said
+    assert f"spreads by {file}" in said
+    assert not (tmp_path / "scaled" / "network_scale.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("run=zoo:calibration", "network=anycalib:x.pt"), "are two networks"),
+        (("scale=x.json",), "is for a network of others"),
+        (("network=deepcalib:x.pt",), "must be geocalib:<file> or anycalib:<file>"),
+        (("network=anycalib:x.pt",), "network=anycalib:x.pt: there is no such file"),
+    ],
+)
+def test_mistakes_about_a_network_of_others_are_told(benchmark, arguments, says, photos, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, said = benchmark("calibration", f"folder={photos}", *arguments)
+    assert status == 2
+    assert says in said.replace("\n", " ")
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ _HERE = {
     "OneCamera": "sextant.chapters.calibration.one_camera",
     "PhotoCalibrator": "sextant.chapters.calibration.calibrator",
     "PhotoCamera": "sextant.chapters.calibration.photo_camera",
+    "PhotoNetwork": "sextant.chapters.calibration.other_networks",
     "PlaceMap": "sextant.chapters.places.place_map",
     "PlaceMatch": "sextant.chapters.places.looked_up",
     "PoseMap": "sextant.chapters.localization.pose_map",

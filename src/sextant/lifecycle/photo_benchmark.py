@@ -30,6 +30,8 @@ from sextant.chapters.calibration.metrics.photo_benchmark import (
     worst_table,
 )
 from sextant.chapters.calibration.network import CameraNetwork
+from sextant.chapters.calibration.network_scale import fit_scale, write_scale
+from sextant.chapters.calibration.other_networks import OtherNetwork
 from sextant.composing.compose import compose, to_plain
 from sextant.config.building import build_part
 from sextant.tables import TextTable
@@ -139,7 +141,23 @@ def write_benchmark(found: PhotoBenchmark, output: Path) -> list[Path]:
     return [output / "benchmark.md", output / "benchmark.csv"]
 
 
-def _numbers(found: Finding | FailedPhoto, method: Method, network: CameraNetwork) -> tuple[tuple[float, ...], str]:
+def write_network_scale(found: PhotoBenchmark, calibrator: PhotoCalibrator, path: Path) -> tuple[str, Path]:
+    """Fit the scale of the spreads of a network of others to a benchmark and write it; returns its table and the file.
+
+    Raises:
+        UserError: the disk is full, or the folder is not writable.
+    """
+    fitted = fit_scale(found.truth, found.methods["network"])
+    source = calibrator.network.source if isinstance(calibrator.network, OtherNetwork) else None
+    with telling_write_errors(path.parent):
+        write_scale(path, fitted, getattr(source, "card", {}), found.folder)
+    title = "Scale of the network's spreads, and its errors inside their intervals with scales of the other sources, %"
+    return f"{title}:\n\n{TextTable(*fitted.table()).markdown()}", path
+
+
+def _numbers(
+    found: Finding | FailedPhoto, method: Method, network: CameraNetwork | OtherNetwork
+) -> tuple[tuple[float, ...], str]:
     """The camera and the half-widths of its intervals as one row, lengths in image heights; and the verdict."""
     if not isinstance(found, FailedPhoto):
         found = attempted(found.name, by_method, found, method)

@@ -6,6 +6,7 @@ for the decoder Z. Geng et al., "Is attention better than matrix decomposition?"
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -37,8 +38,9 @@ class StripAttention(nn.Module):
         """The weighed cells, added to the input."""
         inner = F.gelu(self.before(x))
         near = self.near(inner)
-        far = sum(down(across(near)) for across, down in zip(self.across, self.down, strict=True))
-        found: Tensor = self.after(self.mix(near + far) * inner) + x
+        strips = zip(self.across, self.down, strict=True)
+        gathered: Tensor = near + sum(down(across(near)) for across, down in strips)
+        found: Tensor = x + self.after(self.mix(gathered) * inner)
         return found
 
 
@@ -57,7 +59,8 @@ class StripBlock(nn.Module):
         """Cells of the same width."""
         x = x + self.first_scale[:, None, None] * self.attention(self.first_norm(x))
         hidden = F.gelu(self.near(self.widen(self.second_norm(x))))
-        return x + self.second_scale[:, None, None] * self.narrow(hidden)
+        found: Tensor = x + self.second_scale[:, None, None] * self.narrow(hidden)
+        return found
 
 
 class StripEncoder(nn.Module):
@@ -72,7 +75,7 @@ class StripEncoder(nn.Module):
         )  # fmt: skip
         steps = [
             nn.Sequential(nn.Conv2d(before, after, 3, 2, 1), nn.BatchNorm2d(after))
-            for before, after in zip(widths[:-1], widths[1:], strict=True)
+            for before, after in pairwise(widths)
         ]
         self.steps = nn.ModuleList([stem, *steps])
         self.blocks = nn.ModuleList(

@@ -22,8 +22,8 @@ from torch import Tensor
 
 from sextant.atomic_files import read_json
 from sextant.errors import UserError, how_to_install
-from sextant.models.weights_file import why_unread
-from sextant.torch_file import load_verified, require_finite
+from sextant.models.weights_file import read_weights
+from sextant.torch_file import require_finite
 
 SOURCES = ("timm:", "robustbench:")
 USAGE = "Give model=timm:<name or file> or model=robustbench:<file>."
@@ -257,22 +257,7 @@ def _count(state: Iterable[str], pattern: str) -> int:
 
 def _tensors(path: Path) -> dict[str, Tensor]:
     """The state dict in a file, without the prefixes of wrappers."""
-    try:
-        if path.suffix == ".safetensors":
-            from safetensors.torch import load_file
-
-            content: Any = load_file(path)
-        else:
-            content = load_verified(path)
-    except FileNotFoundError:
-        raise UserError(f"model={path}: there is no such file", USAGE) from None
-    except UserError:
-        raise
-    except Exception as error:  # a damaged file can fail in any way
-        raise UserError(
-            f"model={path} cannot be read; nothing in it was executed: {why_unread(error)}",
-            "Give a safetensors file or a state dict, as torch.save writes it.",
-        ) from None
+    content = read_weights(path, f"model={path}", USAGE)
     for key in ("state_dict", "model", "net"):
         if isinstance(content, Mapping) and isinstance(content.get(key), Mapping):
             content = content[key]

@@ -253,6 +253,7 @@ class _Reading:
 
     def _fitted(self, own: Mapping[str, Tensor], size: tuple[int, int], sizes: Mapping[str, int]) -> dict[str, Tensor]:
         """The arrays by our names; raises a ``UserError`` unless the file has exactly those, in their shapes."""
+
         def adapted(name: str, found: Tensor) -> Tensor:
             if name != "trunk.pos_embed":
                 return found

@@ -40,9 +40,7 @@ class RayNet(nn.Module):
         torch.Size([1, 3, 28, 42])
     """
 
-    def __init__(
-        self, *, width: int, patch: int, depth: int, side: int, projected: Sequence[int], channels: int
-    ):
+    def __init__(self, *, width: int, patch: int, depth: int, side: int, projected: Sequence[int], channels: int):
         super().__init__()
         self.standardize = Standardize(3, IMAGENET_MEAN, IMAGENET_STD)
         self.trunk = vision_transformer(width, patch, depth, (side * patch, side * patch))

@@ -45,7 +45,7 @@ def vision_transformer(
         UserError: timm is not installed.
     """
     try:
-        from timm.layers import SwiGLUPacked
+        from timm.layers.mlp import SwiGLUPacked
         from timm.models.vision_transformer import VisionTransformer
     except ImportError:
         raise UserError("networks with a vision transformer need the package timm", how_to_install("timm")) from None

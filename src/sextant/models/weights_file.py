@@ -45,6 +45,34 @@ def load_weights(
         ) from None
 
 
+def read_weights(path: Path, told: str, usage: str) -> Any:
+    """The content of a file of weights: tensors and plain containers. Nothing in it is executed.
+
+    Args:
+        path: a ``.safetensors`` file, or one written by ``torch.save``.
+        told: the argument that names it, for messages.
+        usage: what to give, for the message that there is no such file.
+
+    Raises:
+        UserError: the file is missing, damaged, or holds anything else.
+    """
+    try:
+        if path.suffix == ".safetensors":
+            from safetensors.torch import load_file
+
+            return load_file(path)
+        return load_verified(path)
+    except FileNotFoundError:
+        raise UserError(f"{told}: there is no such file", usage) from None
+    except UserError:
+        raise
+    except Exception as error:  # a damaged file can fail in any way
+        raise UserError(
+            f"{told} cannot be read; nothing in it was executed: {why_unread(error)}",
+            "Give a safetensors file or a state dict, as torch.save writes it.",
+        ) from None
+
+
 def fit_weights(network: nn.Module, state: Mapping[str, Any], told: str) -> None:
     """Load a state dict that was read, in place; counters of batch normalisation may be missing in it.
 

@@ -19,6 +19,7 @@ from sextant.baselines.calibration.estimate import (
 from sextant.baselines.calibration.joint import JointEstimate, joint_estimate
 from sextant.baselines.calibration.line_evidence import LineEvidence
 from sextant.baselines.calibration.line_segments import count_long, detect_segments
+from sextant.baselines.calibration.observed import Observed, ObservedField, ObservedRays, map_points
 from sextant.baselines.calibration.plumb_line import PlumbLine
 from sextant.baselines.calibration.robust_fit import FOCAL_HEIGHTS
 from sextant.baselines.calibration.terms import CameraBelief, FocalBelief, GravityBelief, PhotoPrior, Term
@@ -37,6 +38,9 @@ __all__ = [
     "GravityBelief",
     "JointEstimate",
     "LineEvidence",
+    "Observed",
+    "ObservedField",
+    "ObservedRays",
     "PhotoPrior",
     "PlumbLine",
     "PriorCamera",
@@ -48,6 +52,7 @@ __all__ = [
     "detect_chains",
     "detect_segments",
     "joint_estimate",
+    "map_points",
     "prior_of_cameras",
     "stack_cameras",
 ]

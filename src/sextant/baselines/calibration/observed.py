@@ -53,6 +53,7 @@ MOST = 1024
 class Observed(ABC):
     """What a network says about the points of a photo."""
 
+    points: Float[ndarray, "n 2"]
     #: which of tilt, roll, vfov and k1_hat it determines
     free: ClassVar[tuple[int, ...]]
 
@@ -73,31 +74,31 @@ class Observed(ABC):
     has_spread: bool = True
 
     def belief(self) -> CameraBelief:
-        """The camera with standard errors; infinite where the observations do not determine a number.
+        """The camera with standard errors; infinite for numbers that are not determined or at an end of the search.
 
         Raises:
             ArithmeticError: no camera fits, or the observations determine none.
         """
-        vector, cost, curvature = min(map(self._fitted, self._starts()), key=lambda each: each[1])
+        vector, cost, slope = min(map(self._fitted, self._starts()), key=lambda each: each[1])
         if not math.isfinite(cost):
             raise ArithmeticError("no camera fits what the network says")
         sigma = np.full(4, np.inf)
-        sigma[list(self.free)] = self._sigmas(curvature, cost)
+        sigma[list(self.free)] = self._sigmas(slope, cost)
+        sigma[(vector <= LOWEST) | (vector >= HIGHEST)] = np.inf
         tilt, roll, vfov, k1_hat = map(float, vector)
         focal = float(focal_from_vfov(torch.tensor(vfov, dtype=torch.float64)))
         first, second, third, fourth = map(float, np.maximum(sigma, LEAST))
         return CameraBelief(tilt, roll, focal, k1_hat, (first, second, third, fourth))
 
-    def _sigmas(self, curvature: Float64[ndarray, "k k"], cost: float) -> Float64[ndarray, "k"]:
-        residuals = self.residuals(np.zeros((1, 4)) + [0, 0, 1, 0]).shape[1]
-        spread = 2 * cost / max(residuals - len(self.free), 1)
+    def _sigmas(self, slope: Float64[ndarray, "m k"], cost: float) -> Float64[ndarray, "k"]:
+        spread = 2 * cost / max(len(slope) - len(self.free), 1)
         if self.has_spread:
             spread = max(spread, 1.0)
         weight = min(INDEPENDENT / self.count, 1.0)
-        values, axes = np.linalg.eigh(curvature)
+        values, axes = np.linalg.eigh(slope.T @ slope)
         if values[0] <= 1e-12 * values[-1]:
             raise ArithmeticError("what the network says does not determine a camera")
-        return np.sqrt(np.square(axes) @ (1 / values) * spread / weight)
+        return np.asarray(np.sqrt(np.square(axes) @ (1 / values) * spread / weight))
 
     def _starts(self) -> Float64[ndarray, "k 4"]:
         """The cameras of least cost among a grid of lenses."""
@@ -105,10 +106,8 @@ class Observed(ABC):
         costs = np.square(_rooted(self.residuals(lenses))).sum(axis=1)
         return lenses[np.argsort(np.nan_to_num(costs, nan=np.inf), kind="stable")[:STARTS]]
 
-    def _fitted(
-        self, at: Float64[ndarray, "4"]
-    ) -> tuple[Float64[ndarray, "4"], float, Float64[ndarray, "k k"]]:
-        """The nearest minimum, its cost and the curvature there."""
+    def _fitted(self, at: Float64[ndarray, "4"]) -> tuple[Float64[ndarray, "4"], float, Float64[ndarray, "m k"]]:
+        """The nearest minimum, its cost and the slopes of the rooted residuals there."""
         free, damping = list(self.free), 1e-3
         residuals, slope = self._linear(at)
         cost = 0.5 * float(residuals @ residuals)
@@ -130,7 +129,7 @@ class Observed(ABC):
             residuals, slope = self._linear(at)
             if moved < SMALLEST_STEP:
                 break
-        return at, cost, slope.T @ slope
+        return at, cost, slope
 
     def _linear(self, at: Float64[ndarray, "4"]) -> tuple[Float64[ndarray, "m"], Float64[ndarray, "m k"]]:
         """The rooted residuals and their slopes along the free numbers."""
@@ -278,7 +277,7 @@ def _cameras(vectors: Float64[ndarray, "b 4"]) -> CameraParameters:
 def _settle(observed: Observed, axes: dict[str, int]) -> None:
     """Check arrays and keep them in double precision, thinned out to at most :data:`MOST` points."""
     kind = type(observed).__name__
-    count = len(np.asarray(getattr(observed, "points")))
+    count = len(np.asarray(observed.points))
     keep = np.arange(count) if count <= MOST else np.linspace(0, count - 1, MOST).astype(int)
     for each in fields(observed):  # type: ignore[arg-type]  # every kind is a dataclass
         values = np.array(getattr(observed, each.name), np.float64)

@@ -1,6 +1,6 @@
 """Camera calibration from photos, by a trained network and the lines in the photos."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
@@ -11,6 +11,7 @@ from sextant.chapters.calibration.inference import AnyPhoto, find_cameras
 from sextant.chapters.calibration.jointly import Method, by_method
 from sextant.chapters.calibration.network import CameraNetwork, trained_camera_network
 from sextant.chapters.calibration.one_camera import OneCamera, fuse_as_one_camera
+from sextant.chapters.calibration.other_networks import OtherNetwork, PhotoNetwork
 from sextant.chapters.calibration.photo_camera import PhotoCamera
 from sextant.chapters.calibration.priors import (
     FocalPrior,
@@ -46,17 +47,34 @@ class PhotoCalibrator:
     >>> print(camera.focal_px, camera.interval_95.focal_px, camera.verdict)  # doctest: +SKIP
 
     Args:
-        network: the trained network.
+        network: the trained network, or one of others: any object whose ``predict(image)`` returns a camera, a field or
+            rays with spreads (:class:`~sextant.chapters.calibration.other_networks.PhotoNetwork`).
         method: ``joint`` combines all evidence in one robust least-squares problem; ``lines`` leaves the network out,
             and ``network`` uses the network only.
+        scale: factors on the spreads of tilt, roll, field of view and k1/f² of a network of others, as
+            ``sextant benchmark calibration network=`` fits them.
 
     Raises:
-        UserError: there is no such method.
+        UserError: there is no such method, the network has no method ``predict``, or the scale does not go with it.
     """
 
+    network: CameraNetwork | OtherNetwork
+
     @checked
-    def __init__(self, network: CameraNetwork, method: Method = "joint"):
-        self.network, self.method = network.eval(), method
+    def __init__(
+        self,
+        network: CameraNetwork | PhotoNetwork,
+        method: Method = "joint",
+        *,
+        scale: Sequence[float] | None = None,
+    ):
+        self.method = method
+        if not isinstance(network, CameraNetwork):
+            self.network = OtherNetwork(network, scale or (1.0,) * 4)
+        elif scale is not None:
+            raise ArgumentError("scale= is for networks of others: the intervals of this one are conformal")
+        else:
+            self.network = network.eval()
 
     @classmethod
     def load(

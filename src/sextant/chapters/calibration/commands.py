@@ -3,7 +3,11 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from sextant.applications.arguments import check_apart
 from sextant.chapters.calibration.options import CalibrationOptions
+from sextant.console.written import make_output
+from sextant.data.photo_files import find_photos
+from sextant.errors import UserError
 from sextant.kit.handler import Handler, Trained
 
 
@@ -12,11 +16,33 @@ class Calibration(Handler):
 
     task = "calibration"
     topic = "calibration"
+    usage = "sextant predict network=geocalib:<file> input=<image, folder or pattern> [output=calibrated]"
     keys = CalibrationOptions.meanings()
+    needs = ("input",)
+    shared = ("input", "output")
+    named_by = "network="
+
+    def claims(self, given: Mapping[str, str]) -> bool:
+        """Whether a network of others is named."""
+        return "network" in given
 
     def check(self, given: Mapping[str, str]) -> None:
         """Raise a ``UserError`` if a value of its keys is invalid."""
-        CalibrationOptions.of(given)
+        options = CalibrationOptions.of(given)
+        if options.scale is not None and options.network is None:
+            raise UserError(f"scale={options.scale} is for a network of others", self.usage)
+
+    def predict(self, given: Mapping[str, str]) -> None:
+        """Calibrate photos by a network of others."""
+        self.check(given)
+        output = Path(given.get("output", "calibrated")).expanduser()
+        paths = find_photos(given["input"], output)
+        check_apart(output, paths, input=given["input"])
+        make_output(output)
+        from sextant.chapters.calibration.predict import calibrator_of_others, predict_calibrations
+
+        options = CalibrationOptions.of(given)
+        predict_calibrations(calibrator_of_others(options, options.method), paths, output, options)
 
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
         """Calibrate photos."""

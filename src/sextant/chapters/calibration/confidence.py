@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from sextant.chapters.calibration.finding import Finding
 from sextant.chapters.calibration.network import CameraNetwork
+from sextant.chapters.calibration.other_networks import OtherNetwork
 from sextant.chapters.calibration.photo_camera import Intervals, PhotoCamera, Verdict
 from sextant.geometry import CameraParameters, focal_from_vfov, vfov_from_focal
 
@@ -29,31 +30,35 @@ EDGE, ENDS = 0.01, 0.02 / 1.04
 NUMBERS = ("vertical position of the horizon or tilt", "roll", "size", "distortion")
 
 
-def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple[str, ...], Mapping[str, float]]:
+def confidence(
+    finding: Finding, network: CameraNetwork | OtherNetwork
+) -> tuple[Verdict, tuple[str, ...], Mapping[str, float]]:
     """A verdict, its reasons, and the widths of the 68 % intervals over the spread of the training cameras.
 
     The verdict is the worst of those by the widths, the finding's doubts and the training range. For the network alone,
     an interval as wide as the spread of the training cameras is uninformative, so widths are relative to that spread.
-    For all evidence, they are absolute.
+    For all evidence, and for a network of others, they are absolute.
     """
-    spread, half = network.spec.spread, finding.half["68"]
-    ratios = half / np.asarray(spread)
-    worst, reasons = 0, []
+    half, worst, reasons = finding.half["68"], 0, []
+    spread = None if isinstance(network, OtherNetwork) else network.spec.spread
     for i, (name, good, most) in enumerate(zip(NAMES, *_allowed(finding, network), strict=True)):
         if not half[i] <= good:  # true for nan too
             worst = max(worst, 1 if half[i] <= most else 2)
             turn, unit = (180 / math.pi, "°") if i < 3 else (1.0, "")
             limit, of = (good if half[i] <= most else most), ""
-            if finding.network is None:
+            if finding.network is None and spread is not None:
                 limit, of = spread[i], " of all cameras trained on"
             width, wider = _distinct(half[i] * turn, limit * turn)
             part = "" if not of else "half of the " if half[i] <= most else "the "
             reasons.append(f"{name}: 68 % interval ±{width}{unit}, wider than {part}±{wider}{unit}{of}")
-    against_network = (*finding.network_doubts, *_range_doubts(finding, network)) if finding.trusts_network else ()
+    against_network = list(finding.network_doubts) if finding.trusts_network else []
+    if finding.trusts_network and not isinstance(network, OtherNetwork):
+        against_network += _range_doubts(finding, network)
     for allowed, text in (*finding.doubts, *against_network):
         worst = max(worst, allowed)
         reasons.append(text)
-    return get_args(Verdict)[worst], tuple(reasons), dict(zip(NAMES, ratios.tolist(), strict=True))
+    ratios = {} if spread is None else dict(zip(NAMES, (half / np.asarray(spread)).tolist(), strict=True))
+    return get_args(Verdict)[worst], tuple(reasons), ratios
 
 
 def _distinct(a: float, b: float) -> tuple[str, str]:
@@ -62,9 +67,11 @@ def _distinct(a: float, b: float) -> tuple[str, str]:
     return next((pair for pair in shown if pair[0] != pair[1]), (f"{a:.2g}", f"{b:.2g}"))
 
 
-def _allowed(finding: Finding, network: CameraNetwork) -> tuple[Float64[ndarray, "4"], Float64[ndarray, "4"]]:
+def _allowed(
+    finding: Finding, network: CameraNetwork | OtherNetwork
+) -> tuple[Float64[ndarray, "4"], Float64[ndarray, "4"]]:
     """Half widths of 68 % intervals up to which a camera is good, and up to which it is trustworthy."""
-    if finding.network is None:
+    if finding.network is None and not isinstance(network, OtherNetwork):
         spread = np.asarray(network.spec.spread)
         return GOOD * spread, TRUSTWORTHY * spread
     focal = float(finding.camera.focal)
@@ -123,7 +130,7 @@ def _interval_ends(finding: Finding) -> CameraParameters:
     return _stacked(*ends)
 
 
-def photo_camera(finding: Finding, network: CameraNetwork) -> PhotoCamera:
+def photo_camera(finding: Finding, network: CameraNetwork | OtherNetwork) -> PhotoCamera:
     """The camera of a photo with its intervals and verdict."""
     camera, photo, view = finding.camera, finding.photo, finding.view
     verdict, reasons, widths = confidence(finding, network)

@@ -38,6 +38,7 @@ class Finding:
         network_doubts: as ``doubts``, against the finding of the network alone.
         alone: half-widths of the intervals from this photo alone, if ``half`` is fused with others.
         gravity: gravity that contributes to ``camera`` besides the picture.
+        of_others: whether the network is one of others, whose half-widths at level 68 are its standard errors.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Finding:
     network_doubts: tuple[tuple[int, str], ...] = ()
     alone: Mapping[str, Float64[ndarray, "4"]] | None = None
     gravity: GravityBelief | None = None
+    of_others: bool = False
 
     def doubted(self, verdict: int, *reasons: str) -> Self:
         """The same finding with further doubts."""

@@ -14,9 +14,10 @@ from PIL import Image
 from torch import Tensor
 
 from sextant.applications.failures import FailedPhoto, attempted
-from sextant.baselines.calibration import LineEvidence
+from sextant.baselines.calibration import CameraBelief, LineEvidence
 from sextant.chapters.calibration.finding import LEVELS, Finding
 from sextant.chapters.calibration.network import CameraNetwork
+from sextant.chapters.calibration.other_networks import OtherNetwork
 from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
 from sextant.data.photos.odd_pictures import check_no_panorama, closed_around, odd_picture
 from sextant.data.pixel_values import eight_bits, rgb_bytes
@@ -27,6 +28,8 @@ from sextant.geometry import CameraParameters
 #: photos per forward pass of the network
 BATCH = 64
 LITTLE_SEEN = 0.6  # of the photo's area
+#: size of the small copy by which photos are compared where a network of others sees the whole
+COPY = (64, 48)
 MAYBE_PANORAMA = (
     "it is 2:1 and its left and right edges match, as in a 360° panorama, but they show too little detail to be certain"
 )
@@ -42,20 +45,25 @@ class _Seen:
     view: NetworkView
     lines: LineEvidence | None
     doubts: tuple[tuple[int, str], ...]
+    believed: CameraBelief | None = None
 
 
 def find_cameras(
-    network: CameraNetwork, photos: Iterable[tuple[str, AnyPhoto]], *, look_at_lines: bool = False
+    network: CameraNetwork | OtherNetwork, photos: Iterable[tuple[str, AnyPhoto]], *, look_at_lines: bool = False
 ) -> Iterator[Finding | FailedPhoto]:
     """The network's prediction for each photo, in their order.
 
     Photos are read one at a time, and only the reduced views and the lines are kept.
 
     Args:
-        network: the trained network.
+        network: the trained network, or one of others.
         photos: photos with their names.
         look_at_lines: detect lines, refuse panoramas, and doubt pictures that may not be photos.
     """
+    if isinstance(network, OtherNetwork):
+        for name, photo in photos:
+            yield attempted(name, _found_by_others, network, name, photo, look_at_lines)
+        return
     left = iter(photos)
     while batch := [attempted(name, _seen, network, name, photo, look_at_lines) for name, photo in islice(left, BATCH)]:
         predicted = _predicted(network, [each.view for each in batch if not isinstance(each, FailedPhoto)])
@@ -63,12 +71,17 @@ def find_cameras(
             yield each if isinstance(each, FailedPhoto) else _finding(network, each, *next(predicted))
 
 
-def _seen(network: CameraNetwork, name: str, photo: AnyPhoto, look_at_lines: bool) -> _Seen:
-    spec = network.spec
+def _seen(network: CameraNetwork | OtherNetwork, name: str, photo: AnyPhoto, look_at_lines: bool) -> _Seen:
     read = _read(name, photo)
     if look_at_lines:
         check_no_panorama(read.image, name)
-    view = network_view(read, spec.aspects, spec.width, spec.height, canvas=spec.canvas)
+    believed = None
+    if isinstance(network, OtherNetwork):
+        view = network_view(read, [read.width / read.height], *COPY)
+        believed = network.believed(read.image, name)
+    else:
+        spec = network.spec
+        view = network_view(read, spec.aspects, spec.width, spec.height, canvas=spec.canvas)
     lines = LineEvidence.of(np.ascontiguousarray(read.image)) if look_at_lines else None
     doubts = list[tuple[int, str]]()
     if look_at_lines:
@@ -78,7 +91,21 @@ def _seen(network: CameraNetwork, name: str, photo: AnyPhoto, look_at_lines: boo
         doubts.append(
             (1, "its shape differs from that in EXIF: if it was cropped, the optical axis may not be at its centre")
         )
-    return _Seen(name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view, lines, tuple(doubts))
+    return _Seen(name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view, lines, tuple(doubts), believed)
+
+
+def _found_by_others(network: OtherNetwork, name: str, photo: AnyPhoto, look_at_lines: bool) -> Finding:
+    """The finding of a network of others, which sees the whole photo."""
+    seen = _seen(network, name, photo, look_at_lines)
+    said = seen.believed
+    assert said is not None
+    numbers = (said.tilt, said.roll, said.focal, said.k1_hat * said.focal**2)
+    camera = CameraParameters(*torch.tensor(numbers, dtype=torch.float64).unbind())
+    half = {level: multiple * np.array(said.sigma) for level, (_, multiple) in LEVELS.items()}
+    return Finding(
+        name, seen.photo, seen.view, camera, half, "lopez", seen.doubts, "the network's spreads, normal",
+        lines=seen.lines, of_others=True,
+    )  # fmt: skip
 
 
 def _read(name: str, photo: AnyPhoto) -> Photo:

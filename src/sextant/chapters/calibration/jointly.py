@@ -94,6 +94,8 @@ def network_belief(said: Finding) -> CameraBelief:
 
 def network_sigmas(said: Finding) -> Float64[ndarray, "4"]:
     """Standard errors of the network's tilt, roll, vfov (radians) and k1_hat, as on real photos."""
+    if said.of_others:
+        return said.half["68"]
     sigmas = NETWORK_SCALE * said.half["68"]
     return np.asarray(sigmas * [1, 1, 1 + said.half["68"][2] / VAGUE, 1])
 

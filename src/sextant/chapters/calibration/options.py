@@ -4,13 +4,23 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
-from sextant.console.arguments import SPLIT, Options
+from sextant.console.arguments import SPLIT, Options, UserPath
 
 #: reads the word "none" as None
 NONE = BeforeValidator(lambda text: None if text == "none" else text)
 Undistort = Literal["crop", "all", "none"]
 #: formats of other programs
 Export = Literal["nerfstudio", "fspy", "ros", "kalibr"]
+
+
+class NetworkOptions(Options):
+    """A network of others, in place of a run."""
+
+    network: str | None = Field(None, title="geocalib:<file> or anycalib:<file>", pattern="^(geocalib|anycalib):.",
+                                examples=["geocalib:geocalib-pinhole.tar"])  # fmt: skip
+    """a network of others in place of run=: geocalib:<file> or anycalib:<file>, as its authors publish it"""
+    scale: UserPath | None = None
+    """the scale of its spreads, from sextant benchmark calibration network=... (default: as the network gives them)"""
 
 
 class FocalOptions(Options):
@@ -22,7 +32,7 @@ class FocalOptions(Options):
     """none (default), exif, or a focal length in pixels of the photo"""
 
 
-class CalibrationOptions(FocalOptions):
+class CalibrationOptions(NetworkOptions, FocalOptions):
     """Options of the calibration of photos."""
 
     method: Literal["joint", "lines", "network"] = Field("joint", examples=["network"])

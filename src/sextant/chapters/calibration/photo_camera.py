@@ -57,7 +57,7 @@ class PhotoCamera:
         verdict: how far the camera can be trusted.
         reasons: why the verdict is not better, or what else to know about the estimate.
         width_over_training_spread: half the 68 % intervals of tilt, roll, field of view and apparent distortion,
-            divided by the same over all training cameras.
+            divided by the same over all training cameras; empty for a network of others.
         seen: left, top, width and height of the part given to the network, pixels.
     """
 

@@ -6,7 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from sextant.chapters.calibration.calibrator import PhotoCalibrator
-from sextant.chapters.calibration.options import CalibrationOptions
+from sextant.chapters.calibration.jointly import Method
+from sextant.chapters.calibration.network_scale import read_scale
+from sextant.chapters.calibration.options import CalibrationOptions, NetworkOptions
+from sextant.chapters.calibration.other_networks import card_text, open_network
 from sextant.chapters.calibration.written_cameras import WrittenCameras, write_cameras
 from sextant.console.console import console, rows_table
 from sextant.console.work_progress import counted as showing
@@ -24,9 +27,23 @@ def predict_calibrations(
     """
     make_output(output)
     photos = showing("calibrating", "photos", paths)
-    written = write_cameras(calibrator, photos, output, **options.model_dump(exclude={"method"}))
+    written = write_cameras(calibrator, photos, output, **options.model_dump(exclude={"method", "network", "scale"}))
     tell(written, skipped_of(written.rows, f"none of {len(paths):,} photos could be calibrated"))
     return written.rows
+
+
+def calibrator_of_others(options: NetworkOptions, method: Method = "joint") -> PhotoCalibrator:
+    """The calibrator of a network of others; prints what is known about it.
+
+    Raises:
+        UserError: there is no such file, or it does not fit.
+    """
+    assert options.network is not None
+    network = open_network(options.network)
+    scale = None if options.scale is None else read_scale(options.scale, network.card)
+    spreads = f"spreads by {options.scale}" if scale else "spreads as the network gives them"
+    console.print(f"{card_text(network.card)}; {spreads}", markup=False, soft_wrap=True)
+    return PhotoCalibrator(network, method, scale=scale)
 
 
 #: an interval within this share of EXIF's focal length gains nothing from it
