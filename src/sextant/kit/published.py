@@ -5,10 +5,10 @@ from typing import Any
 
 from sextant.data.cifar10 import CLASSES
 from sextant.errors import UserError
+from sextant.kit.published_config import published_config
 from sextant.layers import first_conv
 from sextant.models import load_published
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
-from sextant.runs.outputs_folder import default_outputs
 
 
 def published_content(path: Path, content: Any = None) -> dict[str, Any]:
@@ -59,17 +59,15 @@ def _config(backbone: dict[str, Any], *, push_pull: bool) -> dict[str, Any]:
             "train_alpha": False,
             "impl": "auto",
         }
-    outputs = str(default_outputs())
-    return {
-        "seed": 0,
-        "init_from": None,
-        "reuse": "exact",
-        "dataset": {"_target_": "sextant.data.cifar10.CIFAR10", "train_batches": 5, "download": False},
-        "corruption": {"_target_": "sextant.corruptions.CorruptionSuite", "corruptions": {}, "seed": 0},
-        "augmentation": {"_target_": "sextant.data.augmentation.NoAugmentation"},
-        "backbone": backbone,
-        "inhibition": inhibition,
-        "optimizer": {
+    return published_config(
+        epochs=30,
+        eval_batch_size=1000,
+        log_every=50,
+        dataset={"_target_": "sextant.data.cifar10.CIFAR10", "train_batches": 5, "download": False},
+        augmentation={"_target_": "sextant.data.augmentation.NoAugmentation"},
+        backbone=backbone,
+        inhibition=inhibition,
+        optimizer={
             "_target_": "torch.optim.SGD",
             "_partial_": True,
             "lr": 0.02,
@@ -77,35 +75,12 @@ def _config(backbone: dict[str, Any], *, push_pull: bool) -> dict[str, Any]:
             "nesterov": True,
             "weight_decay": 0.0005,
         },
-        "schedule": {"_target_": "sextant.training.schedules.StepDecay", "at": [0.333333, 0.666667], "factor": 0.1},
-        "trainer": {
-            "accelerator": "cpu",
-            "devices": 1,
-            "precision": "32-true",
-            "deterministic": True,
-            "threads": 1,
-            "max_epochs": 30,
-            "batch_size": 32,
-            "eval_batch_size": 1000,
-            "log_every": 50,
-            "workers": 0,
-            "progress": True,
-        },
-        "tracking": {
-            "kind": "sqlite",
-            "uri": None,
-            "experiment": None,
-            "system_metrics": True,
-            "system_metrics_every_s": 10,
-            "log_checkpoint": False,
-            "parent_run": None,
-        },
-        "paths": {"data": f"{outputs}/data", "outputs": outputs, "cache": f"{outputs}/data"},
-        "task": {
+        schedule={"_target_": "sextant.training.schedules.StepDecay", "at": [0.333333, 0.666667], "factor": 0.1},
+        task={
             "name": "classification",
             "validation_fraction": 0.1,
             "split_seed": 0,
             "test_every": 1,
             "test_checkpoint": "last",
         },
-    }
+    )

@@ -6,7 +6,7 @@ from typing import Any
 
 from sextant.atomic_files import file_sha256
 from sextant.errors import UserError
-from sextant.runs.outputs_folder import default_outputs
+from sextant.kit.published_config import published_config
 from sextant.zoo.files import CARD as ZOO_CARD
 from sextant.zoo.files import WEIGHTS
 
@@ -145,12 +145,11 @@ def _content(
 
 def _config(backbone: dict[str, Any], size: dict[str, int], dimension: int) -> dict[str, Any]:
     """What ``task=place_recognition dataset=place_folders`` composes, with this network."""
-    outputs = str(default_outputs())
-    return {
-        "seed": 0,
-        "init_from": None,
-        "reuse": "exact",
-        "dataset": {
+    return published_config(
+        epochs=1,
+        eval_batch_size=32,
+        log_every=20,
+        dataset={
             "_target_": "sextant.chapters.places.data.PlaceFolders",
             "folder": "places",
             "train": None,
@@ -163,44 +162,19 @@ def _config(backbone: dict[str, Any], size: dict[str, int], dimension: int) -> d
             "skip_bad": False,
             "allow_duplicates": False,
         },
-        "corruption": {"_target_": "sextant.corruptions.CorruptionSuite", "corruptions": {}, "seed": 0},
-        "backbone": backbone,
-        "inhibition": {"_target_": "sextant.layers.NoInhibition"},
-        "pooling": {"_target_": "sextant.models.pooling.Average"},
-        "loss": {"_target_": "sextant.losses.InfoNCELoss", "temperature": 0.07},
-        "mining": {"_target_": "sextant.retrieval.NoMining"},
-        "optimizer": {
+        backbone=backbone,
+        pooling={"_target_": "sextant.models.pooling.Average"},
+        loss={"_target_": "sextant.losses.InfoNCELoss", "temperature": 0.07},
+        mining={"_target_": "sextant.retrieval.NoMining"},
+        optimizer={
             "_target_": "torch.optim.AdamW",
             "_partial_": True,
             "lr": 0.001,
             "betas": [0.9, 0.999],
             "weight_decay": 0.01,
         },
-        "schedule": {"_target_": "sextant.training.schedules.CosineDecay"},
-        "trainer": {
-            "accelerator": "cpu",
-            "devices": 1,
-            "precision": "32-true",
-            "deterministic": True,
-            "threads": 1,
-            "max_epochs": 1,
-            "batch_size": 32,
-            "eval_batch_size": 32,
-            "log_every": 20,
-            "workers": 0,
-            "progress": True,
-        },
-        "tracking": {
-            "kind": "sqlite",
-            "uri": None,
-            "experiment": None,
-            "system_metrics": True,
-            "system_metrics_every_s": 10,
-            "log_checkpoint": False,
-            "parent_run": None,
-        },
-        "paths": {"data": f"{outputs}/data", "outputs": outputs, "cache": f"{outputs}/data"},
-        "task": {
+        schedule={"_target_": "sextant.training.schedules.CosineDecay"},
+        task={
             "name": "place_recognition",
             "dimension": dimension,
             "normalise": True,
@@ -220,7 +194,7 @@ def _config(backbone: dict[str, Any], size: dict[str, int], dimension: int) -> d
             "off_the_shelf": None,
             "test_checkpoint": "last",
         },
-    }
+    )
 
 
 def _tolerances(near: float, far: float, near_frames: float, far_frames: float) -> dict[str, Any]:

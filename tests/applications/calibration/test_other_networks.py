@@ -14,6 +14,7 @@ from torch import nn
 
 from sextant.applications import FailedPhoto, PhotoCalibrator
 from sextant.baselines.calibration import CameraBelief, ObservedField, map_points
+from sextant.chapters.calibration.finding import STUDENT
 from sextant.chapters.calibration.metrics.photo_benchmark import Answers, Truth
 from sextant.chapters.calibration.network_scale import fit_scale, read_scale, write_scale
 from sextant.chapters.calibration.other_networks import FieldSource, RaySource, card_text, open_network
@@ -66,11 +67,11 @@ def test_a_camera_and_a_field_are_taken_as_they_are():
     for network in (Belief((0.01, 0.01, 0.02, 0.02)), Field(0.01)):
         camera = PhotoCalibrator(network, "network").calibrate(dots())
         assert numbers(camera) == pytest.approx(SAYS, abs=1e-6)
-        assert camera.intervals_by == "the network's spreads, normal"
+        assert camera.intervals_by == "the network's spreads, Student's t"
         assert camera.width_over_training_spread == {}
         assert camera.verdict == "good"  # by the absolute limits, since its training is not known
     low, high = PhotoCalibrator(Belief((0.01, 0.01, 0.02, 0.02)), "network").calibrate(dots()).interval_95.tilt_deg
-    assert math.radians(high - low) / 2 == pytest.approx(0.0196)
+    assert math.radians(high - low) / 2 == pytest.approx(0.03182, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -181,7 +182,7 @@ def known(errors, sources):
     count = len(errors)
     truth = Truth(np.array([[0.0, 0.0, 1.0, np.nan]] * count), np.ones(count), sources)
     said = np.column_stack([errors, np.zeros(count), np.ones(count), np.zeros(count)])
-    return truth, Answers(said, {"68": np.full((count, 4), 0.01)}, ["good"] * count)
+    return truth, Answers(said, {"68": np.full((count, 4), 0.01 * STUDENT["68"])}, ["good"] * count)
 
 
 def test_a_scale_is_fitted_kept_and_refused_for_another_network(tmp_path):

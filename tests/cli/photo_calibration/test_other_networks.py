@@ -26,7 +26,7 @@ def test_photos_are_calibrated_and_the_network_is_named(theirs, tmp_path, capsys
     assert "AnyCalib, " in said
     assert "not supplied by Sextant; spreads as the network gives them" in said
     (row,) = json.loads((output / "calibrations.json").read_text())["photos"]
-    assert row["intervals_by"] == "the network's spreads, normal"
+    assert row["intervals_by"] == "the network's spreads, Student's t"
     assert row["confidence"]["verdict"] == "not trustworthy"  # rays alone say nothing of tilt and roll
 
 

@@ -52,16 +52,24 @@ def test_pairs_at_positions_that_were_made_up(tmp_path):
     np.testing.assert_array_equal(hits, np.eye(3, dtype=bool))
 
 
-def test_several_folders_of_queries(tmp_path):
-    folders = ["test/database", *(f"test/queries_{name}" for name in ("v1", "v2", "night", "occlusion"))]
-    for k, folder in enumerate([*folders, "val/database", "val/queries"]):
+@pytest.mark.parametrize(
+    ("name", "part", "reference", "kinds", "other"),
+    [
+        ("sf_xl", "processed", "database", ("v1", "v2", "night", "occlusion"), "val"),
+        ("svox", "images", "gallery", ("", "night", "overcast", "rain", "snow", "sun"), "train"),
+    ],
+)
+def test_several_folders_of_queries(name, part, reference, kinds, other, tmp_path):
+    queries = tuple(f"queries_{kind}".rstrip("_") for kind in kinds)
+    folders = [f"test/{folder}" for folder in (reference, *queries)]
+    for k, folder in enumerate([*folders, f"{other}/{reference}", f"{other}/queries"]):
         names = [utm_name(584000 + 40 * i, i) for i in range(2)]
-        write_pictures(tmp_path / "sf_xl" / "processed" / folder, names, first=10 * k)
-    dataset = source("sf_xl", tmp_path)
+        write_pictures(tmp_path / name / part / folder, names, first=10 * k)
+    dataset = source(name, tmp_path)
     for hits in found(dataset.read("test"), METRES):
         np.testing.assert_array_equal(hits, np.eye(2, dtype=bool))
-    assert dataset.conditions("test")[1:] == ("queries_v1", "queries_v2", "queries_night", "queries_occlusion")
-    assert dataset.read("val").conditions == ("database", "queries")
+    assert dataset.conditions("test") == (reference, *queries)
+    assert dataset.read(other).conditions == (reference, "queries")
 
 
 def test_ranks_are_places(tmp_path):

@@ -8,13 +8,16 @@ from typing import Self
 import torch
 from jaxtyping import Float64
 from numpy import ndarray
+from scipy.special import stdtrit
 from torch import Tensor
 
-from sextant.baselines.calibration import GravityBelief, LineEvidence
+from sextant.baselines.calibration import CameraBelief, GravityBelief, LineEvidence
 from sextant.data.photos import NetworkView, Photo
 from sextant.geometry import CameraParameters, K2Family, focal_from_vfov, k2_of_k1, vfov_from_focal
 
 LEVELS = {"68": (0.68, 1.0), "95": (0.95, 1.96)}  # name: share of photos, and multiple of a normal standard error
+#: by level, the multiple of a belief's standard error by the loss that it has among all evidence, Student's t
+STUDENT = {level: float(stdtrit(CameraBelief.nu, (1 + share) / 2)) for level, (share, _) in LEVELS.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +41,7 @@ class Finding:
         network_doubts: as ``doubts``, against the finding of the network alone.
         alone: half-widths of the intervals from this photo alone, if ``half`` is fused with others.
         gravity: gravity that contributes to ``camera`` besides the picture.
-        of_others: whether the network is one of others, whose half-widths at level 68 are its standard errors.
+        of_others: whether the network is one of others, whose half-widths are :data:`STUDENT` of its standard errors.
     """
 
     name: str

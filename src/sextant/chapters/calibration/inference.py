@@ -15,7 +15,7 @@ from torch import Tensor
 
 from sextant.applications.failures import FailedPhoto, attempted
 from sextant.baselines.calibration import CameraBelief, LineEvidence
-from sextant.chapters.calibration.finding import LEVELS, Finding
+from sextant.chapters.calibration.finding import LEVELS, STUDENT, Finding
 from sextant.chapters.calibration.network import CameraNetwork
 from sextant.chapters.calibration.other_networks import OtherNetwork
 from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
@@ -101,9 +101,9 @@ def _found_by_others(network: OtherNetwork, name: str, photo: AnyPhoto, look_at_
     assert said is not None
     numbers = (said.tilt, said.roll, said.focal, said.k1_hat * said.focal**2)
     camera = CameraParameters(*torch.tensor(numbers, dtype=torch.float64).unbind())
-    half = {level: multiple * np.array(said.sigma) for level, (_, multiple) in LEVELS.items()}
+    half = {level: multiple * np.array(said.sigma) for level, multiple in STUDENT.items()}
     return Finding(
-        name, seen.photo, seen.view, camera, half, "lopez", seen.doubts, "the network's spreads, normal",
+        name, seen.photo, seen.view, camera, half, "lopez", seen.doubts, "the network's spreads, Student's t",
         lines=seen.lines, of_others=True,
     )  # fmt: skip
 

@@ -16,7 +16,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.baselines.calibration import CameraBelief, JointEstimate, PhotoPrior, Term, joint_estimate
-from sextant.chapters.calibration.finding import LEVELS, Finding
+from sextant.chapters.calibration.finding import LEVELS, STUDENT, Finding
 from sextant.geometry import CameraParameters, vfov_from_focal
 
 Method = Literal["joint", "lines", "network"]
@@ -95,7 +95,7 @@ def network_belief(said: Finding) -> CameraBelief:
 def network_sigmas(said: Finding) -> Float64[ndarray, "4"]:
     """Standard errors of the network's tilt, roll, vfov (radians) and k1_hat, as on real photos."""
     if said.of_others:
-        return said.half["68"]
+        return said.half["68"] / STUDENT["68"]
     sigmas = NETWORK_SCALE * said.half["68"]
     return np.asarray(sigmas * [1, 1, 1 + said.half["68"][2] / VAGUE, 1])
 

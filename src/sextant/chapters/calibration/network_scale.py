@@ -21,14 +21,13 @@ from scipy.optimize import minimize_scalar
 
 from sextant.atomic_files import read_json, write_json
 from sextant.baselines.calibration import CameraBelief
+from sextant.chapters.calibration.finding import STUDENT
 from sextant.chapters.calibration.metrics.photo_benchmark import Answers, Table, Truth
 from sextant.errors import UserError
 
 NUMBERS = ("tilt", "roll", "vfov", "k1_hat")
 #: ends of the search; fewest photos with a known number for a scale, below which it stays 1
 LEAST, MOST, FEWEST = 1e-3, 1e3, 8
-#: half-widths of the central 68 and 95 % of Student's t with 3 degrees of freedom
-LEVELS = {"68": 1.189, "95": 3.182}
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +48,13 @@ class NetworkScale:
     def table(self) -> Table:
         """Scales and coverage by number.
 
-        >>> NetworkScale((2.0,) * 4, (9,) * 4, {level: ((0.5, 0.7),) * 4 for level in LEVELS}).table()[1][0]
+        >>> NetworkScale((2.0,) * 4, (9,) * 4, {level: ((0.5, 0.7),) * 4 for level in STUDENT}).table()[1][0]
         ['tilt', '9', '2.00', '50 to 70', '50 to 70']
         """
-        titles = ["number", "photos", "scale", *(f"inside {level} %, before to after" for level in LEVELS)]
+        titles = ["number", "photos", "scale", *(f"inside {level} %, before to after" for level in STUDENT)]
         rows = [
             [name, str(self.photos[k]), f"{self.values[k]:.2f}"]
-            + [" to ".join(_percent(share) for share in self.coverage[level][k]) for level in LEVELS]
+            + [" to ".join(_percent(share) for share in self.coverage[level][k]) for level in STUDENT]
             for k, name in enumerate(NUMBERS)
         ]
         return titles, rows
@@ -66,19 +65,19 @@ def fit_scale(truth: Truth, answers: Answers) -> NetworkScale:
 
     Args:
         truth: the known cameras.
-        answers: the network's, with half-widths of one standard error at level 68.
+        answers: the network's, with half-widths by :data:`~sextant.chapters.calibration.finding.STUDENT`.
 
     >>> rng = np.random.default_rng(0)
-    >>> truth = Truth(np.array([[0.0, 0.0, 1.0, 0.0]] * 400), np.ones(400), [str(i % 20) for i in range(400)])
-    >>> said = truth.cameras + [0.1, 0, 0, 0] * rng.standard_t(3, (400, 4))
-    >>> found = fit_scale(truth, Answers(said, {"68": np.full((400, 4), 0.05)}, ["good"] * 400))
+    >>> truth = Truth(np.array([[0.0, 0.0, 1.0, 0.0]] * 4000), np.ones(4000), [str(i % 20) for i in range(4000)])
+    >>> said = truth.cameras + [0.1, 0, 0, 0] * rng.standard_t(3, (4000, 4))
+    >>> found = fit_scale(truth, Answers(said, {"68": np.full((4000, 4), 0.05 * STUDENT["68"])}, []))
     >>> round(found.values[0], 1)  # its errors are twice as large as it says
     2.0
     """
-    ratios, sources = np.abs(_numbers(answers.cameras) - _numbers(truth.cameras)) / answers.half["68"], truth.clusters
+    ratios, sources = np.abs(_numbers(answers.cameras) - _numbers(truth.cameras)) / _sigmas(answers), truth.clusters
     ratios[np.isinf(answers.half["68"])] = np.nan
     values, photos = [], []
-    coverage = dict[str, list[tuple[float, float]]]({level: [] for level in LEVELS})
+    coverage = dict[str, list[tuple[float, float]]]({level: [] for level in STUDENT})
     for column in ratios.T:
         known = np.isfinite(column)
         own, owners = column[known], np.array(sources, dtype=str)[known]
@@ -87,7 +86,7 @@ def fit_scale(truth: Truth, answers: Answers) -> NetworkScale:
         others = np.ones(len(own))
         for owner in np.unique(owners):
             others[owners == owner] = _scale(own[owners != owner], owners[owners != owner])
-        for level, bound in LEVELS.items():
+        for level, bound in STUDENT.items():
             after = np.mean(own <= bound * others) if len(np.unique(owners)) > 1 else np.nan
             coverage[level].append((float(np.mean(own <= bound)) if len(own) else np.nan, float(after)))
     tilt, roll, vfov, k1_hat = values
@@ -123,6 +122,10 @@ def read_scale(path: Path, card: Mapping[str, Any]) -> tuple[float, float, float
         raise UserError(f"scale={path} was fitted for {named}, not for {card.get('file', 'this network')}", fix)
     tilt, roll, vfov, k1_hat = map(float, numbers)
     return tilt, roll, vfov, k1_hat
+
+
+def _sigmas(answers: Answers) -> Float64[ndarray, "n 4"]:
+    return answers.half["68"] / STUDENT["68"]
 
 
 def _numbers(cameras: Float64[ndarray, "n 4"]) -> Float64[ndarray, "n 4"]:
