@@ -28,28 +28,16 @@ from array import array
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Pose, PoseArray, PoseWithCovarianceStamped, TransformStamped
-from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.time import Time
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from tf2_msgs.msg import TFMessage
 
-from sextant import Localizer
-from sextant.chapters.localization.data.ros_messages import camera_of, planar_pose, set_planar
-from sextant.chapters.localization.robot_localizer import Report, RobotLocalizer
+from sextant.chapters.localization.ros_node import RosNode
 from sextant.errors import UserError
 
 #: types of parameters, in words
 KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a number", list: "a list of numbers"}
-
-
-def nanoseconds(stamp: Any) -> int:
-    """Of a ``builtin_interfaces/Time``."""
-    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def converted(name: str, value: Any, default: Any) -> Any:
@@ -70,111 +58,37 @@ def converted(name: str, value: Any, default: Any) -> Any:
     raise UserError(f"{name}:={value} is not {KINDS[kind]}", f"For example --ros-args -p {name}:={example}")
 
 
-class LocalizerNode(Node):  # type: ignore[misc]
+class LocalizerNode(RosNode, Node):  # type: ignore[misc]
     """Passes messages to a robot localizer, and publishes what it reports."""
 
     def __init__(self) -> None:
-        super().__init__("sextant_localizer")
-        get = self.get
-        folder = get("map", "")
-        if not folder:
-            raise UserError("map is missing", "--ros-args -p map:=<folder of a run or of a saved localizer>")
-        particles = get("particles", 0) or None
-        self.core = RobotLocalizer(
-            Localizer.load(folder, particles=particles, start=get("start", "uniform"), seed=get("seed", 0)),
-            mounting=tuple(get("mounting", [0.0, 0.0, 0.0])),
-            odometry_timeout_s=get("odometry_timeout", 0.5),
-            rectify=get("rectify", False),
-        )
-        self.map_frame, self.odom_frame = get("map_frame", "map"), get("odom_frame", "")
-        self.broadcasts, self.tolerance = get("publish_tf", True), round(get("transform_tolerance", 0.1) * 1e9)
-        self.poses = self.create_publisher(PoseWithCovarianceStamped, "pose", 10)
-        self.clouds = self.create_publisher(PoseArray, "particlecloud", 2)
-        self.states = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.transforms = self.create_publisher(TFMessage, "/tf", 100)
-        compressed = get("image_transport", "raw") == "compressed"
-        topic, self.kind = ("image/compressed", CompressedImage) if compressed else ("image", Image)
-        newest = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
-        every = QoSProfile(depth=1000, reliability=qos_profile_sensor_data.reliability)
-        self.create_subscription(CameraInfo, "camera_info", self.on_camera, newest)
-        self.create_subscription(Odometry, "odom", self.on_odometry, every)
-        self.create_subscription(PoseWithCovarianceStamped, "initialpose", self.on_initial_pose, 1)
-        self.create_subscription(self.kind, topic, self.on_image, newest)
+        Node.__init__(self, "sextant_localizer")
+        self.set_up(self.get, "--ros-args -p map:=<folder of a run or of a saved localizer>")
+        for topic, (kind, heard, depth) in self.topics().items():
+            quality = QoSProfile(depth=depth, reliability=qos_profile_sensor_data.reliability)
+            self.create_subscription(kind, topic, heard, depth if topic == "initialpose" else quality)
 
     def get(self, name: str, default: Any) -> Any:
         """Declare a parameter, and return its value."""
         anything = ParameterDescriptor(dynamic_typing=True)  # otherwise 1 is refused where the default is 0.5
         return converted(name, self.declare_parameter(name, default, anything).value, default)
 
-    def on_camera(self, message: Any) -> None:
-        """Keep the camera."""
-        try:
-            self.core.on_camera(camera_of(message, self.resolve_topic_name("image")))
-        except UserError as error:
-            self.warn(str(error))
+    def publisher(self, topic: str, kind: Any, depth: int) -> Any:
+        """A publisher."""
+        return self.create_publisher(kind, topic, depth)
 
-    def on_odometry(self, message: Any) -> None:
-        """Pass odometry on; broadcast the transform at its time."""
-        try:
-            pose = planar_pose(message.pose.pose)
-        except ValueError as error:
-            self.warn(f"odometry was left out: {error}")
-            return
-        self.odom_frame = self.odom_frame or message.header.frame_id
-        stamp_ns = nanoseconds(message.header.stamp)
-        for report in self.core.on_odometry(stamp_ns, pose):
-            self.publish(report)
-        self.broadcast(stamp_ns)
+    def stamp(self, nanoseconds: int) -> Any:
+        """A time as messages have it."""
+        return Time(nanoseconds=nanoseconds).to_msg()
 
-    def on_image(self, message: Any) -> None:
-        """Localize by an image, once its odometry is known."""
-        kind = f"sensor_msgs/msg/{self.kind.__name__}"
-        for report in self.core.on_image(nanoseconds(message.header.stamp), message, kind):
-            self.publish(report)
+    def full_name(self, topic: str) -> str:
+        """The name of a topic after remapping; of the node for an empty one."""
+        return str(self.resolve_topic_name(topic) if topic else self.get_name())
 
-    def on_initial_pose(self, message: Any) -> None:
-        """Start again around a pose, as RViz sends it."""
-        try:
-            pose, stamp_ns = planar_pose(message.pose.pose), nanoseconds(message.header.stamp)
-            self.core.on_initial_pose(stamp_ns, pose, message.pose.covariance)
-            self.get_logger().info(f"starts again around {pose[0]:.2f}, {pose[1]:.2f}")
-        except (UserError, ValueError) as error:
-            self.warn(f"initialpose was ignored: {error}")
-
-    def publish(self, report: Report) -> None:
-        """Publish the pose unless the robot is lost, the particles and the state."""
-        stamp, state = Time(nanoseconds=report.stamp_ns).to_msg(), report.diagnostics
-        if not report.lost:
-            pose = PoseWithCovarianceStamped()
-            pose.header.stamp, pose.header.frame_id = stamp, self.map_frame
-            set_planar(pose.pose.pose, report.pose)
-            pose.pose.covariance = report.covariance.ravel().tolist()
-            self.poses.publish(pose)
-        cloud = PoseArray()
-        cloud.header.stamp, cloud.header.frame_id = stamp, self.map_frame
-        cloud.poses = [set_planar(Pose(), each) for each in report.particles]
-        self.clouds.publish(cloud)
-        status = DiagnosticStatus(level=getattr(DiagnosticStatus, state.level), message=state.message)
-        status.name, status.hardware_id = f"{self.get_name()}: localization", "camera"
-        status.values = [KeyValue(key=key, value=value) for key, value in state.values.items()]
-        states = DiagnosticArray(status=[status])
-        states.header.stamp = stamp
-        self.states.publish(states)
-        if state.level != "OK":
-            self.warn(state.message)
-
-    def broadcast(self, stamp_ns: int) -> None:
-        """Broadcast map -> odom, valid for a while after the odometry."""
-        if self.broadcasts and self.core.map_from_odom is not None:
-            transform = TransformStamped(child_frame_id=self.odom_frame)
-            transform.header.stamp = Time(nanoseconds=stamp_ns + self.tolerance).to_msg()
-            transform.header.frame_id = self.map_frame
-            set_planar(transform.transform, self.core.map_from_odom)
-            self.transforms.publish(TFMessage(transforms=[transform]))
-
-    def warn(self, text: str) -> None:
-        """Warn, at most every five seconds."""
-        self.get_logger().warning(text, throttle_duration_sec=5.0)
+    def tell(self, text: str, *, warning: bool) -> None:
+        """Write a line to the log."""
+        logger = self.get_logger()
+        (logger.warning if warning else logger.info)(text)
 
 
 def main() -> None:

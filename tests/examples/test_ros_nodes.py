@@ -99,13 +99,11 @@ class Ros:
                 "get_param": lambda name, default: self.parameters.get(name.removeprefix("~"), default),
                 "Publisher": publisher,
                 "Subscriber": lambda topic, kind, callback, **_: self.heard.update({topic: callback}),
-                "Duration": float,
                 "Time": Stamp,
                 "get_name": lambda: "/sextant_localizer",
                 "resolve_name": lambda name: f"/{name}",
                 "loginfo": lambda text, *values: self.said.append(text % values),
-                "logwarn": self.said.append,
-                "logwarn_throttle": lambda seconds, text: self.said.append(text),
+                "logwarn": lambda text, *values: self.said.append(text % values),
             }
         }
 
