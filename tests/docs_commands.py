@@ -16,7 +16,6 @@ from sextant.cli import (
     corruptions_make,
     dashboard,
     data,
-    data_posed,
     demo,
     gallery,
     inspect,
@@ -197,7 +196,7 @@ def _data(command: Command, words: list[str]) -> None:
     elif verb == "describe":
         DescribeOptions.of(parse_arguments(rest, DescribeOptions.meanings(), command.text), command.text)
     elif verb in ("gallery", "posed"):
-        options = gallery.GalleryOptions if verb == "gallery" else data_posed.PosedOptions
+        options = gallery.GalleryOptions if verb == "gallery" else data.PosedOptions
         parse_arguments(rest, options.meanings(), command.text)
 
 

@@ -89,6 +89,7 @@ NOT_RUN = {
     r"^sextant evaluate run=zoo:": "needs panoramas or MNIST; tests/zoo",
     r"^sextant evaluate model=": "needs a file of others; of random weights in tests/cli/test_evaluate_model.py",
     r"^sextant evaluate run=dino_salad": "needs weights of others; tests/applications/places",
+    r"^sextant predict network=": "needs weights of others; of random ones in tests/cli/photo_calibration",
     r"^(\S*python predict\.py|sextant predict) input=": "calibrates photos of one's own; tests/cli/photo_calibration",
     r"^sextant benchmark": "needs photos of known cameras; of drawn ones in tests/cli/test_benchmark.py",
     r"^python predict\.py run=": "needs a trained run of its task; smaller in tests/cli",

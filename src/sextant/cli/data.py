@@ -11,24 +11,25 @@ from rich.markup import escape
 from rich.table import Table
 
 from sextant.cli.data_describe import DESCRIBE, Sharded, describe
-from sextant.cli.data_posed import posed
 from sextant.cli.gallery import gallery
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import rendered_datasets
-from sextant.console.arguments import Options
+from sextant.console.arguments import Options, UserPath
 from sextant.console.console import console, print_key_values
 from sextant.console.work_progress import work_progress
+from sextant.console.written import make_output
 from sextant.errors import UserError, command
 
 if TYPE_CHECKING:
     from sextant.data.rendered import StoreReport
 
+POSED = "sextant data posed [folder=posed_office]"
 USAGE = f"""sextant data list
 sextant data render dataset=<name> [dataset.<key>=<value> ...] [threads=2] [shards=3 [shard=0]]
 {DESCRIBE}
 sextant data verify <store or its folder> [repair=true]
 sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]
-sextant data posed [folder=posed_office]"""
+{POSED}"""
 SHOWN_DAMAGES = 50
 
 
@@ -46,6 +47,13 @@ class VerifyOptions(Options):
     """true: discard damaged parts, so that they can be rendered again"""
 
 
+class PosedOptions(Options):
+    """What the user chose for the rendered office."""
+
+    folder: UserPath = Path("posed_office")
+    """folder for map/ with poses.csv, photos/ to locate and truth.csv (default: posed_office)"""
+
+
 def main(arguments: Sequence[str]) -> None:
     """Run one of the commands of :data:`USAGE`."""
     verbs = {
@@ -54,7 +62,7 @@ def main(arguments: Sequence[str]) -> None:
         "describe": describe,
         "verify": _verify,
         "gallery": gallery,
-        "posed": posed,
+        "posed": _posed,
     }
     verb = arguments[0] if arguments else "list"
     if any(argument in ("-h", "--help") for argument in arguments):
@@ -176,6 +184,26 @@ def _show(report: "StoreReport") -> None:
     count = report.manifest.count
     rendered = f"{count - report.missing_items:,} of {count:,} items rendered"
     console.print(f"{escape(report.directory.name)}: {state}, {len(report.rendered_chunks):,} chunks, {rendered}")
+
+
+# ---------------------------------------------------------------------------------------------------------------- posed
+
+
+def _posed(arguments: list[str]) -> None:
+    """Render the office, and print the command that locates its photos."""
+    options = PosedOptions.parse(arguments, POSED)
+    from sextant.tools.demonstration.posed_office import camera, render_posed_office
+
+    make_output(options.folder, "folder")
+    with work_progress("rendering", "images") as progress:
+        render_posed_office(options.folder, progress)
+    fx, fy, cx, cy = camera()
+    words = (
+        f"map={options.folder / 'map'}",
+        f"input={options.folder / 'photos'}",
+        f"camera={fx:.2f},{fy:.2f},{cx},{cy}",
+    )
+    console.print(f"to locate the photos: {command('locate', *words)}", markup=False, soft_wrap=True)
 
 
 # --------------------------------------------------------------------------------------------------------------- shared
