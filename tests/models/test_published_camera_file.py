@@ -56,6 +56,17 @@ def test_every_array_of_the_file_is_used(tmp_path):
         )
 
 
+def test_geocalibs_names_may_have_a_further_part_and_its_file_further_arrays(tmp_path):
+    arrays = geocalib()
+    longer = {name.replace(".", ".wrapped.", 1): value for name, value in arrays.items()}
+    torch.save(longer | {"loss.wrapped.weight": torch.zeros(2)}, tmp_path / "theirs.tar")
+    torch.save(arrays, tmp_path / "plain.tar")
+    found, plain = (read_published_camera_net("geocalib", tmp_path / f"{name}.tar") for name in ("theirs", "plain"))
+    assert (found.unused, plain.unused) == (("loss.weight",), ())
+    for mine, other in zip(found.network.state_dict().values(), plain.network.state_dict().values(), strict=True):
+        assert torch.equal(mine, other)
+
+
 def test_the_decomposition_is_lee_and_seungs():
     cells = torch.rand(1, 6, 10, dtype=torch.float64)
     found = decomposed(cells)[0].numpy()

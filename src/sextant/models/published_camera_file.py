@@ -10,7 +10,8 @@ geocalib  ``backbone.patch_embed<k>.``,      ``ll_enc.conv<k>.``   ``perspective
 anycalib  ``backbone.model.``                                      ``decoder.``, ``head.``
 ========  =================================  ====================  =============================================
 
-Nothing in a file is executed.
+Nothing in a file is executed. GeoCalib's own reader ignores arrays that it does not know, so they are only told here;
+and it takes names with one more part after the first, such as ``backbone.<part>.patch_embed1.``, so both are read.
 """
 
 import re
@@ -95,24 +96,29 @@ class PublishedCameraNet:
     Attributes:
         kind: its kind.
         network: in evaluation mode.
+        unused: arrays of the file that it does not use.
     """
 
     kind: Kind
     network: FieldNet | RayNet
+    unused: tuple[str, ...] = ()
 
 
 def read_published_camera_net(kind: Kind, path: Path) -> PublishedCameraNet:
     """The network of an author's file.
 
     Raises:
-        UserError: the file is missing, damaged or of another kind, lacks arrays, or has some of another shape or beyond
-            those of its kind; or timm is needed and not installed.
+        UserError: the file is missing, damaged or of another kind, lacks arrays, or has some of another shape or (for
+            AnyCalib) beyond those of its kind; or timm is needed and not installed.
     """
     told = f"network={kind}:{path}"
     tensors = tensors_of(read_weights(path, told, USAGE))
     if tensors is None:
         raise UserError(f"{told} is not a state dict: a mapping of tensors by name is expected", USAGE)
     require_finite(tensors, path)
+    shorter = {re.sub(r"^(\w+)\.\w+\.", r"\1.", name): value for name, value in tensors.items()}
+    if kind == "geocalib" and MARKS[kind] not in tensors and MARKS[kind] in shorter:
+        tensors = shorter
     if MARKS[kind] not in tensors:
         found = next((title for other, title in TITLES.items() if MARKS[other] in tensors), "")
         names = f"its arrays are those of {found}" if found else f"it holds {', '.join(list(tensors)[:3])}, ..."
@@ -122,13 +128,17 @@ def read_published_camera_net(kind: Kind, path: Path) -> PublishedCameraNet:
     except (ArgumentError, KeyError, ValueError, IndexError) as error:
         why = f"it lacks {error.args[0]}" if isinstance(error, KeyError) else str(error)
         raise _unfit(kind, told, why) from None
+    known = {theirs(kind, name) for name in network.state_dict()}
+    unused = tuple(name for name in tensors if name not in known and UNUSED.search(name) is None)
+    if kind == "geocalib":
+        tensors = {name: value for name, value in tensors.items() if name in known}
     state, problems = fitted_arrays(
         network.state_dict(), tensors, lambda name: theirs(kind, name), unused=UNUSED, optional=OPTIONAL
     )
     if problems:
         raise _unfit(kind, told, "; ".join(problems))
     network.load_state_dict(state)
-    return PublishedCameraNet(kind, network.eval())
+    return PublishedCameraNet(kind, network.eval(), unused)
 
 
 def theirs(kind: Kind, name: str) -> str:

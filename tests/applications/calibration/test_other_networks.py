@@ -162,6 +162,14 @@ def test_a_file_of_either_kind_calibrates_a_photo(kind, tmp_path):
     assert camera.verdict == "not trustworthy"
 
 
+def test_photos_of_one_camera_are_fused():
+    images = [dots(), np.ascontiguousarray(dots()[:, ::-1])]
+    for method in ("network", "joint"):
+        one = PhotoCalibrator(Field(0.01), method).one_camera(images)
+        assert one.focal_of_longer_side == pytest.approx(0.9 * 3 / 4, rel=0.02)
+        assert one.fusion.consistent
+
+
 def test_mistakes_are_told(tmp_path):
     with pytest.raises(UserError, match="has no method predict"):
         PhotoCalibrator(object())

@@ -177,6 +177,7 @@ def open_network(reference: str) -> FieldSource | RaySource:
         "numbers": sum(each.numel() for each in found.network.parameters()),
         "file": path.name,
         "sha256": file_sha256(path),
+        "unused": list(found.unused),
     }
     if isinstance(found.network, FieldNet):
         images = f"photos with a shorter side of {SHORTER} pixels, blue first, in [0, 255]"
@@ -187,9 +188,11 @@ def open_network(reference: str) -> FieldSource | RaySource:
 
 def card_text(card: dict[str, Any]) -> str:
     """What is known about a network of others, in one line."""
+    unused = card["unused"]
+    left = f"; {len(unused):,} of its arrays are not used: {', '.join(unused[:3])}" if unused else ""
     return (
         f"{card['kind']}, {card['numbers'] / 1e6:.1f} million weights, {card['images']}; {card['file']}, SHA-256 "
-        f"{card['sha256']}; not supplied by Sextant"
+        f"{card['sha256']}{left}; not supplied by Sextant"
     )
 
 
