@@ -1,14 +1,10 @@
-"""The networks that the push-pull paper's authors published, in the form of a checkpoint."""
+"""Published networks as checkpoints: those of the push-pull paper's authors, and what all have in common."""
 
 from pathlib import Path
 from typing import Any
 
-from sextant.data.cifar10 import CLASSES
 from sextant.errors import UserError
-from sextant.kit.published_config import published_config
-from sextant.layers import first_conv
-from sextant.models import load_published
-from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
+from sextant.runs.outputs_folder import default_outputs
 
 
 def published_content(path: Path, content: Any = None) -> dict[str, Any]:
@@ -24,6 +20,11 @@ def published_content(path: Path, content: Any = None) -> dict[str, Any]:
     Raises:
         UserError: the file is not one of the authors', or its inhibition is not in the first convolution.
     """
+    from sextant.data.cifar10 import CLASSES
+    from sextant.layers import first_conv
+    from sextant.models import load_published
+    from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
+
     found = load_published(path, content=content)
     first, _ = first_conv(found.network)
     if found.push_pull not in ((), (first,)):
@@ -44,6 +45,49 @@ def published_content(path: Path, content: Any = None) -> dict[str, Any]:
             "published": {"file": path.name, "epoch": found.epoch, "best_accuracy": found.best_accuracy},
         },
         "state_dict": {f"network.{name}": tensor for name, tensor in found.network.state_dict().items()},
+    }
+
+
+def published_config(*, epochs: int, eval_batch_size: int, log_every: int, **own: Any) -> dict[str, Any]:
+    """The config that builds a published network.
+
+    The training settings are the task's defaults, not those of the authors.
+
+    Args:
+        epochs, eval_batch_size, log_every: of the task's defaults for ``trainer``.
+        own: further groups.
+    """
+    outputs = str(default_outputs())
+    return {
+        "seed": 0,
+        "init_from": None,
+        "reuse": "exact",
+        "corruption": {"_target_": "sextant.corruptions.CorruptionSuite", "corruptions": {}, "seed": 0},
+        "inhibition": {"_target_": "sextant.layers.NoInhibition"},
+        "trainer": {
+            "accelerator": "cpu",
+            "devices": 1,
+            "precision": "32-true",
+            "deterministic": True,
+            "threads": 1,
+            "max_epochs": epochs,
+            "batch_size": 32,
+            "eval_batch_size": eval_batch_size,
+            "log_every": log_every,
+            "workers": 0,
+            "progress": True,
+        },
+        "tracking": {
+            "kind": "sqlite",
+            "uri": None,
+            "experiment": None,
+            "system_metrics": True,
+            "system_metrics_every_s": 10,
+            "log_checkpoint": False,
+            "parent_run": None,
+        },
+        "paths": {"data": f"{outputs}/data", "outputs": outputs, "cache": f"{outputs}/data"},
+        **own,
     }
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from sextant.atomic_files import file_sha256
 from sextant.errors import UserError
-from sextant.kit.published_config import published_config
+from sextant.kit.published import published_config
 from sextant.zoo.files import CARD as ZOO_CARD
 from sextant.zoo.files import WEIGHTS
 
