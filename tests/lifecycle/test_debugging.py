@@ -104,6 +104,21 @@ def test_debug_is_part_of_a_run_and_its_absence_is_not(tmp_path):
     assert digest(validate(also).model_dump(by_alias=True)) == found[0]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "package", "pattern"),
+    [
+        ("tensorboard", "tensorboard", "tensorboard/**/events.out.tfevents.*"),
+        ("wandb", "wandb", "wandb/offline-run-*/*.wandb"),
+    ],
+)
+def test_a_logger_with_its_package_writes_into_the_run(tmp_path, name, package, pattern):
+    pytest.importorskip(package, reason=f"the extra {name} is not installed")
+    run = RunDirectory(execute(config(tmp_path, "debug=one_batch", f"tracking.also=[{name}]")).directory)
+    assert run.results()["outcome"] == "finished"
+    assert any(b"train/loss" in file.read_bytes() for file in run.path.glob(pattern))
+
+
 @pytest.mark.parametrize("name", ["tensorboard", "wandb"])
 def test_a_logger_without_its_package_is_one_line(tmp_path, monkeypatch, name):
     from sextant.lifecycle.checks import preflight
