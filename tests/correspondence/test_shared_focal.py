@@ -107,7 +107,7 @@ def test_an_adjusted_scene_has_the_slope_of_its_valley():
     )
     scene = Scene(np.array([np.log(520.0), 0, 0, 0]), turns, ways, world)
     assert np.abs(errors(tracks, scene)).max() < 1e-9
-    tilted = Scene(scene.shared + [0.05, 0, 0, 0], turns, ways, world + 0.02)
+    tilted = Scene(scene.shared + np.array([0.05, 0, 0, 0]), turns, ways, world + 0.02)
     found = fitted(tracks, tilted, 0.25, free=True)
     assert found.log_focal == pytest.approx(np.log(520.0), abs=2e-3)
     nearby = fitted(tracks, found.towards(found.log_focal + 0.5 * found.log_sigma), 0.25, free=False)

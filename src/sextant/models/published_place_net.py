@@ -15,8 +15,8 @@ from sextant.models.standardize import Standardize
 from sextant.models.torchvision_backbone import resnet_stages, vgg16_map
 from sextant.models.transported_features import TransportedFeatures
 from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD
-from sextant.ranges import Count, checked
 from sextant.models.vision_transformer import vision_transformer
+from sextant.ranges import Count, checked
 
 Kind = Literal["boq", "salad", "megaloc", "mixvpr", "cosplace", "netvlad"]
 Trunk = Literal["vit", "resnet_basic", "resnet_bottleneck", "vgg16"]
