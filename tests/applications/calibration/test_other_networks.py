@@ -149,6 +149,13 @@ def test_what_a_network_sees_is_placed_where_it_is_in_the_photo(size, stub, sour
         assert said.up_sigma == pytest.approx(0.02)  # of confidence 0.25
 
 
+def test_the_name_tells_weights_of_pictures_without_distortion(tmp_path):
+    torch.save(FILES["geocalib"](), tmp_path / "geocalib-pinhole.tar")
+    network = open_network(f"geocalib:{tmp_path / 'geocalib-pinhole.tar'}")
+    assert "trained without distortion by its name (pinhole)" in card_text(network.card)
+    assert network.predict(dots((96, 64))).belief().sigma[3] == math.inf
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_a_file_of_either_kind_calibrates_a_photo(kind, tmp_path):

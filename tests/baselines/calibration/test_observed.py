@@ -108,6 +108,17 @@ def test_the_scatter_of_rays_is_their_spread():
     assert sigmas[1] / sigmas[0] == pytest.approx(2, rel=0.3)
 
 
+def test_without_distortion_it_is_0_and_not_known():
+    points, latitude, up = field_of(0.15, -0.05, 0.8, 0.0, 4 / 3)
+    sure = np.full(len(points), 0.02)
+    both = [ObservedField(points, latitude, up, sure, sure, distortion=kept).belief() for kept in (False, True)]
+    assert numbers(both[0]) == pytest.approx((0.15, -0.05, 0.8, 0.0), abs=1e-6)
+    assert (both[0].k1_hat, both[0].sigma[3]) == (0.0, math.inf)
+    assert both[0].sigma[2] < both[1].sigma[2]  # one number less to find
+    rays = ObservedRays(*rays_of(0.8, 0.0, 4 / 3)[:2], distortion=False).belief()
+    assert (rays.focal, rays.k1_hat) == (pytest.approx(0.8), 0.0)
+
+
 def test_a_number_at_an_end_of_the_search_is_not_known():
     points = map_points(6, 8, 4 / 3)
     straight = np.tile([0.0, 0.0, 1.0], (len(points), 1))  # all rays parallel: an endless focal length

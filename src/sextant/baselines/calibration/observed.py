@@ -17,7 +17,7 @@ Sources: L. Jin et al., "Perspective Fields for single image camera calibration"
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -55,7 +55,9 @@ class Observed(ABC):
 
     points: Float[ndarray, "n 2"]
     #: which of tilt, roll, vfov and k1_hat it determines
-    free: ClassVar[tuple[int, ...]]
+    numbers: ClassVar[tuple[int, ...]]
+    #: whether k1_hat is fitted; otherwise it is taken as 0, and not known
+    distortion: bool
 
     @abstractmethod
     def residuals(self, vectors: Float64[ndarray, "b 4"]) -> Float64[ndarray, "b m"]:
@@ -72,6 +74,11 @@ class Observed(ABC):
 
     #: whether the spreads are given; otherwise the errors are measured by the residuals
     has_spread: bool = True
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """The numbers that are fitted."""
+        return self.numbers if self.distortion else self.numbers[:-1]
 
     def belief(self) -> CameraBelief:
         """The camera with standard errors; infinite for numbers that are not determined or at an end of the search.
@@ -102,7 +109,8 @@ class Observed(ABC):
 
     def _starts(self) -> Float64[ndarray, "k 4"]:
         """The cameras of least cost among a grid of lenses."""
-        lenses = np.array([[*self.start(), math.radians(vfov), k1_hat] for vfov in VFOVS for k1_hat in K1_HATS])
+        k1_hats = K1_HATS if self.distortion else (0.0,)
+        lenses = np.array([[*self.start(), math.radians(vfov), k1_hat] for vfov in VFOVS for k1_hat in k1_hats])
         costs = np.square(_rooted(self.residuals(lenses))).sum(axis=1)
         return lenses[np.argsort(np.nan_to_num(costs, nan=np.inf), kind="stable")[:STARTS]]
 
@@ -153,6 +161,7 @@ class ObservedField(Observed):
         latitude: radians above the horizon.
         up: directions in the image in which a point moves when its scene point is lifted; any length.
         latitude_sigma, up_sigma: standard errors in radians.
+        distortion: false for a network that was trained on pictures without distortion, and cannot tell it.
 
     Raises:
         ArgumentError: a shape does not fit, a value is not finite, or a spread is not above 0.
@@ -172,7 +181,8 @@ class ObservedField(Observed):
     up: Float[ndarray, "n 2"]
     latitude_sigma: Float[ndarray, "n"]
     up_sigma: Float[ndarray, "n"]
-    free = (0, 1, 2, 3)
+    distortion: bool = True
+    numbers = (0, 1, 2, 3)
 
     def __post_init__(self) -> None:
         _settle(self, {"points": 2, "latitude": 0, "up": 2, "latitude_sigma": 0, "up_sigma": 0})
@@ -206,6 +216,7 @@ class ObservedRays(Observed):
         points: image points, in heights of the photo from its centre, x to the right and y down.
         rays: directions in the camera frame: right, down and forward; any length.
         sigma: standard errors in radians; None if the network gives none, and the scatter is measured.
+        distortion: as for :class:`ObservedField`.
 
     Raises:
         ArgumentError: a shape does not fit, a value is not finite, or a spread is not above 0.
@@ -220,7 +231,8 @@ class ObservedRays(Observed):
     points: Float[ndarray, "n 2"]
     rays: Float[ndarray, "n 3"]
     sigma: Float[ndarray, "n"] | None = None
-    free = (2, 3)
+    distortion: bool = True
+    numbers = (2, 3)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "has_spread", self.sigma is not None)
@@ -279,15 +291,15 @@ def _settle(observed: Observed, axes: dict[str, int]) -> None:
     kind = type(observed).__name__
     count = len(np.asarray(observed.points))
     keep = np.arange(count) if count <= MOST else np.linspace(0, count - 1, MOST).astype(int)
-    for each in fields(observed):  # type: ignore[arg-type]  # every kind is a dataclass
-        values = np.array(getattr(observed, each.name), np.float64)
-        wanted = (count, axes[each.name]) if axes[each.name] else (count,)
+    for name, axis in axes.items():
+        values = np.array(getattr(observed, name), np.float64)
+        wanted = (count, axis) if axis else (count,)
         if values.shape != wanted or count < 4:
             raise ArgumentError(
-                f"{kind}: {each.name} has the shape {values.shape}, and {wanted} is expected",
+                f"{kind}: {name} has the shape {values.shape}, and {wanted} is expected",
                 "Give one row for each of at least four points.",
             )
-        if not np.isfinite(values).all() or (each.name.endswith("sigma") and not (values > 0).all()):
-            rule = "finite and above 0" if each.name.endswith("sigma") else "finite"
-            raise ArgumentError(f"{kind}: {each.name} must be {rule}", "Leave out points that are not known.")
-        object.__setattr__(observed, each.name, np.ascontiguousarray(values[keep]))
+        if not np.isfinite(values).all() or (name.endswith("sigma") and not (values > 0).all()):
+            rule = "finite and above 0" if name.endswith("sigma") else "finite"
+            raise ArgumentError(f"{kind}: {name} must be {rule}", "Leave out points that are not known.")
+        object.__setattr__(observed, name, np.ascontiguousarray(values[keep]))

@@ -22,8 +22,12 @@ from sextant.models.ray_net import RayNet
 #: shorter side of GeoCalib's images, and the residual at which its authors' cost turns linear, which is taken as the
 #: spread of a point of confidence 1
 SHORTER, SPREAD = 320, 0.01
+#: least confidence of a point, with a spread of ten radians: it does not count
+FAINTEST = 1e-6
 #: pixels of AnyCalib's images, and the ends of their height over width
 PIXELS, SHAPES = 102_400, (0.5, 2.0)
+#: word in the names of the authors' files of weights that were trained on pictures without distortion
+STRAIGHT = "pinhole"
 #: rows and columns of the points of a field that are used
 ROWS, COLUMNS = 24, 32
 
@@ -106,10 +110,11 @@ class FieldSource:
     Args:
         network: the network.
         card: what is known about it.
+        distortion: whether it was trained on pictures with distortion, so that it can tell it.
     """
 
-    def __init__(self, network: FieldNet, card: dict[str, Any] | None = None):
-        self.network, self.card = network.eval(), card or {}
+    def __init__(self, network: FieldNet, card: dict[str, Any] | None = None, *, distortion: bool = True):
+        self.network, self.card, self.distortion = network.eval(), card or {}, distortion
 
     @torch.no_grad()
     def predict(self, image: UInt8[ndarray, "h w 3"]) -> ObservedField:
@@ -126,8 +131,12 @@ class FieldSource:
             return values[..., y[:, None], x].double().flatten(-2).numpy()
 
         points = _points(y + top + 0.5, x + left + 0.5, size, columns / rows)
-        spreads = [SPREAD / np.sqrt(at(each)[0]) for each in (field.latitude_confidence, field.up_confidence)]
-        return ObservedField(points, at(field.latitude)[0], at(field.up)[0].T, *spreads)
+        latitude_sigma, up_sigma = (
+            SPREAD / np.sqrt(np.maximum(at(each)[0], FAINTEST))
+            for each in (field.latitude_confidence, field.up_confidence)
+        )
+        latitude, up = at(field.latitude)[0], at(field.up)[0].T
+        return ObservedField(points, latitude, up, latitude_sigma, up_sigma, self.distortion)
 
 
 class RaySource:
@@ -136,10 +145,11 @@ class RaySource:
     Args:
         network: the network.
         card: what is known about it.
+        distortion: whether it was trained on pictures with distortion, so that it can tell it.
     """
 
-    def __init__(self, network: RayNet, card: dict[str, Any] | None = None):
-        self.network, self.card = network.eval(), card or {}
+    def __init__(self, network: RayNet, card: dict[str, Any] | None = None, *, distortion: bool = True):
+        self.network, self.card, self.distortion = network.eval(), card or {}, distortion
 
     @torch.no_grad()
     def predict(self, image: UInt8[ndarray, "h w 3"]) -> ObservedRays:
@@ -155,7 +165,7 @@ class RaySource:
         y, x = _picked(height, ROWS), _picked(width, COLUMNS)
         rays = self.network(resized)[0][:, y[:, None], x].double().flatten(1).numpy().T
         down, right = (y + 0.5) * part[0] / height + top, (x + 0.5) * part[1] / width + left
-        return ObservedRays(_points(down, right, (rows, columns), columns / rows), rays)
+        return ObservedRays(_points(down, right, (rows, columns), columns / rows), rays, None, self.distortion)
 
 
 def open_network(reference: str) -> FieldSource | RaySource:
@@ -178,20 +188,22 @@ def open_network(reference: str) -> FieldSource | RaySource:
         "file": path.name,
         "sha256": file_sha256(path),
         "unused": list(found.unused),
+        "distortion": STRAIGHT not in path.name,
     }
     if isinstance(found.network, FieldNet):
         images = f"photos with a shorter side of {SHORTER} pixels, blue first, in [0, 255]"
-        return FieldSource(found.network, card | {"images": images})
+        return FieldSource(found.network, card | {"images": images}, distortion=STRAIGHT not in path.name)
     images = f"photos of {PIXELS:,} pixels with ImageNet's mean and deviation"
-    return RaySource(found.network, card | {"images": images})
+    return RaySource(found.network, card | {"images": images}, distortion=STRAIGHT not in path.name)
 
 
 def card_text(card: dict[str, Any]) -> str:
     """What is known about a network of others, in one line."""
+    lens = "" if card["distortion"] else f", trained without distortion by its name ({STRAIGHT})"
     unused = card["unused"]
     left = f"; {len(unused):,} of its arrays are not used: {', '.join(unused[:3])}" if unused else ""
     return (
-        f"{card['kind']}, {card['numbers'] / 1e6:.1f} million weights, {card['images']}; {card['file']}, SHA-256 "
+        f"{card['kind']}, {card['numbers'] / 1e6:.1f} million weights{lens}, {card['images']}; {card['file']}, SHA-256 "
         f"{card['sha256']}{left}; not supplied by Sextant"
     )
 
