@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.localization.constant_velocity import ENOUGH, MOST, ConstantVelocity
+from sextant.localization.constant_velocity import DEPARTS, ENOUGH, MOST, ConstantVelocity
 
 HERE = torch.tensor([[3.0, -2.0, 0.7]], dtype=torch.float64)
 ONE = torch.ones(1, dtype=torch.float64)
@@ -45,6 +45,14 @@ def test_a_fast_robot_may_vary_by_as_much_as_it_moves():
     assert driven(ways).along(1.0).item() == pytest.approx(10.0)
     assert driven([0.0, 6.0] * 5).along(1.0).isnan()  # its pace is 0 or 6
     assert driven([0.0, 6.0] * 5).along(2.0).isfinite()  # which is little in a map with an image every 2 m
+
+
+def test_a_robot_departs_less_from_a_pace_the_more_its_ways_agree():
+    assert ConstantVelocity.none(1).departure(1.0).item() == driven([2.0] * (ENOUGH - 1)).departure(1.0).item() == 1.0
+    found = [driven([2.0, 2.0 + apart] * 5).departure(1.0).item() for apart in (0.0, 1.0, 3.0, 5.9)]
+    assert found == sorted(found)
+    assert (found[0], found[-1]) == (pytest.approx(DEPARTS), pytest.approx(1.0, abs=0.02))
+    assert driven([2.0, 60.0] * 5).departure(1.0).item() == 1.0  # no pace
 
 
 def test_it_outlasts_estimates_that_are_not_sure_and_follows_those_that_are():

@@ -193,10 +193,7 @@ class Adaptation:
         learned = replace(learned, counted=counted, way=way.masked_fill(counts, 0.0))
         used, found = looked & counts if self.learns else looked, None
         if bool(used.any()):
-            # particles follow odometry, so that errors of consecutive images add up. Where motion is unknown,
-            # particles spread far between images, and weaker evidence would not concentrate them again
-            follows = known | (belief is None)
-            learned, found = self._weighed(learned, images, new, used, follows)
+            learned, found = self._weighed(learned, images, new, used, known & (belief is not None))
             if belief is not None:
                 learned = self._compared(learned, belief, moved, found, new, used, support)
         learned = self._recognised(learned, images, new, ~known)
@@ -208,8 +205,13 @@ class Adaptation:
         """The filter's motion model; without odometry most particles keep the pace of the drive."""
         if not self.learns:
             return measured
-        pace = learned.velocity.along(self.spacing)
-        return PacedMotion(measured, pace.masked_fill(learned.last.off_map > STRAYED, torch.nan))
+        return PacedMotion(measured, *self._pace(learned))
+
+    def _pace(self, learned: Learned) -> tuple[Float64[Tensor, " r"], Float64[Tensor, " r"]]:
+        """The pace of each run, nan where there is none, and the departure from it, then 1."""
+        strayed, velocity = learned.last.off_map > STRAYED, learned.velocity
+        pace = velocity.along(self.spacing).masked_fill(strayed, torch.nan)
+        return pace, velocity.departure(self.spacing).masked_fill(strayed, 1.0)
 
     def after(
         self,
@@ -247,7 +249,13 @@ class Adaptation:
     def _weighed(
         self, learned: Learned, images: Tensor, new: Tensor, used: Tensor, follows: Tensor
     ) -> tuple[Learned, ScaledEvidence]:
-        """The evidence of the runs in ``used``, weighted by how new their images are if the filter learns."""
+        """The evidence of the runs in ``used``, weighted by how new their images are if the filter learns.
+
+        Errors of consecutive images add up in particles that follow odometry, and evidence has its full scale there.
+        Where motion is unknown, particles spread far between images, and weaker evidence would not concentrate them
+        again. The less they spread, at a pace, the more adds up: the root of the departure kept regions honest on the
+        walks of results/localization_change.md. Nothing adds up in the first image.
+        """
         images, new, mean = images[used], new[used], self.model.map.mean
         if not self.learns:
             evidence = self.model.observe(images, self.likelihood)
@@ -260,11 +268,11 @@ class Adaptation:
         evidence = self.model.observe(change.centred(images, mean), change.likelihood(self.likelihood))
         over_map = evidence.over_map()
         learned = replace(learned, change=with_some(learned.change, used, change))
+        apart, tempering = self._pace(learned)[1][used].sqrt(), torch.ones_like(new)
         if learned.scale is not None:
             scale = some_of(learned.scale, used).updated(over_map, new)
-            learned = replace(learned, scale=with_some(learned.scale, used, scale))
-            new = scale.tempering.where(follows[used], 1.0) * new
-        return learned, ScaledEvidence(evidence, over_map, new)
+            learned, tempering = replace(learned, scale=with_some(learned.scale, used, scale)), scale.tempering
+        return learned, ScaledEvidence(evidence, over_map, torch.where(follows[used], tempering, apart) * new)
 
     def _compared(
         self,

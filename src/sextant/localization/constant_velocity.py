@@ -28,6 +28,10 @@ MOST = 100
 AGREE = 4.0
 #: number of displacements needed for a pace
 ENOUGH = 5
+#: how far a robot departs from a pace that all displacements agree on, as a share of how far it moves without a pace.
+#: With all of it, one image that looks like another place takes the robot there (results/localization_change.md,
+#: "Without odometry")
+DEPARTS = 0.5
 
 
 @dataclass(frozen=True)
@@ -62,13 +66,33 @@ class ConstantVelocity:
         Args:
             spacing: spacing of the map.
         """
+        middle, disagreement = self._agreed(spacing)
+        return torch.where(disagreement <= 1, middle, torch.nan)
+
+    def departure(self, spacing: float) -> Float64[Tensor, " r"]:
+        """How far a robot departs from the pace, as a share of how far it moves without one: 1 where there is none.
+
+        Args:
+            spacing: spacing of the map.
+
+        >>> one, here, pace = torch.ones(1).double(), torch.zeros(1, 3).double(), ConstantVelocity.none(1)
+        >>> for _ in range(5):
+        ...     there = torch.tensor([[2.0, 0.0, 0.0]], dtype=torch.float64)
+        ...     pace = pace.updated(here, there, weight=one, steps=one)
+        >>> ConstantVelocity.none(1).departure(spacing=1.0).tolist(), pace.departure(spacing=1.0).tolist()
+        ([1.0], [0.5])
+        """
+        return DEPARTS + (1 - DEPARTS) * self._agreed(spacing)[1].clamp(max=1.0)
+
+    def _agreed(self, spacing: float) -> tuple[Float64[Tensor, " r"], Float64[Tensor, " r"]]:
+        """The median, and how far displacements disagree: up to 1 they have a pace; infinite while they are too few."""
         ways, order = self.ways.where(self.weights > 0, torch.inf).sort(dim=1, stable=True)
         shares = self.weights.gather(1, order).cumsum(1)
         quarters = shares.new_tensor([0.25, 0.5, 0.75]).expand(len(shares), 3).contiguous()
         rows = torch.searchsorted(shares / shares[:, -1:], quarters).clamp(max=MOST - 1)
         first, middle, last = ways.gather(1, rows).unbind(1)
-        agree = last - first <= AGREE * spacing + middle.abs()
-        return torch.where(((self.weights > 0).sum(1) >= ENOUGH) & agree, middle, torch.nan)
+        disagreement = (last - first) / (AGREE * spacing + middle.abs())
+        return middle, disagreement.where((self.weights > 0).sum(1) >= ENOUGH, torch.inf)
 
     def updated(
         self,

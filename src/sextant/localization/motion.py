@@ -194,39 +194,41 @@ def _parts(motion: Float64[Tensor, "r 3"]) -> tuple[Tensor, Tensor, Tensor]:
 
 #: one particle in this many spreads further along with a pace, one in this many without a pace, and one in this many
 #: spreads further in heading
-FURTHER_ONE_IN, UNPACED_ONE_IN, TURNING_ONE_IN = 4, 2, 4
+FURTHER_ONE_IN, UNPACED_ONE_IN, TURNING_ONE_IN = 6, 2, 4
 #: factor of the standard deviations of an unknown motion for these particles
 FURTHER = 4.0
 
 
 @dataclass(frozen=True)
 class PacedMotion(MotionModel):
-    r"""Moves as ``measured`` where motion is known; where it is unknown, three in four particles keep the pace.
+    r"""Moves as ``measured`` where motion is known; where it is unknown, five in six particles keep the pace.
 
     .. math:: x_t = x_{t-1} \circ \exp\big((v, 0, 0) + D\,\epsilon\big),
 
     where v is the pace and ε has the standard deviations ``measured.if_unknown()``. Robots mostly continue as before:
-    D = I. One particle in four has D = diag(1, 1, 4), for a robot that turns a corner. Another has v = 0 and
-    D = diag(4, 1, 1), for a robot that stops, turns back or drives much faster. Without a pace v = 0, and half of the
-    particles behave like the latter. A particle keeps its role until it is resampled. A model without noise along the
-    heading gets no pace either.
+    D = diag(q, 1, 1), with the departure q from the pace. One particle in four has D = diag(q, 1, 4), for a robot that
+    turns a corner. One in six has v = 0 and D = diag(4, 1, 1), for a robot that stops, turns back or drives much
+    faster. Without a pace v = 0, q = 1, and half of the particles behave like the latter. A particle keeps its role
+    until it is resampled. A model without noise along the heading gets no pace either.
 
     Args:
         measured: model of known motions, and of the standard deviations of unknown ones.
         pace: distance along the heading from one step to the next of each run, in the unit of the map
             (:class:`~sextant.localization.constant_velocity.ConstantVelocity`); nan if it is not known.
+        departure: q of each run, in (0, 1]; not used without a pace.
 
     Example:
         >>> from sextant.localization.motion import ExponentialMotion
         >>> measured, pace = ExponentialMotion((0.1, 0.0, 0.0), unknown=(1e-9, 0.0, 0.0)), torch.tensor([2.0]).double()
-        >>> model = PacedMotion(measured, pace)
+        >>> model = PacedMotion(measured, pace, departure=torch.tensor([0.5]).double())
         >>> unknown = torch.full((1, 3), torch.nan).double()
-        >>> model.sample(torch.zeros(1, 4, 3).double(), unknown, torch.Generator())[0, :, 0].round().abs().tolist()
-        [2.0, 2.0, 2.0, 0.0]
+        >>> model.sample(torch.zeros(1, 6, 3).double(), unknown, torch.Generator())[0, :, 0].round().abs().tolist()
+        [2.0, 2.0, 2.0, 2.0, 2.0, 0.0]
     """
 
     measured: MotionModel
     pace: Float64[Tensor, " r"]
+    departure: Float64[Tensor, " r"]
 
     def if_unknown(self) -> Sequence[float]:
         """The standard deviations of ``measured``."""
@@ -237,7 +239,7 @@ class PacedMotion(MotionModel):
         return self.measured.increments(motion, noise)
 
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
-        """Of four particles, the last (without a pace every second) spreads further along, the third in heading."""
+        """Every sixth particle (without a pace every second) spreads further along, every fourth in heading."""
         deviations = noise.new_tensor(self.if_unknown())
         twist = noise * deviations
         paced, number = self.pace.isfinite()[:, None, None], torch.arange(noise.shape[1], device=noise.device)[:, None]
@@ -245,6 +247,7 @@ class PacedMotion(MotionModel):
         one_in = torch.where(paced, FURTHER_ONE_IN, UNPACED_ONE_IN)
         further, turning = number % one_in == one_in - 1, number % TURNING_ONE_IN == 2
         turned = torch.where(turning, twist * twist.new_tensor([1.0, 1.0, FURTHER]), twist)
+        turned[..., 0] = torch.where(paced, self.departure[:, None, None], 1.0)[..., 0] * turned[..., 0]
         return se2_exp(torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), turned + kept))
 
 

@@ -174,15 +174,16 @@ def test_noise_that_is_none_is_refused(make, key):
 def test_where_motion_is_unknown_most_particles_keep_the_pace_and_some_spread_or_turn():
     measured = ExponentialMotion((0.05, 0.02, 0.01), unknown=(1.0, 0.1, 0.05))
     poses, unknown = torch.zeros(1, 40_000, 3, dtype=torch.float64), torch.full((1, 3), math.nan, dtype=torch.float64)
-    for pace, one_in in ((5.0, 4), (None, 2)):
+    departure = torch.tensor([0.6], dtype=torch.float64)
+    for pace, one_in, about in ((5.0, 6, 0.6), (None, 2, 1.0)):
         paced = torch.tensor([math.nan if pace is None else pace], dtype=torch.float64)
-        twist = se2_log(PacedMotion(measured, paced).sample(poses, unknown, generator(1)))[0]
+        twist = se2_log(PacedMotion(measured, paced, departure).sample(poses, unknown, generator(1)))[0]
         number = torch.arange(40_000)
         further, turning = number % one_in == one_in - 1, number % 4 == 2
         for some, along, spread in (
             (further, 0.0, (4.0, 0.1, 0.05)),
-            (turning, pace or 0.0, (1.0, 0.1, 0.2)),
-            (~(further | turning), pace or 0.0, (1.0, 0.1, 0.05)),
+            (turning, pace or 0.0, (about, 0.1, 0.2)),
+            (~(further | turning), pace or 0.0, (about, 0.1, 0.05)),
         ):
             assert twist[some].mean(0).tolist() == pytest.approx([along, 0, 0], abs=0.1)
             assert twist[some].std(0).tolist() == pytest.approx(spread, rel=0.05)
@@ -190,5 +191,6 @@ def test_where_motion_is_unknown_most_particles_keep_the_pace_and_some_spread_or
 
 def test_a_pace_changes_nothing_of_a_motion_that_is_known():
     poses, motion = start(), torch.tensor([[1.0, 0.1, 0.2]], dtype=torch.float64)
-    paced = PacedMotion(NOISY[0], torch.tensor([5.0], dtype=torch.float64)).sample(poses, motion, generator(1))
+    pace, departure = torch.tensor([[5.0], [0.6]], dtype=torch.float64)
+    paced = PacedMotion(NOISY[0], pace, departure).sample(poses, motion, generator(1))
     assert torch.equal(paced, NOISY[0].sample(poses, motion, generator(1)))
