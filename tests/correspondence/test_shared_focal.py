@@ -67,6 +67,18 @@ def test_cameras_that_do_not_determine_it_are_told():
         assert found.interval_px[0] < 520 < found.interval_px[1]
 
 
+def test_a_camera_that_only_turns_tells_it_by_the_turns():
+    held = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        turns = [(Rotation.from_euler("yx", [0.15 * k, 0.1 * (k % 2)]).as_matrix(), np.zeros(3)) for k in range(3)]
+        found = shared_focal_length(photos(rng, turns, points(rng) * [1, 1, 0.5] + [0.5, 0, 6]))
+        assert (found.verdict, found.turned) == ("known", True)
+        assert found.focal_px == pytest.approx(520, rel=0.03)
+        held.append(found.interval_px[0] < 520 < found.interval_px[1])
+    assert sum(held) >= 5
+
+
 def test_photos_of_other_scenes_have_none():
     rng = np.random.default_rng(0)
     one, other = (photos(rng, around(1), points(rng, 100))[0] for _ in range(2))

@@ -129,7 +129,8 @@ def variance_of(tracks: Tracks, scene: Scene) -> float:
     squared = (errors(tracks, scene) ** 2).sum(1)
     right = squared < tracks.largest_px**2
     known, unknown = 2 * right.sum(), 3 * len(np.unique(tracks.points[right])) + 6 * len(scene.translations)
-    return float(np.median(squared[right])) / 1.386 * known / max(known - unknown, known / 8)  # the median of chi2_2
+    freedom = max(known - unknown, known / 8) / known
+    return float(np.median(squared[right]) / (1.386 * freedom))  # the median of chi2_2
 
 
 def fitted(tracks: Tracks, scene: Scene, variance: float, free: bool) -> Fit:
@@ -178,11 +179,14 @@ class _Normal(NamedTuple):
 
     def points(self, change: ndarray) -> ndarray:
         """The change of the points that goes with a change of the rest."""
-        return -np.einsum("pij,pj->pi", self.inverse, self.own + np.einsum("psi,s->pi", self.mixed, change))
+        return np.asarray(-np.einsum("pij,pj->pi", self.inverse, self.own + self._through(change)))
 
     def slopes(self, slope: ndarray) -> ndarray:
         """The slopes of the points that go with slopes of the rest."""
-        return -np.einsum("pij,pj->pi", self.inverse, np.einsum("psi,s->pi", self.mixed, slope))
+        return np.asarray(-np.einsum("pij,pj->pi", self.inverse, self._through(slope)))
+
+    def _through(self, change: ndarray) -> ndarray:
+        return np.asarray(np.einsum("psi,s->pi", self.mixed, change))
 
 
 def _straight(tracks: Tracks, scene: Scene) -> tuple[ndarray, ndarray, ndarray]:
