@@ -106,27 +106,31 @@ def is_range(kind: Any) -> bool:
 
 
 def fits(kind: Any, value: Any) -> bool:
-    """Whether a value is within the range of an annotation. Types other than numbers are not checked.
+    """Whether a value is within the range of an annotation. Arrays and tensors count as the numbers that they hold.
 
     Example:
         >>> fits(Share, 1.0), fits(Count | None, None), fits(tuple[Count, Count], (3, 4))
         (False, True, True)
     """
     origin, inner = get_origin(kind), get_args(kind)
+    value = value.tolist() if hasattr(value, "tolist") else value
     if origin in (Union, UnionType):
         return any(fits(each, value) for each in inner)
     if origin is Annotated:
         return fits(inner[0], value) and all(_within(each, value) for each in _bounds(kind))
     if origin is Literal:
-        return any(type(value) is type(each) and value == each for each in inner)
+        return any(_is_a(type(each), value) and value == each for each in inner)
     if origin is not None and issubclass(origin, Sequence):
         many = isinstance(value, Sequence) and not isinstance(value, str)
         each = inner[:1] * len(value) if many and (origin is not tuple or inner[-1] is ...) else inner
         return many and len(each) == len(value) and all(map(fits, each, value))
-    if kind in (int, float):
-        number = isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool)
-        return number and math.isfinite(value)
-    return isinstance(value, kind)
+    return _is_a(kind, value) and (kind is not float or isinstance(value, Integral) or math.isfinite(value))
+
+
+def _is_a(kind: type, value: Any) -> bool:
+    """Whether a value is of a type; a whole number counts as a number, true and false do not."""
+    known = {int: Integral, float: Real}.get(kind, kind)
+    return isinstance(value, known) and (kind not in (int, float) or not isinstance(value, bool))
 
 
 def told(kind: Any, value: Any = None) -> str:
@@ -146,7 +150,8 @@ def told(kind: Any, value: Any = None) -> str:
         of_type = fits(inner[0], value)
         if of_type or inner[0] not in (int, float):
             return bounds if of_type else told(inner[0])
-        return f"a whole number, {bounds}" if inner[0] is int else f"a number {bounds}"
+        infinite = isinstance(value, float) and math.isinf(value)
+        return f"a whole number, {bounds}" if inner[0] is int else f"a{' finite' * infinite} number {bounds}"
     if origin is Literal:
         return f"{'one of ' if len(inner) > 1 else ''}{', '.join(map(str, inner))}"
     if origin is not None and issubclass(origin, Sequence):

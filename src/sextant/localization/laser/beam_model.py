@@ -27,7 +27,7 @@ from torch import Tensor
 
 from sextant.compiled import compiled
 from sextant.localization.laser.scan_evidence import ScanEvidence, chosen_beams, chosen_ranges
-from sextant.ranges import Count, Positive, Share, checked
+from sextant.ranges import Count, NonNegative, Positive, checked
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import FREE, OccupancyGrid
 
@@ -130,7 +130,7 @@ class BeamModel:
         grid: the map.
         scanner: the scanner that the scans come from.
         z_hit, z_short, z_max, z_rand: weights of beams that end on a mapped surface, on an unmapped object before it,
-            nowhere, and anywhere.
+            nowhere, and anywhere; the first two may be 0.
         sigma_hit: standard deviation of a range in metres.
         lambda_short: rate per metre at which unmapped objects end a beam.
         beams: number of beams of a scan that are used, evenly spread.
@@ -151,10 +151,10 @@ class BeamModel:
 
     grid: OccupancyGrid
     scanner: LaserScanner
-    z_hit: Share = 0.5
-    z_short: Share = 0.05
-    z_max: Share = 0.05
-    z_rand: Share = 0.5
+    z_hit: NonNegative = 0.5
+    z_short: NonNegative = 0.05
+    z_max: Positive = 0.05
+    z_rand: Positive = 0.5
     sigma_hit: Positive = 0.2
     lambda_short: Positive = 0.1
     beams: Count = 60

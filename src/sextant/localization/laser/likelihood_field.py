@@ -27,7 +27,7 @@ from torch import Tensor
 
 from sextant.compiled import compiled
 from sextant.localization.laser.scan_evidence import ScanEvidence, chosen_beams, chosen_ranges
-from sextant.ranges import Count, Positive, Share, checked
+from sextant.ranges import Count, NonNegative, Positive, checked
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import UNKNOWN, OccupancyGrid
 
@@ -41,7 +41,7 @@ class LikelihoodField:
         grid: the map.
         scanner: the scanner that the scans come from.
         sigma_m: standard deviation of the distance between a beam's end and the wall it met.
-        z_hit: weight of beams that end on a mapped surface.
+        z_hit: weight of beams that end on a mapped surface; may be 0.
         z_rand: weight of beams that end anywhere.
         max_distance_m: ends farther than this from everything occupied are random.
         beams: number of beams of a scan that are used, evenly spread.
@@ -65,8 +65,8 @@ class LikelihoodField:
     grid: OccupancyGrid
     scanner: LaserScanner
     sigma_m: Positive = 0.2
-    z_hit: Share = 0.5
-    z_rand: Share = 0.5
+    z_hit: NonNegative = 0.5
+    z_rand: Positive = 0.5
     max_distance_m: Positive = 2.0
     beams: Count = 60
     tempering: Positive = 1.0
