@@ -78,7 +78,7 @@ def distinct_matches(
     pairs = mutual_matches(first, second, least_cosine)
     ratios = np.maximum(_ratios(first, second, pairs[:, 0]), _ratios(second, first, pairs[:, 1]))
     order = np.argsort(ratios, kind="stable")
-    return pairs[order[ratios[order] <= ratio]]
+    return np.asarray(pairs[order[ratios[order] <= ratio]])
 
 
 def _ratios(first: LocalFeatures, second: LocalFeatures, rows: Int64[ndarray, "m"]) -> ndarray:
