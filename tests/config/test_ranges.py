@@ -3,7 +3,7 @@
 import inspect
 import re
 from collections.abc import Sequence
-from enum import Enum
+from enum import StrEnum
 from fractions import Fraction
 from typing import Annotated, Any, Literal, get_args, get_origin
 
@@ -106,7 +106,7 @@ def test_an_argument_outside_of_its_range(wrong, said):
     assert caught.value.of == "Loss"
 
 
-class Kind(str, Enum):
+class Kind(StrEnum):
     l1 = "l1"
 
 

@@ -64,8 +64,9 @@ class SharedFocalLength:
     """The focal length of some photos. It is a ``CameraPrior``.
 
     Attributes:
-        verdict: *known*, or why it is unknown: *no common scene* if too few matches agree, *undetermined* if these
-            matches agree with many focal lengths.
+        verdict: *known*; *unchecked* if only two photos show the scene, whose matches no third photo confirms: of the
+            intervals of such pairs 7 of 12 held (results/localization.md); or why it is unknown: *no common scene* if
+            too few matches agree, *undetermined* if these matches agree with many focal lengths.
         focal_px: median of the posterior; nan if it is unknown.
         focal_sigma: its relative standard deviation; None if it is unknown.
         interval_px: holds the focal length with a probability of 95 %, also if the answer is *undetermined*.
@@ -74,7 +75,7 @@ class SharedFocalLength:
         turned: the camera only turned.
     """
 
-    verdict: Literal["known", "undetermined", "no common scene"]
+    verdict: Literal["known", "unchecked", "undetermined", "no common scene"]
     focal_px: float = math.nan
     focal_sigma: float | None = None
     interval_px: tuple[float, float] = (0.0, math.inf)
@@ -274,7 +275,7 @@ def _posterior(tracks: Tracks, starts: Sequence[tuple[Tracks, Scene, list[int]]]
     sigma = math.sqrt(float(((fine - mean) ** 2 * weights).sum() / weights.sum()))
     known = sigma <= WIDEST
     return SharedFocalLength(
-        "known" if known else "undetermined",
+        ("known" if len(photos) > FEWEST else "unchecked") if known else "undetermined",
         middle if known else math.nan,
         sigma if known else None,
         (low, high),

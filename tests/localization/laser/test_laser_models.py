@@ -171,7 +171,10 @@ class TestBeam:
 
     def test_beams_need_not_end_before_the_map_nor_weights_sum_to_one(self):
         scans, pose = scans_at((1.0, 1.0, 0.3)), torch.tensor([[[1.0, 1.0, 0.3]]]).double()
-        for model in (BeamModel(GRID, SCANNER, z_hit=1.0, z_short=0), LikelihoodField(GRID, SCANNER, z_hit=0, z_rand=2)):
+        for model in (
+            BeamModel(GRID, SCANNER, z_hit=1.0, z_short=0),
+            LikelihoodField(GRID, SCANNER, z_hit=0, z_rand=2),
+        ):
             assert model.observe(scans, NOWHERE).log_likelihood(pose).isfinite().all()
 
 
