@@ -19,6 +19,10 @@ def describe_machine() -> str:
     )
 
 
+#: seconds that an interrupted command has to save its state
+GRACE_S = 30
+
+
 def run_for(seconds: float, words: Sequence[str], folder: Path, **environment: str) -> int:
     """Run a command for at most ``seconds``; its exit status, or 124 if time was up.
 
@@ -31,7 +35,7 @@ def run_for(seconds: float, words: Sequence[str], folder: Path, **environment: s
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGINT)
         with suppress(subprocess.TimeoutExpired):
-            process.wait(30)
+            process.wait(GRACE_S)
         return 124
     finally:
         with suppress(ProcessLookupError):

@@ -8,7 +8,7 @@ import psutil
 import pytest
 import torch
 
-from benchmarks import gpu_claims
+from benchmarks import gpu_claims, machine
 from benchmarks.machine import run_for
 from sextant.errors import UserError
 from sextant.lifecycle.sweep_plan import read_design, sweep_words
@@ -48,13 +48,15 @@ def test_without_a_gpu_nothing_runs(monkeypatch, capsys):
     assert "no CUDA device was found" in capsys.readouterr().err
 
 
-def test_a_block_is_interrupted_when_its_time_is_up(capsys):
+def test_a_block_is_interrupted_when_its_time_is_up(capsys, monkeypatch):
+    monkeypatch.setattr(machine, "GRACE_S", 1)
     assert gpu_claims.run([sys.executable, "-c", "raise SystemExit(3)"]) == 3
     assert gpu_claims.run([sys.executable, "-c", "import threading; threading.Event().wait()"], seconds=0.2) == 124
     assert "the same command resumes it" in capsys.readouterr().err
 
 
-def test_what_an_interrupted_block_started_ends_with_it(tmp_path):
+def test_what_an_interrupted_block_started_ends_with_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(machine, "GRACE_S", 1)
     child = "import os, signal, threading; signal.signal(signal.SIGINT, signal.SIG_IGN); "
     child += "print(os.getpid(), flush=True); threading.Event().wait()"
     starts = (
