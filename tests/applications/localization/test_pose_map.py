@@ -189,7 +189,7 @@ def test_poses_that_are_none_are_refused(poses, said):
         ({"cameras": [(1, 1, 0, 0)] * 3}, "3 cameras for 2 images"),
         ({"cameras": Pinhole.centred(100, 100, 90.0)}, "a camera of 100x100 pixels for an image of 64x64"),
         ({"names": ["a"]}, "1 names for 2 images"),
-        ({"side": "320"}, "must be a whole number of pixels"),
+        ({"side": "320"}, "must be a whole number, at least 64"),
     ],
 )
 def test_arguments_that_do_not_fit_the_images_are_refused(arguments, said):
