@@ -80,6 +80,33 @@ def test_a_camera_that_only_turns_tells_it_by_the_turns():
     assert sum(held) >= 5
 
 
+@pytest.mark.parametrize("angles", [[0, 0, 0], [0, 0, 10]])
+@pytest.mark.parametrize("noise", [0.0, 0.4])
+def test_a_camera_that_did_not_turn_or_only_about_its_axis_tells_nothing(angles, noise):
+    rng = np.random.default_rng(0)
+    turns = [
+        (Rotation.from_euler("xyz", np.multiply(angles, k), degrees=True).as_matrix(), np.zeros(3)) for k in (0, 1)
+    ]
+    found = shared_focal_length(photos(rng, turns, points(rng) * [1, 1, 0.5] + [0, 0, 6], noise=noise))
+    assert (found.verdict, found.focal_sigma) == ("undetermined", None)
+    assert found.interval_px[0] < 400 < 1500 < found.interval_px[1]
+
+
+def test_small_turns_tell_it_without_a_bias():
+    """Errors shrink with a photo whose distortion is negative, which must not favour one."""
+    ratios = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        turns = [
+            (Rotation.from_euler("yx", turn, degrees=True).as_matrix(), np.zeros(3))
+            for turn in ((0, 0), (1, 0), (0, 1))
+        ]
+        found = shared_focal_length(photos(rng, turns, points(rng, 600) * [1, 1, 0.5] + [0, 0, 5]))
+        assert found.interval_px[0] < 520 < found.interval_px[1]
+        ratios.append(found.focal_px / 520)
+    assert np.mean(ratios) == pytest.approx(1, abs=0.03)
+
+
 def test_photos_of_other_scenes_have_none():
     rng = np.random.default_rng(0)
     one, other = (photos(rng, around(1), points(rng, 100))[0] for _ in range(2))

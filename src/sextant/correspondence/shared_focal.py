@@ -14,7 +14,7 @@ Only distinct matches count: matches of a window with its neighbour agree with s
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Literal
 
@@ -201,15 +201,11 @@ def _turned(
     focal, turns, explained = turns_of(matched, np.geomspace(GRID[0], GRID[-1], TURNS) * side)
     if sum(explained.values()) < TURNED_SHARE**4 * sum(agree.values()):  # before turns are fitted
         return None
-    log_focal, per_unit, variance, count, photos = turned_focal(matched, focal, turns, side)
-    if count < TURNED_SHARE * sum(agree.values()):
+    found = turned_focal(matched, focal, turns, side, ends=_ends(side), overdispersion=OVERDISPERSION, weighed=WEIGHED)
+    if found.explained < TURNED_SHARE * sum(agree.values()):
         return None
-    sigma = math.hypot(math.sqrt(per_unit * variance * OVERDISPERSION), MODEL)
-    low, middle, high = (math.exp(log_focal + z * sigma) * unit for z in (-1.96, 0.0, 1.96))
-    noise = math.sqrt(variance) * unit
-    if sigma > WIDEST:
-        return SharedFocalLength("undetermined", math.nan, None, (low, high), photos, noise, True)
-    return SharedFocalLength("known", middle, sigma, (low, high), photos, noise, True)
+    curve = found.logs, found.deviations
+    return replace(_weighed([curve], side, unit), photos=found.photos, noise_px=found.variance**0.5 * unit, turned=True)
 
 
 def _used(scanned: _Scanned) -> dict[Pair, ndarray]:
@@ -255,19 +251,29 @@ def _bottom(costs: Float64[ndarray, "g"], k: int) -> float:
 def _posterior(tracks: Tracks, starts: Sequence[tuple[Tracks, Scene, list[int]]], unit: float) -> SharedFocalLength:
     """Deviations along the focal length, and what follows from them; pixels without a point have the largest error."""
     variance = min(_settled(seen, scene) for seen, scene, _ in starts) * OVERDISPERSION
-    logs, deviations, photos, least = [], [], list[int](), math.inf
+    curves, photos, least = [], list[int](), math.inf
     for seen, scene, numbers in starts:
         missing = (len(tracks.pixels) - len(seen.pixels)) * LARGEST_PX**2 / variance
         fits = _along(seen, fitted(seen, scene, variance, free=True), variance)
         own = np.array([each.deviation + missing for each in fits])
         if own.min() < least:
             least, photos = float(own.min()), numbers
-        logs.append(np.array([each.log_focal for each in fits]))
-        deviations.append(own)
-    ends = math.log(GRID[0] * tracks.side), math.log(GRID[-1] * tracks.side)
+        curves.append((np.array([each.log_focal for each in fits]), own))
+    noise = math.sqrt(variance / OVERDISPERSION) * unit
+    return replace(_weighed(curves, tracks.side, unit), photos=sorted(photos), noise_px=noise)
+
+
+def _ends(side: float) -> tuple[float, float]:
+    """Logarithms of the least and the largest focal length."""
+    return math.log(GRID[0] * side), math.log(GRID[-1] * side)
+
+
+def _weighed(curves: Sequence[tuple[ndarray, ndarray]], side: float, unit: float) -> SharedFocalLength:
+    """What follows from deviations at logarithms of the focal length, the least of several."""
+    ends = _ends(side)
     fine = np.linspace(*ends, POINTS)
-    parts = [np.interp(fine, x, y, left=np.inf, right=np.inf) for x, y in zip(logs, deviations, strict=True)]
-    weights = np.exp(-(np.min(parts, axis=0) - least) / 2)
+    least = np.min([np.interp(fine, x, y, left=np.inf, right=np.inf) for x, y in curves], axis=0)
+    weights = np.exp(-(least - least.min()) / 2)
     weights = gaussian_filter1d(weights, MODEL * (POINTS - 1) / (ends[1] - ends[0]), mode="constant")
     share = np.cumsum(weights) / weights.sum()
     low, middle, high = (float(np.exp(fine[np.searchsorted(share, level)])) * unit for level in (0.025, 0.5, 0.975))
@@ -279,8 +285,6 @@ def _posterior(tracks: Tracks, starts: Sequence[tuple[Tracks, Scene, list[int]]]
         middle if known else math.nan,
         sigma if known else None,
         (low, high),
-        sorted(photos),
-        math.sqrt(variance / OVERDISPERSION) * unit,
     )
 
 
@@ -292,7 +296,7 @@ def _settled(tracks: Tracks, scene: Scene) -> float:
 
 def _along(tracks: Tracks, found: Fit, variance: float) -> list[Fit]:
     """Fits at focal lengths around a valley, ascending, as far as these are near its bottom."""
-    low, high = (math.log(end * tracks.side) for end in (GRID[0], GRID[-1]))
+    low, high = _ends(tracks.side)
     bottom = min(max(found.log_focal, low), high)
     if bottom != found.log_focal:
         found = fitted(tracks, found.towards(bottom), variance, free=False)
