@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("poselib")
 from sextant.correspondence import LocalFeatures, Pinhole, XFeatures, distinct_matches, shared_focal_length
-from sextant.correspondence.bundle import Scene, Tracks, errors, fitted
+from sextant.correspondence.bundle import Scene, Tracks, _slopes, errors, fitted
 from sextant.errors import ArgumentError
 
 CAMERA = Pinhole.centred(640, 480, 520.0)
@@ -152,6 +152,23 @@ def test_an_adjusted_scene_has_the_slope_of_its_valley():
     assert found.log_focal == pytest.approx(np.log(520.0), abs=2e-3)
     nearby = fitted(tracks, found.towards(found.log_focal + 0.5 * found.log_sigma), 0.25, free=False)
     assert nearby.deviation == pytest.approx(found.deviation + 0.25, abs=0.1)
+
+
+def test_the_slopes_of_errors_are_right():
+    """By differences, where a lens is distorted and points have errors."""
+    rng, step = np.random.default_rng(0), 1e-6
+    world, poses = points(rng, 12), around(2)
+    turns, ways = (np.stack(each) for each in zip(*poses, strict=True))
+    pixels = np.concatenate([CAMERA.project(world @ turn.T + way) - [319.5, 239.5] for turn, way in poses])
+    tracks = Tracks(
+        (pixels + rng.normal(0, 1, pixels.shape)).reshape(2, 12, 2).swapaxes(0, 1).reshape(-1, 2),
+        np.tile([0, 1], 12), np.repeat(np.arange(12), 2), np.zeros(2, int), 640.0,
+    )  # fmt: skip
+    scene, still = Scene(np.array([np.log(500.0), -0.1, 3.0, -5.0]), turns, ways, world), np.zeros_like(world)
+    slopes = _slopes(tracks, scene, errors(tracks, scene))[0]
+    for k, way in enumerate(step * np.eye(slopes.shape[2])):
+        apart = errors(tracks, scene.moved(way, still)) - errors(tracks, scene.moved(-way, still))
+        assert slopes[:, :, k] == pytest.approx(apart / (2 * step), rel=1e-5, abs=1e-5)
 
 
 @pytest.mark.slow

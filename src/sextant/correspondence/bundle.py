@@ -4,9 +4,10 @@ Unknown are the poses, the points and what the photos share: the logarithm of th
 radial distortion, and the principal point's offset c from the centre, of each orientation of the photos. The error of a
 pixel p, from the centre, of the point :math:`X = (X_1, X_2, X_3)` in the axes of its camera is
 
-.. math:: r = (p - c)\left(1 + k \frac{|p - c|^2}{L^2}\right) - f \left(\frac{X_1}{X_3}, \frac{X_2}{X_3}\right)
+.. math:: r = \frac{(p - c)(1 + k s) - f (X_1, X_2) / X_3}{1 + 2 k s} , \qquad s = \frac{|p - c|^2}{L^2} ,
 
-with the longer side L. Minimised is the deviation
+with the longer side L; the denominator is by how much lengths near p grow to first order, without which a negative k
+would shrink all errors. Minimised is the deviation
 :math:`\sum \rho(r) / s^2 + |c|^2 / s_c^2 + k^2 / s_k^2`, whose priors stand for cameras in general, with errors that
 are bounded, :math:`\rho(r) = |r|^2 / (1 + |r|^2 / T^2)` (Geman and McClure), so that wrong matches have no say. By
 Gauss-Newton with damping; the points are eliminated from the normal equations (Triggs et al. 1999).
@@ -116,12 +117,12 @@ class Fit:
 
 def errors(tracks: Tracks, scene: Scene) -> Float64[ndarray, "m 2"]:
     """The errors of the module's equation; far above T behind a camera."""
-    offset, straight, _ = _straight(tracks, scene)
+    offset, straight, square = _straight(tracks, scene)
     turned = np.einsum("mij,mj->mi", scene.rotations[tracks.photos], scene.points[tracks.points])
     inside = turned + scene.translations[tracks.photos]
     depth = inside[:, 2:]
     found = straight - np.exp(scene.shared[0]) * inside[:, :2] / np.where(depth > BEHIND, depth, 1.0)
-    return np.where(depth > BEHIND, found, 1e3 + 0 * offset)
+    return np.where(depth > BEHIND, found / _growth(scene, square), 1e3 + 0 * offset)
 
 
 def variance_of(tracks: Tracks, scene: Scene) -> float:
@@ -196,10 +197,15 @@ def _straight(tracks: Tracks, scene: Scene) -> tuple[ndarray, ndarray, ndarray]:
     return offset, offset * (1 + scene.shared[1] * square), square
 
 
+def _growth(scene: Scene, square: ndarray) -> ndarray:
+    """By how much lengths near a pixel grow without distortion, to first order; bounded for steps that go astray."""
+    return np.asarray(np.maximum(1 + 2 * scene.shared[1] * square, 0.1))
+
+
 def _eliminated(tracks: Tracks, scene: Scene, variance: float, precision: ndarray, damping: float) -> _Normal:
     found = errors(tracks, scene)
     weight = (1 + (found**2).sum(1) / tracks.largest_px**2) ** -2 / variance
-    ours, theirs = _slopes(tracks, scene)
+    ours, theirs = _slopes(tracks, scene, found)
     starts = np.flatnonzero(np.diff(tracks.points, prepend=-1))
     weighted = theirs * weight[:, None, None]
     square = np.add.reduceat(np.einsum("mki,mkj->mij", weighted, theirs), starts)
@@ -219,21 +225,25 @@ def _eliminated(tracks: Tracks, scene: Scene, variance: float, precision: ndarra
     return _Normal(hessian, gradient, inverse, mixed, own)
 
 
-def _slopes(tracks: Tracks, scene: Scene) -> tuple[ndarray, ndarray]:
-    """Derivatives of the errors by what is shared and the poses, and by the points."""
+def _slopes(tracks: Tracks, scene: Scene, found: ndarray) -> tuple[ndarray, ndarray]:
+    """Derivatives of the errors ``found`` by what is shared and the poses, and by the points."""
     count, shared, focal = len(tracks.pixels), len(scene.shared), np.exp(scene.shared[0])
     offset, _, square = _straight(tracks, scene)
     turned = np.einsum("mij,mj->mi", scene.rotations[tracks.photos], scene.points[tracks.points])
     x, y, z = (turned + scene.translations[tracks.photos]).T
     z = np.where(z > BEHIND, z, np.inf)  # a point behind its camera is not moved by it
     zero = np.zeros_like(x)
-    inside = -focal * np.stack([np.stack([1 / z, zero, -x / z**2], 1), np.stack([zero, 1 / z, -y / z**2], 1)], 1)
+    growth = _growth(scene, square)[:, :, None]
+    inside = (
+        -focal / growth * np.stack([np.stack([1 / z, zero, -x / z**2], 1), np.stack([zero, 1 / z, -y / z**2], 1)], 1)
+    )
     ours = np.zeros((count, 2, shared + 6 * len(scene.translations)))
     rows = np.arange(count)
-    ours[:, :, 0] = -focal * np.column_stack([x / z, y / z])
-    ours[:, :, 1] = offset * square
+    ours[:, :, 0] = -focal * np.column_stack([x / z, y / z]) / growth[:, :, 0]
+    ours[:, :, 1] = (offset - 2 * found) * square / growth[:, :, 0]
     principal = -(1 + scene.shared[1] * square)[:, :, None] * np.eye(2)
-    principal -= 2 * scene.shared[1] / tracks.side**2 * np.einsum("mi,mj->mij", offset, offset)
+    principal -= 2 * scene.shared[1] / tracks.side**2 * np.einsum("mi,mj->mij", offset - 2 * found, offset)
+    principal /= growth
     at = 2 + 2 * tracks.orientations[tracks.photos]
     pose = shared + 6 * tracks.photos
     for k in range(2):
