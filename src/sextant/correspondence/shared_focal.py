@@ -260,7 +260,8 @@ def _posterior(tracks: Tracks, starts: Sequence[tuple[Tracks, Scene, list[int]]]
             least, photos = float(own.min()), numbers
         curves.append((np.array([each.log_focal for each in fits]), own))
     noise = math.sqrt(variance / OVERDISPERSION) * unit
-    return replace(_weighed(curves, tracks.side, unit), photos=sorted(photos), noise_px=noise)
+    found = replace(_weighed(curves, tracks.side, unit), photos=sorted(photos), noise_px=noise)
+    return replace(found, verdict="unchecked") if found.verdict == "known" and len(photos) == FEWEST else found
 
 
 def _ends(side: float) -> tuple[float, float]:
@@ -281,7 +282,7 @@ def _weighed(curves: Sequence[tuple[ndarray, ndarray]], side: float, unit: float
     sigma = math.sqrt(float(((fine - mean) ** 2 * weights).sum() / weights.sum()))
     known = sigma <= WIDEST
     return SharedFocalLength(
-        ("known" if len(photos) > FEWEST else "unchecked") if known else "undetermined",
+        "known" if known else "undetermined",
         middle if known else math.nan,
         sigma if known else None,
         (low, high),
