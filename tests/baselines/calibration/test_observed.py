@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from sextant.baselines.calibration import ObservedField, ObservedRays, map_points
-from sextant.baselines.calibration.observed import INDEPENDENT
+from sextant.baselines.calibration.observed import INDEPENDENT, MOST
 from sextant.errors import ArgumentError
 from sextant.geometry import CameraParameters, PerspectiveCamera, k2_of_k1, up_in_camera
 from sextant.geometry.distortion import max_distorted_radius
@@ -119,6 +119,29 @@ def test_without_distortion_it_is_0_and_not_known():
     assert (rays.focal, rays.k1_hat) == (pytest.approx(0.8), 0.0)
 
 
+def test_a_measured_scatter_is_that_of_a_given_spread():
+    """A ray has two numbers, so that its scatter is not divided by the three of a vector."""
+    points, rays, _ = rays_of(0.8, -0.05, 4 / 3, 24, 32)
+    noisy = rays + np.random.default_rng(0).normal(0, 0.002, rays.shape)
+    measured, given = (ObservedRays(points, noisy, sigma).belief() for sigma in (None, np.full(len(points), 0.02)))
+    assert np.array(measured.sigma[2:]) / given.sigma[2:] == pytest.approx(0.002 / 0.02, rel=0.04)
+
+
+@pytest.mark.parametrize("size", [(512, 512), (1024, 1024)])
+def test_the_points_that_are_used_cover_a_large_map(size):
+    points = map_points(*size, 1.0)
+    used = ObservedRays(points, np.column_stack([points, np.ones(len(points))])).points
+    assert len(used) == MOST
+    assert abs(np.corrcoef(used.T)[0, 1]) < 0.1
+    assert np.histogram2d(*used.T, bins=4)[0].min() > 30  # 64 on average
+
+
+@pytest.mark.parametrize("points", [np.zeros((6, 2)), np.full((6, 2), 0.1)])
+def test_points_that_determine_nothing_are_told(points):
+    with pytest.raises(ArithmeticError, match="does not determine a camera"):
+        ObservedRays(points, np.column_stack([points, np.ones(6)])).belief()
+
+
 def test_a_number_at_an_end_of_the_search_is_not_known():
     points = map_points(6, 8, 4 / 3)
     straight = np.tile([0.0, 0.0, 1.0], (len(points), 1))  # all rays parallel: an endless focal length
@@ -129,6 +152,8 @@ def test_a_number_at_an_end_of_the_search_is_not_known():
     ("change", "says"),
     [
         ({"latitude": np.zeros(3)}, r"ObservedField: latitude has the shape \(3,\), and \(48,\) is expected"),
+        ({"points": np.zeros((3, 2))}, "ObservedField: 3 points; at least 4 are needed"),
+        ({"points": None}, "ObservedField: 0 points"),
         ({"up": np.zeros((48, 2))}, "up directions must not be 0"),
         ({"up_sigma": np.zeros(48)}, "up_sigma must be finite and above 0"),
         ({"latitude": np.full(48, np.nan)}, "latitude must be finite"),

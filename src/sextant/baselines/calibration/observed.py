@@ -46,8 +46,11 @@ STEPS, DIFFERENCE, SMALLEST_STEP = 60, 1e-5, 1e-9
 USUAL_SPREAD = math.radians(1)
 #: least standard error, so that observations without errors are no division by zero
 LEAST = 1e-6
-#: the most points used; more are thinned out evenly, since neighbours hardly add evidence
+#: the most points used, since neighbours hardly add evidence; of more, these are drawn (even steps along the rows of a
+#: map can fall on a diagonal of it)
 MOST = 1024
+#: the fewest points
+FEWEST = 4
 
 
 class Observed(ABC):
@@ -98,7 +101,7 @@ class Observed(ABC):
         return CameraBelief(tilt, roll, focal, k1_hat, (first, second, third, fourth))
 
     def _sigmas(self, slope: Float64[ndarray, "m k"], cost: float) -> Float64[ndarray, "k"]:
-        spread = 2 * cost / max(len(slope) - len(self.free), 1)
+        spread = 2 * cost / max(2 * self.count - len(self.free), 1)  # a point has two numbers, whether field or ray
         if self.has_spread:
             spread = max(spread, 1.0)
         weight = min(INDEPENDENT / self.count, 1.0)
@@ -121,6 +124,8 @@ class Observed(ABC):
         cost = 0.5 * float(residuals @ residuals)
         for _ in range(STEPS):
             curvature = slope.T @ slope
+            if not curvature.any():  # no number matters to these points
+                break
             scale = np.diag(curvature).max() * 1e-12 + np.diag(curvature)
             step = np.linalg.solve(curvature + damping * np.diag(scale), slope.T @ residuals)
             tried = at.copy()
@@ -287,17 +292,21 @@ def _cameras(vectors: Float64[ndarray, "b 4"]) -> CameraParameters:
 
 
 def _settle(observed: Observed, axes: dict[str, int]) -> None:
-    """Check arrays and keep them in double precision, thinned out to at most :data:`MOST` points."""
+    """Check arrays and keep them in double precision, at most :data:`MOST` points of them."""
     kind = type(observed).__name__
-    count = len(np.asarray(observed.points))
-    keep = np.arange(count) if count <= MOST else np.linspace(0, count - 1, MOST).astype(int)
+    count = len(observed.points) if hasattr(observed.points, "__len__") else 0
+    if count < FEWEST:
+        raise ArgumentError(f"{kind}: {count} points; at least {FEWEST} are needed", "Give more points.")
+    keep = np.arange(count)
+    if count > MOST:
+        keep = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
     for name, axis in axes.items():
         values = np.array(getattr(observed, name), np.float64)
         wanted = (count, axis) if axis else (count,)
-        if values.shape != wanted or count < 4:
+        if values.shape != wanted:
             raise ArgumentError(
                 f"{kind}: {name} has the shape {values.shape}, and {wanted} is expected",
-                "Give one row for each of at least four points.",
+                "Give one row for each point.",
             )
         if not np.isfinite(values).all() or (name.endswith("sigma") and not (values > 0).all()):
             rule = "finite and above 0" if name.endswith("sigma") else "finite"
