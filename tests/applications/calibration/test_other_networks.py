@@ -90,10 +90,11 @@ def test_the_joint_camera_leans_on_a_sure_network_and_on_lines_beside_a_vague_on
     assert alone[:3] == pytest.approx(SAYS[:3], abs=0.02)  # no lines: the network leads
 
 
-def test_the_scale_multiplies_the_spreads():
+@pytest.mark.parametrize("scale", [(3.0, 1.0, 1.0, 1.0), np.array([3.0, 1, 1, 1])])
+def test_the_scale_multiplies_the_spreads(scale):
     once, scaled = (
         PhotoCalibrator(Belief((0.01, 0.01, 0.02, 0.02)), "network", scale=scale).calibrate(dots())
-        for scale in (None, (3.0, 1.0, 1.0, 1.0))
+        for scale in (None, scale)
     )
     widths = [each.interval_68.tilt_deg[1] - each.interval_68.tilt_deg[0] for each in (once, scaled)]
     assert widths[1] == pytest.approx(3 * widths[0])
@@ -156,6 +157,22 @@ def test_the_name_tells_weights_of_pictures_without_distortion(tmp_path):
     assert network.predict(dots((96, 64))).belief().sigma[3] == math.inf
 
 
+def test_points_of_no_confidence_have_no_say():
+    class Unsure(FieldStub):
+        def forward(self, images):
+            field = super().forward(images)
+            sure = field.latitude_confidence.clone()
+            sure[:, :160] = 0
+            field.latitude[:, :160] = 1.0
+            return field._replace(latitude_confidence=sure)
+
+    x, y = (np.arange(400) + 0.5) / 400, (np.arange(400) + 0.5) / 400
+    image = np.zeros((400, 400, 3), np.uint8)
+    image[..., 0], image[..., 1] = np.round(200 * x), np.round(200 * y)[:, None]
+    belief = FieldSource(Unsure(1.0)).predict(image).belief()
+    assert (belief.tilt, belief.roll) == pytest.approx(SAYS[:2], abs=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_a_file_of_either_kind_calibrates_a_photo(kind, tmp_path):
@@ -180,8 +197,13 @@ def test_photos_of_one_camera_are_fused():
 def test_mistakes_are_told(tmp_path):
     with pytest.raises(UserError, match="has no method predict"):
         PhotoCalibrator(object())
-    with pytest.raises(UserError, match="must be four numbers above 0"):
-        PhotoCalibrator(Field(0.1), scale=(1.0, 0.0, 1.0, 1.0))
+    with pytest.raises(UserError, match="has no method predict"):
+        PhotoCalibrator(Field)  # the class, not an object of it
+    for scale in ((1.0, 0.0, 1.0, 1.0), (1, 2, 3), (), ("a", 1, 1, 1), [[1], [2, 3]], 1.0):
+        with pytest.raises(UserError, match=r"scale=.* must be 4 values, each a number above 0"):
+            PhotoCalibrator(Field(0.1), scale=scale)
+    with pytest.raises(UserError, match="four sigma > 0"):
+        CameraBelief(0.0, 0.0, 1.0, 0.0, sigma=(0.1, 0.1, 0.1))
     with pytest.raises(UserError, match="must be geocalib:<file> or anycalib:<file>"):
         open_network("deepcalib:weights.h5")
 

@@ -80,7 +80,7 @@ class CameraBelief(Term):
         zoom: height of that part, in heights of the photo.
 
     Raises:
-        UserError: a value is not finite, or the focal length or a standard error is not above 0.
+        UserError: a value is not finite, the focal length or a standard error is not above 0, or these are not four.
 
     Example:
         >>> belief = CameraBelief(tilt=0.1, roll=0.0, focal=0.5, k1_hat=0.0, sigma=(0.1, 0.05, 0.2, 0.1))
@@ -99,9 +99,10 @@ class CameraBelief(Term):
 
     def __post_init__(self) -> None:
         values = (self.tilt, self.roll, self.focal, self.k1_hat)
-        if not (all(map(math.isfinite, values)) and all(value > 0 for value in (self.focal, *self.sigma))):
+        positive = all(value > 0 for value in (self.focal, *self.sigma))
+        if not (all(map(math.isfinite, values)) and positive and len(self.sigma) == 4):
             raise ArgumentError(
-                f"a belief about a camera needs finite values, focal > 0 and sigma > 0; got {self}",
+                f"a belief about a camera needs finite values, focal > 0 and four sigma > 0; got {self}",
                 "For example CameraBelief(0.0, 0.0, 0.9, 0.0, sigma=(0.1, 0.05, 0.2, 0.1)).",
             )
 

@@ -1,6 +1,6 @@
 """Camera calibration from photos, by a trained network and the lines in the photos."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
@@ -22,7 +22,7 @@ from sextant.chapters.calibration.priors import (
 )
 from sextant.errors import ArgumentError
 from sextant.kit.trained import read_trained
-from sextant.ranges import checked
+from sextant.ranges import Positive, checked
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 
@@ -66,11 +66,11 @@ class PhotoCalibrator:
         network: CameraNetwork | PhotoNetwork,
         method: Method = "joint",
         *,
-        scale: Sequence[float] | None = None,
+        scale: tuple[Positive, Positive, Positive, Positive] | None = None,
     ):
         self.method = method
         if not isinstance(network, CameraNetwork):
-            self.network = OtherNetwork(network, scale or (1.0,) * 4)
+            self.network = OtherNetwork(network) if scale is None else OtherNetwork(network, scale)
         elif scale is not None:
             raise ArgumentError("scale= is for networks of others: the intervals of this one are conformal")
         else:

@@ -1,6 +1,5 @@
 """Networks of others as evidence: anything that predicts a camera, a perspective field or rays, with spreads."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, get_args, runtime_checkable
@@ -18,6 +17,7 @@ from sextant.errors import ArgumentError, UserError
 from sextant.models.field_net import MULTIPLE, FieldNet
 from sextant.models.published_camera_file import TITLES, USAGE, Kind, read_published_camera_net
 from sextant.models.ray_net import RayNet
+from sextant.ranges import Positive, checked
 
 #: shorter side of GeoCalib's images, and the residual at which its authors' cost turns linear, which is taken as the
 #: spread of a point of confidence 1
@@ -57,6 +57,7 @@ class PhotoNetwork(Protocol):
         """
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class OtherNetwork:
     """A network of others with the scale of its spreads.
@@ -70,19 +71,14 @@ class OtherNetwork:
     """
 
     source: PhotoNetwork
-    scale: Sequence[float] = (1.0, 1.0, 1.0, 1.0)
+    scale: tuple[Positive, Positive, Positive, Positive] = (1.0, 1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.source, PhotoNetwork):
+        if not isinstance(self.source, PhotoNetwork) or isinstance(self.source, type):
             raise ArgumentError(
                 f"network={self.source!r} has no method predict",
                 "Give a trained CameraNetwork, or an object whose predict(image) returns a CameraBelief, an "
                 "ObservedField or ObservedRays.",
-            )
-        if np.shape(self.scale) != (4,) or not (np.isfinite(self.scale).all() and min(self.scale) > 0):
-            raise ArgumentError(
-                f"scale={self.scale} must be four numbers above 0, of tilt, roll, field of view and k1/f²",
-                "sextant benchmark calibration network=<network> fits them.",
             )
 
     def believed(self, image: UInt8[ndarray, "h w 3"], name: str) -> CameraBelief:
