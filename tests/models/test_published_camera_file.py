@@ -13,7 +13,7 @@ from safetensors.torch import save_file
 
 from sextant.errors import UserError
 from sextant.models.field_net import FACTORS, STEPS, StripAttention, decomposed
-from sextant.models.published_camera_file import read_published_camera_net
+from sextant.models.published_camera_file import MARKS, read_published_camera_net
 from sextant.models.ray_net import rays_of_tangents, upsampled
 
 
@@ -132,6 +132,21 @@ def changed(kind, change):
         ("anycalib", geocalib, "is not a file of AnyCalib: its arrays are those of GeoCalib"),
         ("anycalib", lambda: {"fc.weight": torch.zeros(2)}, "is not a file of AnyCalib: it holds fc.weight"),
         ("geocalib", lambda: [torch.zeros(2)], "is not a state dict"),
+        (
+            "geocalib",
+            lambda: changed("geocalib", lambda a: a.update({MARKS["geocalib"]: a[MARKS["geocalib"]].to_sparse()})),
+            "is not a file of GeoCalib",
+        ),
+        (
+            "geocalib",
+            lambda: {name: value.to(torch.complex64) for name, value in FILES["geocalib"]().items()},
+            "is not a state dict",
+        ),
+        (
+            "anycalib",
+            lambda: changed("anycalib", lambda a: a.update({"backbone.model.pos_embed": torch.ones(1, 0, 64)})),
+            "has in another shape backbone.model.pos_embed",
+        ),
         (
             "geocalib",
             lambda: changed("geocalib", lambda a: a.pop("backbone.block3.0.mlp.fc2.weight")),

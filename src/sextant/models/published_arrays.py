@@ -11,6 +11,8 @@ from torch import Tensor
 def tensors_of(content: Any) -> dict[str, Tensor] | None:
     """The arrays of a state dict, or of one within a training checkpoint; None if there are none.
 
+    Complex, sparse and quantised ones are left out.
+
     >>> tensors_of({"epoch": 3, "state_dict": {"module.w": torch.zeros(1)}})
     {'w': tensor([0.])}
     """
@@ -20,8 +22,13 @@ def tensors_of(content: Any) -> dict[str, Tensor] | None:
             break
     if not isinstance(content, Mapping):
         return None
-    found = {str(name): value for name, value in content.items() if isinstance(value, Tensor)}
+    found = {str(name): value for name, value in content.items() if isinstance(value, Tensor) and _is_plain(value)}
     return {re.sub(r"(^|\.)module\.", r"\1", name): value for name, value in found.items()} or None
+
+
+def _is_plain(tensor: Tensor) -> bool:
+    """Whether an array is of real numbers, all of them stored."""
+    return tensor.layout is torch.strided and not tensor.is_quantized and not tensor.is_complex()
 
 
 def count_of(names: Collection[str], pattern: str) -> int:

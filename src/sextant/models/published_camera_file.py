@@ -165,7 +165,7 @@ def _sized(kind: Kind, tensors: Mapping[str, Tensor]) -> FieldNet | RayNet:
         return FieldNet(widths, depths, hidden, ham, fine)
     prefix = "backbone.model."
     width, _, patch, _ = _shape(tensors, f"{prefix}patch_embed.proj.weight", 4)
-    side = round((_shape(tensors, f"{prefix}pos_embed", 3)[1] - 1) ** 0.5)
+    side = max(1, round(max(_shape(tensors, f"{prefix}pos_embed", 3)[1] - 1, 0) ** 0.5))
     projected = [_shape(tensors, f"decoder.reassemble_blocks.projects.{k}.bias", 1)[0] for k in range(4)]
     channels = _shape(tensors, "decoder.project.0.bias", 1)[0]
     depth = count_of(tensors, re.escape(prefix) + r"blocks\.(\d+)\.")

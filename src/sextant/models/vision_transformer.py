@@ -87,8 +87,8 @@ def resampled_positions(
     Raises:
         ValueError: these are not the positions of one token and a square of patches.
     """
-    side = round((positions.shape[1] - 1) ** 0.5)
-    if positions.ndim != 3 or positions.shape[1] != side * side + 1:
+    side = round(max(positions.shape[1] - 1, 0) ** 0.5)
+    if positions.ndim != 3 or not side or positions.shape[1] != side * side + 1:
         raise ValueError(f"{tuple(positions.shape)} are not positions of one token and a square of patches")
     if grid == (side, side):
         return positions[:, 1:] if registers else positions
