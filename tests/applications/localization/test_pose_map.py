@@ -23,8 +23,10 @@ from sextant.chapters.localization.data.own_drive import find_images
 from sextant.chapters.localization.data.posed_photos import PhotoLens, StraightPhotos, posed_photos
 from sextant.chapters.localization.locating import LocatedFrame, locate_frames, write_located
 from sextant.chapters.localization.pose_map import LocatedPhoto, _detected
+from sextant.chapters.localization.pose_map_files import _extractor
+from sextant.chapters.places.photo_features import extractor_of
 from sextant.correspondence import Pinhole, XFeatures
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 DATA = os.environ.get("SEXTANT_DATA")
 FOLDER = Path(DATA or ".") / "strecha_posed"
@@ -345,3 +347,15 @@ def test_files_of_another_origin_in_the_output_are_refused_before_the_work(tmp_p
     told = capsys.readouterr().err
     assert "has files that sextant locate did not write" in " ".join(told.split())
     assert own.read_text() == "file,x,y\n"
+
+
+def test_local_features_must_be_some_and_those_of_the_map():
+    for wrong in (5, object()):
+        with pytest.raises(ArgumentError, match="no local features: it has no name, model, side, detect, match"):
+            extractor_of(wrong, None)
+    network = SimpleNamespace(describer=None)
+    own = SimpleNamespace(name="own", model="own 1", side=64, detect=None, match=None)
+    earlier = {"features": {"name": "xfeat", "keypoints": 64, "side": 128}}  # says nothing else
+    with pytest.raises(ArgumentError, match=r"other local features \(own 1\) than those of the map in kept \(.*xfeat"):
+        _extractor(Path("kept"), earlier, own, network)
+    assert _extractor(Path("kept"), earlier, None, network)[0] == "xfeat"

@@ -13,7 +13,7 @@ from sextant.array_folder import FolderFormat, file_sha256
 from sextant.atomic_files import write_atomically
 from sextant.chapters.places.photo_features import extractor_of
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, load_descriptor
-from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, PosedMap
+from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, PosedMap, XFeatures
 from sextant.errors import ArgumentError
 
 FORMAT = FolderFormat("a map of posed photos", "sextant pose map", 1, "pose_map.json")
@@ -146,10 +146,10 @@ def _extractor(
         )
     options = {key: value for key, value in header["features"].items() if key != "name"}
     extractor = extractor_of(local, described_by.describer, **options)
-    if extractor.model != header.get("local_model", extractor.model):
+    model = header.get("local_model") or XFeatures(**options).model
+    if extractor.model != model:
         raise ArgumentError(
-            f"local={local} gives other local features ({extractor.model}) than those of the map in {folder} "
-            f"({header['local_model']})",
+            f"local={local} gives other local features ({extractor.model}) than those of the map in {folder} ({model})",
             "Leave out local, or make the map anew.",
         )
     return local if isinstance(local, str) else None, extractor

@@ -59,7 +59,17 @@ def extractor_of(local: "LocalFeatureExtractor | str", describer: object, **sett
 
 
 def checked(extractor: Any) -> "LocalFeatureExtractor":
-    """The same local features, after their own ``check()``, if they have one."""
+    """The same local features, after their own ``check()``, if they have one.
+
+    Raises:
+        ArgumentError: it is no :class:`~sextant.correspondence.LocalFeatureExtractor`.
+    """
+    missing = [name for name in ("name", "model", "side", "detect", "match") if not hasattr(extractor, name)]
+    if missing:
+        raise ArgumentError(
+            f"local={extractor!r:.60} extracts no local features: it has no {', '.join(missing)}",
+            "Give xfeat, trunk, aliked:<folder of its weights>, or a LocalFeatureExtractor.",
+        )
     check = getattr(extractor, "check", None)
     if check is not None:
         check()
