@@ -15,6 +15,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from numpy import ndarray
@@ -29,8 +30,10 @@ from sextant.console.arguments import parse_arguments
 from sextant.evaluation.positives import Positives
 from sextant.evaluation.posterior import fit_temperature
 from sextant.kit.published_places import CARD, card_text
-from sextant.retrieval.without_mean import CENTRINGS, Centring
+from sextant.retrieval.without_mean import Centring
 
+#: means that are subtracted from queries; the first is none
+CENTRINGS = get_args(Centring)
 USAGE = "python -m benchmarks.unseen_places [run=<run>,...] [rivals=true] [figure=<file>.png] [data=<folder>]"
 KEYS = {
     "run": "one or several runs of place recognition, files of networks or names of the zoo, separated by commas",

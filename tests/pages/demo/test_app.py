@@ -144,7 +144,7 @@ def test_without_the_extra_a_photo_is_not_located_and_all_else_is_answered(clien
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "kornia", None)
     status, found = ask(client, "taken", ("a.jpg", CHINA), map="given")
-    assert (status, found["problem"]) == (422, "local features needs kornia, which is not installed")
+    assert (status, found["problem"]) == (422, "local features need kornia, which is not installed")
     assert found["fix"] == "pip install 'sextant-vision[local]'"
     assert ask(client, "picture", ("a.jpg", CHINA))[0] == 200
 
