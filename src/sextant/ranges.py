@@ -33,7 +33,7 @@ FeatureSide = Annotated[int, Ge(64), Le(4096)]
 Channels = Annotated[int, Ge(8), Le(4096), MultipleOf(8)]
 
 Made = TypeVar("Made", bound=Callable[..., Any])
-#: bound -> how it is told
+#: bound -> its wording
 WORDS = {
     Gt: "above {}",
     Ge: "at least {}",
@@ -78,7 +78,7 @@ def checked(make: Made) -> Made:
             return make(*given, **named)  # Python says what is missing or unknown
         for name, parameter in known.items():
             if name in values and not fits(parameter.annotation, values[name]):
-                problem = f"{name}={values[name]!r:.60} must be {told(parameter.annotation, values[name])}"
+                problem = f"{name}={values[name]!r:.60} must be {requirement(parameter.annotation, values[name])}"
                 raise ArgumentError(problem, _example(parameter), of=given[0] if "self" in values else None)
         return make(*given, **named)
 
@@ -133,30 +133,30 @@ def _is_a(kind: type, value: Any) -> bool:
     return isinstance(value, known) and (kind not in (int, float) or not isinstance(value, bool))
 
 
-def told(kind: Any, value: Any = None) -> str:
+def requirement(kind: Any, value: Any = None) -> str:
     """What a value must be, in words; the type of a number is left out if ``value`` is of that type.
 
     Example:
-        >>> told(Share), told(Count, 0), told(Count | None, 0.5)
+        >>> requirement(Share), requirement(Count, 0), requirement(Count | None, 0.5)
         ('a number above 0 and below 1', 'at least 1', 'a whole number, at least 1, or None')
-        >>> told(Literal["l1", "l2"]), told(tuple[Positive, Positive])
+        >>> requirement(Literal["l1", "l2"]), requirement(tuple[Positive, Positive])
         ('one of l1, l2', '2 values, each a number above 0')
     """
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
-        return ", or ".join(told(each, value) for each in inner)
+        return ", or ".join(requirement(each, value) for each in inner)
     if origin is Annotated:
         bounds = " and ".join(WORDS[type(each)].format(*astuple(each)) for each in _bounds(kind))
         of_type = fits(inner[0], value)
         if of_type or inner[0] not in (int, float):
-            return bounds if of_type else told(inner[0])
+            return bounds if of_type else requirement(inner[0])
         infinite = isinstance(value, float) and math.isinf(value)
         return f"a whole number, {bounds}" if inner[0] is int else f"a{' finite' * infinite} number {bounds}"
     if origin is Literal:
         return f"{'one of ' if len(inner) > 1 else ''}{', '.join(map(str, inner))}"
     if origin is not None and issubclass(origin, Sequence):
         fixed = origin is tuple and inner[-1] is not ...
-        return f"{f'{len(inner)} values' if fixed else 'a list'}, each {told(inner[0])}"
+        return f"{f'{len(inner)} values' if fixed else 'a list'}, each {requirement(inner[0])}"
     return {int: "a whole number", float: "a number", NoneType: "None", bool: "true or false", str: "a text"}[kind]
 
 
