@@ -45,7 +45,7 @@ def main(begins: tuple[str, ...] = ("",), groups: int = 8, side: int = 1024) -> 
         "known",
         "error %, quartiles",
         "largest",
-        "told sigma %",
+        "stated sigma %",
         "in the 95 % interval",
     )
     print(f"| {' | '.join((*heads, 'CPU s'))} |\n|{'---|' * (len(heads) + 1)}", flush=True)
@@ -86,13 +86,13 @@ def cells(rows: ndarray) -> str:
     known = np.isfinite(rows[:, 0])
     held = int(rows[:, 2].sum())
     low, high = (100 * each for each in clopper(held, len(rows)))
-    told = f"{held} of {len(rows)} [{low:.0f}, {high:.0f}]"
+    covered = f"{held} of {len(rows)} [{low:.0f}, {high:.0f}]"
     seconds = f"{np.median(rows[:, 3]):.1f}"
     if not known.any():
-        return f"0 | – | – | – | {told} | {seconds}"
+        return f"0 | – | – | – | {covered} | {seconds}"
     error, sigma = np.abs(rows[known, 0]), np.median(rows[known, 1])
     a, b, c = np.quantile(error, [0.25, 0.5, 0.75])
-    return f"{known.sum()} | {b:.2f} [{a:.2f}, {c:.2f}] | {error.max():.1f} | {sigma:.2f} | {told} | {seconds}"
+    return f"{known.sum()} | {b:.2f} [{a:.2f}, {c:.2f}] | {error.max():.1f} | {sigma:.2f} | {covered} | {seconds}"
 
 
 def clopper(held: int, total: int) -> tuple[float, float]:

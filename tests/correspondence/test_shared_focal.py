@@ -1,8 +1,5 @@
 """The focal length that photos of one camera share: made-up scenes, whose truth is known, and photos."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,7 +10,6 @@ from sextant.correspondence.bundle import Scene, Tracks, _slopes, errors, fitted
 from sextant.errors import ArgumentError
 
 CAMERA = Pinhole.centred(640, 480, 520.0)
-DATA = os.environ.get("SEXTANT_DATA")
 
 
 def photos(rng, poses, points, camera=CAMERA, noise=0.4, descriptors=None):
@@ -172,11 +168,11 @@ def test_the_slopes_of_errors_are_right():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not DATA, reason="SEXTANT_DATA does not name a folder with real data")
-def test_five_photos_tell_the_focal_length_of_their_camera():
+@pytest.mark.real_data
+def test_five_photos_tell_the_focal_length_of_their_camera(real_data):
     from sextant.applications.pixels import as_pixels
 
-    files = [Path(DATA) / "strecha_posed" / f"fountain-P11__{k:04d}.jpg" for k in range(5)]
+    files = [real_data / "strecha_posed" / f"fountain-P11__{k:04d}.jpg" for k in range(5)]
     features = XFeatures(2048, 768).detect([as_pixels(file) for file in files])
     found = shared_focal_length(features)
     assert found.verdict == "known"
