@@ -88,6 +88,12 @@ def test_a_camera_that_did_not_turn_or_only_about_its_axis_tells_nothing(angles,
     assert found.interval_px[0] < 400 < 1500 < found.interval_px[1]
 
 
+@pytest.mark.parametrize("wrong", [None, ["a.jpg", "b.jpg"], "ab"])
+def test_what_is_no_list_of_features_is_refused(wrong):
+    with pytest.raises(ArgumentError, match="must be a list of local features"):
+        shared_focal_length(wrong)
+
+
 def test_small_turns_tell_it_without_a_bias():
     """Errors shrink with a photo whose distortion is negative, which must not favour one."""
     ratios = []

@@ -119,7 +119,8 @@ def shared_focal_length(photos: Sequence[LocalFeatures]) -> SharedFocalLength:
         photos: features of each. Square pixels and a principal point near the centre are assumed.
 
     Raises:
-        ArgumentError: there are fewer or more photos, or their sizes differ other than by turning the camera.
+        ArgumentError: photos are not local features, there are fewer or more of them, or their sizes differ other than
+            by turning the camera.
     """
     unit = _checked(photos)
     side = max(photos[0].width, photos[0].height) / unit
@@ -146,6 +147,10 @@ def shared_focal_length(photos: Sequence[LocalFeatures]) -> SharedFocalLength:
 
 def _checked(photos: Sequence[LocalFeatures]) -> float:
     """The side of a pixel that errors are measured in."""
+    if not isinstance(photos, Sequence) or not all(isinstance(each, LocalFeatures) for each in photos):
+        raise ArgumentError(
+            f"photos={photos!r:.60} must be a list of local features", "For example XFeatures().detect(images)"
+        )
     if not FEWEST <= len(photos) <= MOST:
         raise ArgumentError(
             f"{len(photos)} photos; a shared focal length needs {FEWEST} to {MOST}", "Choose photos that overlap."
