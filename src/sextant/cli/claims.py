@@ -114,4 +114,5 @@ def _plan(options: ClaimsOptions) -> None:
     for plan in plans if options.claim != "all" else []:
         said = f"fixed {plan.claim.date}; at least {plan.claim.matters:g} {plan.claim.unit}: {plan.claim.reason}"
         console.print(said, markup=False)
-        console.print(command("train", "-m", *plan.arguments), markup=False, soft_wrap=True)
+        told = plan.design.command or command("train", "-m", *plan.arguments)
+        console.print(told, markup=False, soft_wrap=True)

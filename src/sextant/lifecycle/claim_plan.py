@@ -20,7 +20,7 @@ class ClaimPlan:
     """A design and what follows from it, in the unit of the claim.
 
     Attributes:
-        arguments: overrides that run it.
+        arguments: overrides that run it; empty for a design with a command.
         number, seeds: numbers of replicates, and of seeds in each world.
         spread: standard deviation of one replicate's difference.
         detectable: the least true effect that is detected with probability 0.8; for a claim of a difference, beyond the
@@ -63,9 +63,12 @@ def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
     """
     design, arguments = claim.design, design_arguments(claim)
     assert design is not None
-    planned = read_design(arguments)
     over_worlds = design.replicate == "worlds"
-    number, seeds = (len(planned.worlds), len(planned.seeds)) if over_worlds else (len(planned.seeds), 1)
+    number, seeds, runs = design.replicates, 1, design.replicates
+    if not design.command:
+        planned = read_design(arguments)
+        number, seeds = (len(planned.worlds), len(planned.seeds)) if over_worlds else (len(planned.seeds), 1)
+        runs = planned.runs
     spread = design.spread
     if spread is None:
         alike = [each for each in decided.counting if (each.unit, each.matters) == (decided.unit, decided.matters)]
@@ -90,8 +93,8 @@ def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
         least if as_good else claim.matters + least,
         power(distance, spread, number),
         next(enough, math.inf),
-        planned.runs,
-        planned.runs * design.core_hours,
+        runs,
+        runs * design.core_hours,
     )
 
 

@@ -13,13 +13,15 @@ from sextant.config.schema.claims import Claim, ClaimPart
 from sextant.errors import UserError, command
 from sextant.lifecycle.claim_files import Claims
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
-from sextant.reports.claim_evidence import BASELINES, SEEDS, evidence, read_table
+from sextant.reports.claim_evidence import BASELINES, REPLICATE_TABLE, SEEDS, evidence, read_table
 from sextant.reports.claims_board import Comparison, DecidedClaim, board, comparison_rows, picture
 from sextant.runs.outputs_folder import conf_dir
 from sextant.tables import TextTable
 
 Preset = Literal["quick", "full"]
 
+#: folder of figures recorded from pages, which have no dates of their own
+CLAIMS = "claims"
 #: digests of the stored results that the claims rest on, in the format of sha256sum
 DIGESTS = "claims/results.sha256"
 #: when the first run of each of these results was begun, in UTC
@@ -149,7 +151,8 @@ def digests(claims: Claims, stored: Path) -> dict[str, str]:
     """SHA-256 digests of the stored files that claims rest on, by path."""
     tables = Tables(stored)
     files = {tables.file(part) for claim in claims.values() for part in claim.parts}
-    files |= {path for file in files for name in (BASELINES, SEEDS) if (path := file.with_name(name)).is_file()}
+    beside = (BASELINES, SEEDS, REPLICATE_TABLE)
+    files |= {path for file in files for name in beside if (path := file.with_name(name)).is_file()}
     files |= {path for report in quick_tables(claims, stored).reports.values() for path in report.glob("*.csv")}
     there = sorted(path for path in files if path.is_file())  # the others have not been run yet
     return {p.relative_to(stored).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in there}
@@ -198,7 +201,8 @@ def _begun(claim: Claim, tables: Tables) -> str:
     if tables.preset is not None:  # a preset also uses existing runs
         return ""
     known = _stored_dates(tables.stored)
-    counting = [part for part in claim.parts if part.sweep and not part.beside]
+    dated = [part for part in claim.parts if part.sweep or part.stored != CLAIMS]
+    counting = [part for part in dated if not part.beside]
     files = [tables.file(part).relative_to(tables.stored).as_posix() for part in counting]
     dates = [known.get(file, ("", ""))[0] for file in files]
     return min(dates, key=datetime.fromisoformat) if dates and all(dates) else ""

@@ -6,16 +6,20 @@ import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 from scipy import stats
 
 from sextant.errors import UserError
-from sextant.evaluation.verdict import TAIL, Estimate
+from sextant.evaluation.verdict import TAIL, Estimate, Replicate
 
 #: value of the column ``seeds`` of ``recorded.csv`` for figures that are exact, whatever the seed
 COUNTED = "counted"
 #: table of what a constant, or the best of the methods that learn nothing, reaches in each setting and condition
 BASELINES = "baselines.csv"
+#: table of what each replicate of a recorded figure showed
+REPLICATE_TABLE = "replicates.csv"
+REPLICATES: Mapping[str, Replicate] = {each: each for each in get_args(Replicate)}
 #: table of the value of every run of a sweep
 SEEDS = "seeds.csv"
 #: a comparison that has not been run
@@ -123,7 +127,7 @@ def evidence(
         UserError: the table has no such row.
     """
     table, sign = path.stem, -1.0 if down else 1.0
-    stored = path.is_file() or table == "recorded" or (table != "differences" and path.parent.is_dir())
+    stored = path.is_file() or (table != "differences" and path.parent.is_dir())
     rows = read_table(path) if stored else []
     column = {"cells": "arm", "cost": "arm", "recorded": "name"}.get(table, "contrast")
 
@@ -157,7 +161,7 @@ def evidence(
 
     for name in names:
         if table == "recorded":
-            yield Evidence(name, _recorded(row(name=name), sign))
+            yield Evidence(name, _recorded(row(name=name), sign) if stored else NOT_RUN)
             continue
         for setting in settings:
             place = name if setting == "-" else f"{name}, {setting}"
@@ -231,4 +235,7 @@ def _recorded(row: Row, sign: float) -> Estimate:
     if not row["low"]:
         return Estimate(mean, math.nan, seeds - 1, seeds)
     ends = sorted(round(sign * (row.number(end) - row.number("against")), ROUNDING) for end in ("low", "high"))
-    return Estimate(mean, math.nan, seeds - 1, seeds, known=(ends[0], ends[1]))
+    replicate = row.cells.get("replicate", "seeds")
+    if replicate not in REPLICATES:
+        raise UserError(f"{row.place}: replicate={replicate} must be {', '.join(REPLICATES)}", STORED)
+    return Estimate(mean, math.nan, seeds - 1, seeds, known=(ends[0], ends[1]), replicate=REPLICATES[replicate])

@@ -75,7 +75,9 @@ class Design(Node):
         sweep: the sweep to run; empty for that of the first part that counts, or for no stored sweep at all.
         arms: arms of the sweep that run; empty for those that the parts need.
         overrides: overrides of the sweep: worlds, seeds, lengths.
-        core_hours: of one run.
+        command: the command that runs it, for figures of no sweep, in place of ``overrides``.
+        replicates: number of replicates of ``command``.
+        core_hours: of one run, or of one replicate of ``command``.
         effect: the true effect, in the claim's unit, at which the power is computed.
         spread: standard deviation of one replicate's difference; None for that of the stored pairs, see
             :func:`~sextant.lifecycle.claim_plan.plan_claim`.
@@ -84,10 +86,18 @@ class Design(Node):
     replicate: Literal["worlds", "seeds"] = "worlds"
     sweep: str = ""
     arms: list[str] = Field(default=[])
-    overrides: list[str] = Field(min_length=1)
+    overrides: list[str] = Field(default=[])
+    command: str = ""
+    replicates: int = Field(0, ge=0)
     core_hours: float = Field(gt=0)
     effect: float
     spread: float | None = Field(None, ge=0)
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if bool(self.overrides) == bool(self.command) or bool(self.command) != (self.replicates > 1):
+            raise ValueError("a design needs overrides of a sweep, or a command with its number of replicates")
+        return self
 
 
 class Claim(Node):
