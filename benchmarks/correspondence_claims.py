@@ -1,6 +1,6 @@
 """Claims of correspondences, on sources that took no part in their development.
 
-``python -m benchmarks.correspondence_claims claim=poses|places [output=<folder>] [keep=<folder>] [first=511] [offices=4]``
+``python -m benchmarks.correspondence_claims claim=poses|places [output=<folder>] [keep=<folder>]``
 
 ``claim=poses``: frames of rendered offices (:mod:`benchmarks.posed_office`, fresh seeds) and, beside, of three real
 scenes (:mod:`benchmarks.posed_photos`, measured before). Compared are the errors of the pose by correspondences and of
@@ -184,7 +184,9 @@ def places(data: Path, kept: Path | None) -> tuple[TextTable, list[Row]]:
 def fresh_sets(data: Path) -> list[ImageSet]:
     """Pairs of real traverses that were not compared before the claim."""
     sets = {each.name: each for each in image_sets(data, floors=True, corridor=True)}
-    garden = {name: sorted((data / "gardens_point" / name).iterdir()) for name in ("day_left", "day_right", "night_right")}
+    garden = {
+        name: sorted((data / "gardens_point" / name).iterdir()) for name in ("day_left", "day_right", "night_right")
+    }
     found = []
     for queries, maps in (("night_right", "day_left"), ("day_left", "night_right")):
         frames = np.arange(len(garden[maps]))

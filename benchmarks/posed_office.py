@@ -86,8 +86,8 @@ def office(seed: int, width: int, height: int, every: int = 8) -> tuple[ndarray,
     """Images ``every`` 4 cm, ``world_from_camera``, and the condition of each query, -1 in the map."""
     laser = {"beams": 2, "field_of_view_rad": 3.0, "max_range_m": 15.0, "range_sigma_m": 0.02, "dropout": 0.0}
     dataset = OfficeWalk(
-        roots=[CACHE], size_m=[46.0, 16.0], metres=[80.0, 12.0], trajectories=[], every=every, width=width, height=height,
-        vfov_deg=VFOV_DEG, samples=4, conditions=list(CONDITIONS), laser=laser, seed=seed,
+        roots=[CACHE], size_m=[46.0, 16.0], metres=[80.0, 12.0], trajectories=[], every=every, width=width,
+        height=height, vfov_deg=VFOV_DEG, samples=4, conditions=list(CONDITIONS), laser=laser, seed=seed,
     )  # fmt: skip
     store = open_store(dataset.plan(), CACHE)
     if not store.complete:

@@ -8,7 +8,7 @@ allows.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Protocol, Self, runtime_checkable
+from typing import Any, Literal, Self
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -17,6 +17,14 @@ from numpy import ndarray
 from sextant.applications.arguments import check_several, check_whole, make_folder
 from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.chapters.localization.data.posed_photos import StraightPhotos, posed_photos
+from sextant.chapters.localization.given_cameras import (
+    LEAST_POINTS,
+    cameras_of,
+    checked_poses,
+    prior_of,
+    scaled,
+    without_points,
+)
 from sextant.chapters.localization.pose_map_files import SavedPoseMap, open_pose_map, save_pose_map
 from sextant.chapters.places.photo_features import extractor_of
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, kept_network
@@ -28,7 +36,6 @@ from sextant.correspondence import (
     PosedMap,
     build_map,
     calibrated,
-    focal_length_of,
     likely_convention,
 )
 from sextant.errors import ArgumentError, UserError
@@ -45,27 +52,8 @@ CANDIDATES = 10
 LOG10_FALSE_ALARMS = -100.0
 #: points an image below which another convention of the poses is looked for; maps of overlapping photos have hundreds
 FEW_POINTS = 50
-#: points of a map: fewer inliers than this do not reach the limit of false alarms, so that nothing would be located
-LEAST_POINTS = 30
 #: images with sides above this, in sides of the images that features are detected in, are reduced to 2 of these first
 REDUCED = 4
-#: largest deviation of a rotation from an orthonormal matrix
-ROTATION_TOLERANCE = 1e-3
-
-
-@runtime_checkable
-class CameraPrior(Protocol):
-    """A camera whose focal length is known roughly; the answer of ``PhotoCalibrator`` is one."""
-
-    @property
-    def focal_px(self) -> float:
-        """Focal length in pixels."""
-        ...
-
-    @property
-    def focal_sigma(self) -> float | None:
-        """Its standard deviation relative to it; None: it is unknown."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,11 +155,11 @@ class PoseMap:
         """
         check_several("images", images)
         images = images if hasattr(images, "__len__") else list(images)
-        matrices = _checked_poses(poses, len(images))
+        matrices = checked_poses(poses, len(images))
         described_by = kept_network(resolve_run(str(descriptor), default_outputs(), "descriptor").checkpoint)
         features = extractor_of(local, described_by.describer, keypoints=keypoints, side=side)
         found, descriptors = _features_of(images, features, described_by, progress)
-        posed = _built(found, matrices, _cameras(cameras, found, matrices, features), features)
+        posed = _built(found, matrices, cameras_of(cameras, found, matrices, features), features)
         named = local if isinstance(local, str) else None
         return cls(posed, _checked_names(names, images), descriptors, described_by, features, named)
 
@@ -204,12 +192,12 @@ class PoseMap:
         Without ``cameras`` they are by the camera of the map's first image, and must have its shape.
         """
         check_several("images", images)
-        matrices, named = _checked_poses(poses, len(images), least=1), _checked_names(names, images)
+        matrices, named = checked_poses(poses, len(images), least=1), _checked_names(names, images)
         found, descriptors = _features_of(images, self._features, self._described_by, lambda done, total: None)
         if cameras is None:
-            more = [_scaled(self.posed.cameras[0], each) for each in found]
+            more = [scaled(self.posed.cameras[0], each) for each in found]
         else:
-            more = _cameras(cameras, found, matrices, self._features)
+            more = cameras_of(cameras, found, matrices, self._features)
         everything, joined = [*self.posed.features, *found], np.concatenate([self.posed.poses, matrices])
         posed = _built(everything, joined, [*self.posed.cameras, *more], self._features)
         self.posed, self.names = posed, [*self.names, *named]
@@ -221,8 +209,8 @@ class PoseMap:
         Args:
             photo: a file, bytes or a Pillow image.
             camera: ``(fx, fy, cx, cy)`` or a :class:`~sextant.correspondence.Pinhole`: it is known; a
-                :class:`CameraPrior`, such as the answer of ``PhotoCalibrator``: its focal length is refined; None: the
-                focal length is unknown.
+                :class:`~sextant.chapters.localization.given_cameras.CameraPrior`, such as the answer of
+                ``PhotoCalibrator``: its focal length is refined; None: the focal length is unknown.
             candidates: number of images of the map that are matched.
 
         Raises:
@@ -233,7 +221,7 @@ class PoseMap:
         features = _detected(self._features, pixels)
         similarity = self._descriptors @ _described(self._described_by, pixels)[0]
         order = np.argsort(-similarity, kind="stable")[:candidates].tolist()
-        lens, sigma = _prior(camera, features, self.posed.cameras[order[0]])
+        lens, sigma = prior_of(camera, features, self.posed.cameras[order[0]])
         return _answer(self.posed, features, self.posed.locate(features, order, lens, sigma))
 
     def save(self, folder: Path | str) -> None:
@@ -279,7 +267,7 @@ def _built(
                 "Convert them to world_from_camera with x right, y down, z forward.",
             )
     if len(posed.points) < LEAST_POINTS:
-        raise UserError(*_without_points(found))
+        raise UserError(*without_points(found))
     return calibrated(posed)
 
 
@@ -358,109 +346,3 @@ def _checked_names(names: Sequence[str] | None, images: Sequence[AnyImage]) -> l
 
 def _names(images: Sequence[AnyImage]) -> list[str]:
     return [Path(each).name if isinstance(each, str | Path) else str(k) for k, each in enumerate(images)]
-
-
-def _checked_poses(poses: Any, images: int, least: int = 2) -> Float64[ndarray, "n 4 4"]:
-    try:
-        matrices = np.asarray(poses, np.float64)
-    except (TypeError, ValueError):
-        matrices = np.empty(0)
-    if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) != images:
-        raise ArgumentError(
-            f"poses have the shape {matrices.shape} for {images} images; they must be {images} x 4 x 4",
-            "world_from_camera of each image: x right, y down, z forward.",
-        )
-    if images < least:
-        raise ArgumentError(f"{images} images make no map: points need two images at least", "Give more images.")
-    turn = matrices[:, :3, :3]
-    wrong = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max((1, 2)) > ROTATION_TOLERANCE
-    wrong |= (np.linalg.det(turn) < 0) | ~np.isfinite(matrices).all((1, 2))
-    if wrong.any():
-        first = int(np.flatnonzero(wrong)[0])
-        mirrored = np.linalg.det(turn[first]) < 0
-        raise ArgumentError(
-            f"pose {first} of {wrong.sum()} such poses is no rigid motion"
-            + (": its axes are mirrored (determinant -1)" if mirrored else ""),
-            "The upper left 3 x 3 must be a rotation: x right, y down, z forward.",
-        )
-    return matrices
-
-
-def _pinhole(camera: Any, features: LocalFeatures) -> Pinhole:
-    if isinstance(camera, Pinhole):
-        if (camera.width, camera.height) != (features.width, features.height):
-            raise ArgumentError(
-                f"a camera of {camera.width}x{camera.height} pixels for an image of {features.width}x{features.height}",
-                "Scale the camera with the image.",
-            )
-        return camera
-    try:
-        fx, fy, cx, cy = (float(value) for value in camera)
-    except (TypeError, ValueError):
-        raise ArgumentError(
-            f"camera={camera!r} must be (fx, fy, cx, cy) in pixels, a Pinhole, or have focal_px and focal_sigma"
-        ) from None
-    return Pinhole(features.width, features.height, fx, fy, cx, cy)
-
-
-def _cameras(
-    cameras: Any, found: Sequence[LocalFeatures], poses: ndarray, features: LocalFeatureExtractor
-) -> list[Pinhole]:
-    if cameras is None:
-        focal = focal_length_of(found, poses, features.match)
-        if focal is None:
-            raise UserError(*_without_points(found))
-        return [Pinhole.centred(each.width, each.height, focal * max(each.width, each.height)) for each in found]
-    try:
-        single = isinstance(cameras, Pinhole) or np.shape(cameras) == (4,)
-        number = 1 if single else len(cameras)
-    except TypeError:
-        raise ArgumentError(
-            f"cameras={cameras!r:.60} must be (fx, fy, cx, cy), a Pinhole, or one of each image"
-        ) from None
-    if single:
-        return [_pinhole(cameras, each) for each in found]
-    if number != len(found):
-        raise ArgumentError(f"{number} cameras for {len(found)} images: give one, or one for each image")
-    return [_pinhole(camera, each) for camera, each in zip(cameras, found, strict=True)]
-
-
-def _scaled(camera: Pinhole, features: LocalFeatures) -> Pinhole:
-    """The same camera for an image of another size, whose first pixel has its centre at (0, 0)."""
-    scale = features.width / camera.width
-    if abs(camera.height * scale - features.height) > 1:
-        raise ArgumentError(
-            f"an image of {features.width}x{features.height} pixels is not of the map's first camera, whose images "
-            f"have {camera.width}x{camera.height}",
-            "Give its camera.",
-        )
-    cx, cy = ((value + 0.5) * scale - 0.5 for value in (camera.cx, camera.cy))
-    return Pinhole(features.width, features.height, camera.fx * scale, camera.fy * scale, cx, cy)
-
-
-def _prior(camera: Any, features: LocalFeatures, similar: Pinhole) -> tuple[Pinhole, float | None]:
-    """A camera, and the relative standard deviation of its focal length; None: unknown.
-
-    The principal point of an unknown camera is that of the most similar image of the map if both have one size.
-    """
-    if camera is None and (similar.width, similar.height) == (features.width, features.height):
-        return similar, None
-    if camera is None:
-        return Pinhole.centred(features.width, features.height, float(max(features.width, features.height))), None
-    if isinstance(camera, CameraPrior):
-        return Pinhole.centred(features.width, features.height, camera.focal_px), camera.focal_sigma
-    return _pinhole(camera, features), 0.0
-
-
-def _without_points(found: Sequence[LocalFeatures]) -> tuple[str, str]:
-    few = sum(len(each) < 50 for each in found)
-    if few > len(found) / 2:
-        return (
-            f"{few} of {len(found)} images have fewer than 50 keypoints: blank walls or dark pictures make no map",
-            "Give images with texture.",
-        )
-    return (
-        f"fewer than {LEAST_POINTS} matches of the map's images agree with their poses",
-        "Check that images overlap, that each pose belongs to its image, and the axes: world_from_camera, x right, "
-        "y down, z forward (OpenGL and Blender have y up and z back; COLMAP's matrices are camera_from_world).",
-    )
