@@ -115,3 +115,14 @@ def test_an_impossible_camera_is_refused(key, value):
     arguments = {"width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0} | {key: value}
     with pytest.raises(ArgumentError, match="must be"):
         Pinhole(**arguments)
+
+
+@pytest.mark.parametrize("baseline", [0.0, 1e-9, 1e-3])
+def test_equal_pixels_of_two_images_have_no_depth_and_are_no_error(baseline):
+    pixels = np.random.default_rng(0).uniform(0, 480, (50, 2))
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, 0, 3] = baseline
+    tracks, images = np.repeat(np.arange(50), 2), np.tile([0, 1], 50)
+    found = triangulate(pixels[tracks], images, tracks, poses, [CAMERA] * 2)
+    assert found.angles_deg.max() < 1e-3
+    assert np.isfinite(found.covariances).all()

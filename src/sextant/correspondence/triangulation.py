@@ -53,6 +53,9 @@ def triangulate(
         poses: ``world_from_camera`` of each image.
         cameras: of each image.
 
+    Returns:
+        A track seen from one position only has angles of 0, and its depth is arbitrary.
+
     Example:
         >>> camera, poses = Pinhole.centred(640, 480, 500.0), np.tile(np.eye(4), (2, 1, 1))
         >>> poses[1, 0, 3] = 1.0
@@ -73,15 +76,21 @@ def triangulate(
         error, jacobian, _ = _linearised(points, pixels, tracks, rotation, position, focal, centre)
         hessian = _summed(np.einsum("mki,mkj->mij", jacobian, jacobian), tracks, count)
         gradient = _summed(np.einsum("mki,mk->mi", jacobian, error), tracks, count)
-        points = points - np.linalg.solve(hessian + 1e-12 * np.eye(3), gradient[..., None])[..., 0]
+        points = points - np.linalg.solve(_regular(hessian), gradient[..., None])[..., 0]
     error, jacobian, depth = _linearised(points, pixels, tracks, rotation, position, focal, centre)
     hessian = _summed(np.einsum("mki,mkj->mij", jacobian, jacobian), tracks, count)
     errors, behind = np.zeros(count), np.zeros(count, bool)
     np.maximum.at(errors, tracks, np.linalg.norm(error, axis=1))
     np.logical_or.at(behind, tracks, depth <= 0)
     finite = np.isfinite(points).all(1) & np.isfinite(errors)
-    covariances = np.linalg.inv(np.where(finite[:, None, None], hessian, np.eye(3)) + 1e-12 * np.eye(3))
+    covariances = np.linalg.inv(_regular(np.where(finite[:, None, None], hessian, np.eye(3))))
     return Triangulated(points, covariances, errors, _angles(directions, tracks, count), finite & ~behind)
+
+
+def _regular(hessians: ndarray) -> ndarray:
+    """Hessians that have an inverse, also where all rays of a point are one and leave its depth open."""
+    trace = np.trace(hessians, axis1=1, axis2=2)
+    return np.asarray(hessians + (1e-12 * (1 + trace))[:, None, None] * np.eye(3))
 
 
 def _nearest_to_rays(directions: ndarray, positions: ndarray, tracks: ndarray, count: int) -> ndarray:
