@@ -9,6 +9,7 @@ import csv
 import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -22,7 +23,7 @@ from benchmarks.machine import describe_machine
 from sextant.chapters.localization.pose_map import CANDIDATES, DESCRIPTOR, LOG10_FALSE_ALARMS, _features_of
 from sextant.chapters.places.saved_descriptor import kept_network
 from sextant.console.arguments import parse_arguments
-from sextant.correspondence import LocalFeatures, Pinhole, PosedMap, XFeatures, build_map, calibrated
+from sextant.correspondence import LocalFeatures, Pinhole, PosedMap, PoseErrors, XFeatures, build_map, calibrated
 from sextant.correspondence.left_out import displacement, squared_error
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
@@ -66,7 +67,7 @@ def main(scene: str = "", side: int = 1024) -> None:
             building, began = time.process_time() - began, time.process_time()
             posed = calibrated(posed)
             calibrating = time.process_time() - began
-            factors.append(posed.variance_factor)
+            factors.append(posed.errors)
             for k in np.flatnonzero(queries).tolist():
                 for kind, rows in measured.items():
                     sigma = 0.0 if kind == "known" else None
@@ -83,7 +84,7 @@ def main(scene: str = "", side: int = 1024) -> None:
             show(name, kind, np.array(rows))
         size = len(rest)
         print(
-            f"  maps: variance factors {', '.join(f'{each:.1f}' for each in factors)}; "
+            f"  maps: {', '.join(f'{e.scale:.1f} S + {e.displacement:.3f} m, {e.rotation:.5f} rad' for e in factors)}; "
             f"an image: {posed.nbytes / size / 1e6:.2f} MB; CPU s: features {detecting / len(files):.2f}, "
             f"map {building / size:.2f}, calibration {calibrating / size:.2f}",
             flush=True,
@@ -134,29 +135,30 @@ def located(
     sigma: float | None,
     pose: ndarray,
 ) -> tuple[float, ...]:
-    """Errors in metres and degrees, seconds, the squared error by the covariance, the variance factor, false alarms."""
+    """Errors in metres and degrees, seconds, squared errors by the covariance, without the map's too, false alarms."""
     began = time.process_time()
     order = np.argsort(-(vectors @ vector), kind="stable")[:CANDIDATES].tolist()
     found = posed.locate(query, order, camera, sigma)
     seconds = time.process_time() - began
     if found.pose is None or found.log10_false_alarms > LOG10_FALSE_ALARMS:
-        return np.inf, np.inf, seconds, np.inf, posed.variance_factor, found.log10_false_alarms
+        return np.inf, np.inf, seconds, np.inf, np.inf, found.log10_false_alarms
     error = displacement(found.pose.world_from_camera, pose)
     metres, degrees = float(np.linalg.norm(error[:3])), float(np.rad2deg(np.linalg.norm(error[3:])))
-    squared = squared_error(found.pose, pose)
-    return metres, degrees, seconds, squared, posed.variance_factor, found.log10_false_alarms
+    plain = replace(posed, errors=PoseErrors()).locate(query, order, camera, sigma).pose
+    squared = [squared_error(each, pose) for each in (found.pose, plain) if each is not None]
+    return metres, degrees, seconds, *squared, found.log10_false_alarms
 
 
 def show(name: str, kind: str, rows: ndarray) -> None:
     """A row of the table: medians with the quartiles over photos."""
-    metres, degrees, seconds, squared, factor, alarms = rows.T
+    metres, degrees, seconds, squared, plain, alarms = rows.T
     quartiles = [np.quantile(each, [0.25, 0.5, 0.75]) for each in (metres, degrees)]
     (a, m, b), (c, d, e) = (each.tolist() for each in quartiles)
     within = 100 * float(((metres < 0.25) & (degrees < 2)).mean())
     errors = f"{m:.3f} [{a:.3f}, {b:.3f}] | {d:.3f} [{c:.3f}, {e:.3f}] | {within:.0f} %"
     limit = chi2.ppf(0.95, 6)
-    held = f"{np.sum(squared < limit)} of {len(rows)}, {np.sum(squared * factor < limit)}"
-    spread = f"{np.median(squared):.1f}, {np.median(squared * factor):.1f}"
+    held = f"{np.sum(squared < limit)} of {len(rows)}, {np.sum(plain < limit)}"
+    spread = f"{np.median(squared):.1f}, {np.median(plain):.1f}"
     print(
         f"| {name} | {kind} | {len(rows)} | {errors} | {spread} | {held} | "
         f"{np.median(seconds):.2f} | {alarms.max():.0f} |",

@@ -109,6 +109,33 @@ def test_small_turns_tell_it_without_a_bias():
     assert np.mean(ratios) == pytest.approx(1, abs=0.03)
 
 
+def with_something_that_moves(rng, count, moving):
+    """Photos of still points, and of ``moving`` points that turn and rise."""
+    unit = np.linalg.qr(rng.normal(size=(600, 600)))[0]
+    poses, still, thing = around(count), points(rng), points(rng, moving) * 0.4 + [0.5, 0, -1]
+    views = photos(rng, poses, still, descriptors=unit[:400])
+    for k, pose in enumerate(poses):
+        turn = Rotation.from_euler("xy", [0.1 * k, -0.15 * k]).as_matrix()
+        moved = thing @ turn.T + [-0.3 * k, 0.25 * k, 0.2 * k]
+        (more,) = photos(rng, [pose], moved, descriptors=unit[400 : 400 + moving])
+        both = (
+            np.concatenate(each) for each in zip(*((f.points, f.descriptors) for f in (views[k], more)), strict=True)
+        )
+        views[k] = LocalFeatures(*both, 640, 480)
+    return views
+
+
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize(("moving", "told"), [(120, True), (12, False)])
+def test_a_scene_that_moves_is_told_and_little_that_moves_has_no_say(count, moving, told):
+    found = shared_focal_length(with_something_that_moves(np.random.default_rng(count), count, moving))
+    assert (found.verdict == "moving scene") == told
+    if told:
+        assert (found.focal_sigma, found.interval_px) == (None, (0.0, np.inf))
+    else:
+        assert found.focal_px == pytest.approx(520, rel=0.06)
+
+
 def test_photos_of_other_scenes_have_none():
     rng = np.random.default_rng(0)
     one, other = (photos(rng, around(1), points(rng, 100))[0] for _ in range(2))
@@ -184,3 +211,19 @@ def test_five_photos_tell_the_focal_length_of_their_camera(real_data):
     assert found.verdict == "known"
     assert found.focal_px == pytest.approx(1034.8, rel=0.02)
     assert found.interval_px[0] < 1034.8 < found.interval_px[1]
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+@pytest.mark.parametrize(("other", "verdict"), [("fountain-P11", "known"), ("castle-P30", "moving scene")])
+def test_two_real_things_that_move_apart_are_told(real_data, other, verdict):
+    """The left halves of three photos, beside the right halves of the same or of another place."""
+    from sextant.applications.pixels import as_pixels
+
+    named = [real_data / "strecha_posed" / f"{name}__{{:04d}}.jpg" for name in ("fountain-P11", other)]
+    images = []
+    for k in range(3):
+        left, right = (as_pixels(str(name).format(k + 1)) for name in named)
+        half = left.shape[1] // 2
+        images.append(np.concatenate([left[:, :half], right[: len(left), half:]], 1))
+    assert shared_focal_length(XFeatures(2048, 768).detect(images)).verdict == verdict

@@ -12,7 +12,7 @@ from sextant.correspondence.left_out import calibrated
 from sextant.correspondence.local_features import LocalFeatureExtractor, LocalFeatures
 from sextant.correspondence.matching import distinct_matches, epipolar_inliers, mutual_matches
 from sextant.correspondence.pinhole import Pinhole
-from sextant.correspondence.posed_map import Located, PosedMap, build_map, focal_length_of, log_false_alarms
+from sextant.correspondence.posed_map import Located, PosedMap, PoseErrors, build_map, focal_length_of, log_false_alarms
 from sextant.correspondence.relative_pose import TwoViews, relative_pose
 from sextant.correspondence.reranking import count_inliers, reranked
 from sextant.correspondence.shared_focal import SharedFocalLength, shared_focal_length
@@ -26,6 +26,7 @@ __all__ = [
     "LocalFeatures",
     "Located",
     "Pinhole",
+    "PoseErrors",
     "PosedMap",
     "SharedFocalLength",
     "Triangulated",

@@ -25,7 +25,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from sextant.correspondence.absolute_pose import FOCAL_LENGTHS, EstimatedPose, absolute_pose
+from sextant.correspondence.absolute_pose import FOCAL_LENGTHS, LEAST_VARIANCE, EstimatedPose, absolute_pose
 from sextant.correspondence.local_features import LocalFeatures, Matcher
 from sextant.correspondence.matching import mutual_matches
 from sextant.correspondence.pinhole import Pinhole, cross_matrices
@@ -44,6 +44,32 @@ ERROR_PX = 2.0
 LEAST_ANGLE_DEG = 1.0
 
 
+@dataclass(frozen=True)
+class PoseErrors:
+    r"""By how much poses in a map err more than the noise of pixels and points says.
+
+    A covariance :math:`\Sigma` becomes :math:`c \Sigma + \mathrm{diag}(d^2, d^2, d^2, r^2, r^2, r^2)`.
+
+    Attributes:
+        scale: c.
+        displacement, rotation: d and r, in units of the map and radians.
+        focal: by which variances of focal lengths are multiplied.
+
+    Example:
+        >>> PoseErrors(4.0, 0.1).of(np.eye(6)).diagonal().round(2).tolist()
+        [4.01, 4.01, 4.01, 4.0, 4.0, 4.0]
+    """
+
+    scale: float = 1.0
+    displacement: float = 0.0
+    rotation: float = 0.0
+    focal: float = 1.0
+
+    def of(self, covariance: Float64[ndarray, "*n 6 6"]) -> Float64[ndarray, "*n 6 6"]:
+        """The covariance with these errors."""
+        return self.scale * covariance + np.diag(np.repeat([self.displacement**2, self.rotation**2], 3))
+
+
 @dataclass(frozen=True, eq=False)
 class PosedMap:
     """Features of images at known poses.
@@ -53,9 +79,10 @@ class PosedMap:
         poses: ``world_from_camera`` of each image.
         cameras: of each image.
         points: of the world.
-        covariances: of the points, for a standard deviation of one pixel of the pictures that they were detected in.
+        covariances: of the points, for the standard deviation of a pixel that their reprojection errors show.
         point_of: for each image, the number of each feature's point, or -1.
-        variance_factor: by which covariances of poses are multiplied, see :mod:`sextant.correspondence.left_out`.
+        pixel_variance: of a coordinate of the map's pixels, in pixels of the pictures that they were detected in.
+        errors: of poses beyond those of pixels and points, see :mod:`sextant.correspondence.left_out`.
         match: matches the features of two images.
     """
 
@@ -65,7 +92,8 @@ class PosedMap:
     points: Float64[ndarray, "p 3"]
     covariances: Float64[ndarray, "p 3 3"]
     point_of: Sequence[Int32[ndarray, "_"]]
-    variance_factor: float = 1.0
+    pixel_variance: float = 1.0
+    errors: PoseErrors = PoseErrors()
     match: Matcher = mutual_matches
 
     @property
@@ -105,7 +133,7 @@ class PosedMap:
             error_px=2 * ERROR_PX * unit,
         )
         if pose is not None:
-            wider, sigma = pose.covariance * self.variance_factor, pose.focal_sigma * math.sqrt(self.variance_factor)
+            wider, sigma = self.errors.of(pose.covariance), pose.focal_sigma * math.sqrt(self.errors.focal)
             pose = replace(pose, covariance=wider, focal_sigma=sigma)
         inliers = 0 if pose is None else int(pose.inliers.sum())
         alarms = log_false_alarms(len(rows), inliers, 2 * ERROR_PX * unit, query.width * query.height)
@@ -246,19 +274,19 @@ def _triangulated(
         if len(part):
             pixels[part] = features[image[part[0]]].points[feature[part]]
     unit = np.array([each.pixel for each in features])
-    points, covariances, kept = _triangulated_tracks(pixels, image, tracks, poses, cameras, unit)
+    points, covariances, kept, pixel = _triangulated_tracks(pixels, image, tracks, poses, cameras, unit)
     number = np.where(kept, np.cumsum(kept) - 1, -1)
     point_of = np.full(int(offsets[-1]), -1, np.int32)
     point_of[linked[rows]] = number[tracks]
     each = [point_of[start:end] for start, end in pairwise(offsets)]
-    return PosedMap(features, poses, cameras, points[kept], covariances[kept], each)
+    return PosedMap(features, poses, cameras, points[kept], pixel * covariances[kept], each, pixel)
 
 
 def _triangulated_tracks(
     pixels: ndarray, image: ndarray, tracks: ndarray, poses: ndarray, cameras: Sequence[Pinhole], unit: ndarray
-) -> tuple[ndarray, ndarray, ndarray]:
-    """Points, covariances and whether they are kept, of sorted tracks."""
-    parts = []
+) -> tuple[ndarray, ndarray, ndarray, float]:
+    """Points, their covariances for one pixel, whether they are kept, and the variance of a pixel, of sorted tracks."""
+    parts, squared, freedom = [], 0.0, 0
     count = int(tracks.max(initial=-1)) + 1
     for first in range(0, max(count, 1), TRACKS):
         start, stop = np.searchsorted(tracks, [first, first + TRACKS])
@@ -269,5 +297,7 @@ def _triangulated_tracks(
         variance = np.bincount(own, unit[seen] ** 2) / np.bincount(own)
         kept = found.valid & (found.errors_px < ERROR_PX * largest) & (found.angles_deg > LEAST_ANGLE_DEG)
         parts.append((found.points, found.covariances * variance[:, None, None], kept))
+        squared += float((found.squared_px / variance)[kept].sum())
+        freedom += int((2 * np.bincount(own) - 3)[kept].sum())
     points, covariances, kept = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return points, covariances, kept
+    return points, covariances, kept, max(LEAST_VARIANCE, squared / max(1, freedom))

@@ -27,6 +27,7 @@ from sextant.correspondence.bundle import LARGEST_PX, Fit, Scene, Tracks, fitted
 from sextant.correspondence.first_scene import Pair, first_scene, joined
 from sextant.correspondence.local_features import LocalFeatures
 from sextant.correspondence.matching import distinct_matches
+from sextant.correspondence.moving_scene import second_motion
 from sextant.correspondence.pinhole import cross_matrices
 from sextant.correspondence.relative_pose import sampson_errors
 from sextant.correspondence.turned_camera import turned_focal, turns_of
@@ -66,7 +67,8 @@ class SharedFocalLength:
     Attributes:
         verdict: *known*; *unchecked* if only two photos show the scene, whose matches no third photo confirms: of the
             intervals of such pairs 7 of 12 held (results/localization.md); or why it is unknown: *no common scene* if
-            too few matches agree, *undetermined* if these matches agree with many focal lengths.
+            too few matches agree, *moving scene* if matches show two motions
+            (:mod:`sextant.correspondence.moving_scene`), *undetermined* if they agree with many focal lengths.
         focal_px: median of the posterior; nan if it is unknown.
         focal_sigma: its relative standard deviation; None if it is unknown.
         interval_px: holds the focal length with a probability of 95 %, also if the answer is *undetermined*.
@@ -75,7 +77,7 @@ class SharedFocalLength:
         turned: the camera only turned.
     """
 
-    verdict: Literal["known", "unchecked", "undetermined", "no common scene"]
+    verdict: Literal["known", "unchecked", "undetermined", "moving scene", "no common scene"]
     focal_px: float = math.nan
     focal_sigma: float | None = None
     interval_px: tuple[float, float] = (0.0, math.inf)
@@ -130,6 +132,8 @@ def shared_focal_length(photos: Sequence[LocalFeatures]) -> SharedFocalLength:
     tracks = _tracks(photos, pairs, scan, unit)
     if tracks is None:
         return SharedFocalLength("no common scene")
+    if _moving(pairs, scan):
+        return SharedFocalLength("moving scene")
     turned = _turned(some, scan, side, unit)
     if turned is not None:
         return turned
@@ -192,6 +196,17 @@ def _scanned(pairs: Mapping[Pair, _Pair], focal: float) -> _Scanned:
         costs[pair] = float(np.minimum(squared, LARGEST_PX**2).sum())
         shares[pair] = float((squared < LARGEST_PX**2).mean())
     return _Scanned(focal, relative, costs, shares)
+
+
+def _moving(pairs: Mapping[Pair, _Pair], scan: Sequence[_Scanned]) -> bool:
+    """Whether most pairs that have a relative pose show a second motion."""
+    told = []
+    for pair, each in pairs.items():
+        best = min(scan, key=lambda scanned, pair=pair: scanned.costs[pair])  # type: ignore[misc]
+        squared = each.squared(best.focal, best.relative[pair])
+        if (squared < LARGEST_PX**2).sum() >= LEAST:
+            told.append(second_motion(each.first, each.second, squared, LARGEST_PX) > 0)
+    return 2 * sum(told) > len(told)
 
 
 def _turned(

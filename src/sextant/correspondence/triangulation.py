@@ -26,6 +26,7 @@ class Triangulated:
         points: in the world.
         covariances: for pixels of a standard deviation of 1.
         errors_px: largest reprojection error within each track.
+        squared_px: sum of the squared reprojection errors of each track.
         angles_deg: largest angle between two rays of each track.
         valid: in front of all its cameras.
     """
@@ -33,6 +34,7 @@ class Triangulated:
     points: Float64[ndarray, "n 3"]
     covariances: Float64[ndarray, "n 3 3"]
     errors_px: Float64[ndarray, "n"]
+    squared_px: Float64[ndarray, "n"]
     angles_deg: Float64[ndarray, "n"]
     valid: Bool[ndarray, "n"]
 
@@ -84,7 +86,8 @@ def triangulate(
     np.logical_or.at(behind, tracks, depth <= 0)
     finite = np.isfinite(points).all(1) & np.isfinite(errors)
     covariances = np.linalg.inv(_regular(np.where(finite[:, None, None], hessian, np.eye(3))))
-    return Triangulated(points, covariances, errors, _angles(directions, tracks, count), finite & ~behind)
+    squared = np.bincount(tracks, (error**2).sum(1), minlength=count)
+    return Triangulated(points, covariances, errors, squared, _angles(directions, tracks, count), finite & ~behind)
 
 
 def _regular(hessians: ndarray) -> ndarray:

@@ -13,7 +13,7 @@ from sextant.array_folder import FolderFormat, file_sha256
 from sextant.atomic_files import write_atomically
 from sextant.chapters.places.photo_features import extractor_of
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, load_descriptor
-from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, PosedMap, XFeatures
+from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, PosedMap, PoseErrors, XFeatures
 from sextant.errors import ArgumentError
 
 FORMAT = FolderFormat("a map of posed photos", "sextant pose map", 1, "pose_map.json")
@@ -80,7 +80,8 @@ def save_pose_map(saved: SavedPoseMap, folder: Path) -> None:
             "keypoints_of": [len(each) for each in posed.features],
             "pixel": [each.pixel for each in posed.features],
             "cameras": [asdict(each) for each in posed.cameras],
-            "variance_factor": posed.variance_factor,
+            "pixel_variance": posed.pixel_variance,
+            "errors": asdict(posed.errors),
         },
     )
 
@@ -120,13 +121,14 @@ def open_pose_map(folder: Path, local: Any = None) -> SavedPoseMap:
     if not len(header["names"]) == len(cameras) == len(arrays["poses"]) == len(arrays["descriptors"]):
         raise FORMAT.damaged(folder, "its images, names and cameras differ in number")
     point_of = np.split(arrays["point_of"], ends)
-    factor = float(header.get("variance_factor", 1.0))  # maps of earlier versions have none
+    factor = float(header.get("variance_factor", 1.0))  # maps of earlier versions have one factor, or none
+    errors = PoseErrors(**header.get("errors", {"scale": factor, "focal": factor}))
+    variance = float(header.get("pixel_variance", 1.0))
     covariances = arrays["covariances"].astype(np.float64)
     described_by = load_descriptor(folder / DESCRIPTOR)
     local, extractor = _extractor(folder, header, local, described_by)
-    posed = PosedMap(
-        features, arrays["poses"], cameras, arrays["points"], covariances, point_of, factor, extractor.match
-    )
+    world = (arrays["poses"], cameras, arrays["points"], covariances, point_of)
+    posed = PosedMap(features, *world, variance, errors, extractor.match)
     return SavedPoseMap(posed, header["names"], described_by, arrays["descriptors"], extractor, local)
 
 
