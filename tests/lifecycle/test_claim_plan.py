@@ -146,6 +146,39 @@ def test_runs_older_than_a_claim_explore_it_and_later_ones_test_it(tmp_path, dat
     assert "ver 8 seeds." in page.read_text()
 
 
+OF_COMMAND = {
+    "parts": [{"stored": "poses", "table": "recorded", "names": ["x"]}],
+    "design": {"replicate": "worlds", "command": "python -m it", "replicates": 4, "core_hours": 0.5, "effect": 3.0},
+}
+
+
+def test_a_design_of_a_command_has_the_power_that_theory_says():
+    given = OF_COMMAND["design"] | {"spread": 1.0}
+    (plan,) = plan_claims(claim(**OF_COMMAND | {"design": given}), Tables(RESULTS))
+    assert (plan.number, plan.runs, plan.core_hours, plan.arguments) == (4, 4, 2.0, [])
+    assert plan.power == pytest.approx(power(2.0, 1.0, 4))
+
+
+@pytest.mark.parametrize("changed", [{"replicates": 0}, {"overrides": ["seed=0"]}, {"command": ""}])
+def test_a_design_is_either_of_a_command_or_of_a_sweep(changed):
+    with pytest.raises(ValueError, match="a design needs overrides of a sweep, or a command"):
+        claim(**OF_COMMAND | {"design": OF_COMMAND["design"] | changed})
+
+
+@pytest.mark.parametrize(("date", "status"), [(BEFORE, "explored"), (AFTER, "confirmed")])
+def test_figures_of_a_command_test_a_claim_if_they_are_later(tmp_path, date, status):
+    for name in ("poses", "claims"):
+        (tmp_path / name).mkdir()
+    (tmp_path / DIGESTS).touch()
+    (tmp_path / "poses" / "recorded.csv").write_text("name,seeds,replicate,mean,low,high,against\nx,4,worlds,3,2,4,0\n")
+    (tmp_path / "poses" / "replicates.csv").write_text("world,value\n1,3\n")
+    (tmp_path / "poses" / "dates.csv").write_text(f"first_run,last_run\n{date},{date}\n")
+    renew_digests(claim(**OF_COMMAND), tmp_path)
+    assert "poses/replicates.csv" in (tmp_path / DIGESTS).read_text()
+    (decided,) = decide_claims(claim(**OF_COMMAND), Tables(tmp_path))
+    assert (decided.verdict, decided.status) == ("holds", status)
+
+
 def test_a_table_that_has_not_changed_keeps_its_date_and_a_new_one_gets_that_of_its_report(tmp_path):
     folder = stored(tmp_path, date=AFTER)
     renew_digests(claim(), folder)

@@ -60,6 +60,19 @@ def test_without_runs_of_both_arms_a_comparison_is_not_run(table, there):
     assert found(table)[0] is NOT_RUN
 
 
+def test_figures_of_a_command_say_what_their_replicates_are_and_wait_for_their_run(tmp_path):
+    table = tmp_path / "recorded.csv"
+    head = "name,seeds,replicate,mean,low,high,against"
+    table.write_text(f"{head}\nx,4,worlds,80,70,90,0\ny,counted,,0,,,0\nz,4,days,1,0,2,0\n")
+    worlds, exact = (each.estimate for each in evidence(table, ["x", "y"]))
+    assert (worlds.replicate, worlds.seeds, worlds.interval()) == ("worlds", 4, (70, 90))
+    assert exact.counted
+    with pytest.raises(UserError, match="replicate=days must be seeds, worlds"):
+        list(evidence(table, ["z"]))
+    (waiting,) = evidence(tmp_path / "not_run" / "recorded.csv", ["x"])
+    assert waiting.estimate is NOT_RUN
+
+
 @pytest.mark.parametrize("name", ["contrasts.csv", "differences.csv", "cells.csv", "cost.csv", "pooled.csv"])
 def test_without_a_stored_report_every_comparison_is_not_run(tmp_path, name):
     told = list(
