@@ -67,7 +67,7 @@ def test_a_view_between_the_maps_images_is_located(world):
 def test_the_uncertainty_of_points_is_in_the_pixels_of_the_maps_pictures(world):
     poses, points = world
     fine = views(poses, points)
-    coarse = [replace(each, pixel=6.0) for each in fine]
+    coarse = [replace(each, pixel=6.0) for each in views(poses, points, noise=6 * 0.3)]
     one, other = (build_map(each, poses, [CAMERA] * 6) for each in (fine, coarse))
     ratio = np.trace(other.covariances, axis1=1, axis2=2).mean() / np.trace(one.covariances, axis1=1, axis2=2).mean()
     assert ratio == pytest.approx(36, rel=0.3)
