@@ -25,9 +25,8 @@ from scipy.stats import beta, chi2
 from benchmarks.machine import describe_machine
 from benchmarks.posed_photos import scenes
 from sextant.applications.pixels import as_pixels
-from sextant.chapters.localization.pose_map import _detected
 from sextant.console.arguments import parse_arguments
-from sextant.correspondence import LocalFeatures, XFeatures, shared_focal_length
+from sextant.correspondence import LocalFeatures, XFeatures, detected, shared_focal_length
 from sextant.correspondence.shared_focal import MODEL, OVERDISPERSION
 
 SIZES = (2, 3, 5, 10)
@@ -65,7 +64,7 @@ def main(
     for name, (files, focal) in sets(Path(os.environ["SEXTANT_DATA"])).items():
         if not name.startswith(begins):
             continue
-        features = [_detected(XFeatures(4096, side), as_pixels(file)) for file in files]
+        features = [detected(XFeatures(4096, side), as_pixels(file)) for file in files]
         for size in sizes:
             starts = np.unique(np.linspace(0, len(files) - size, groups).round().astype(int)).tolist()
             if len(files) < size:

@@ -9,7 +9,7 @@ from sextant.correspondence.aliked_features import AlikedFeatures
 from sextant.correspondence.conventions import likely_convention
 from sextant.correspondence.features import XFeatures
 from sextant.correspondence.left_out import calibrated
-from sextant.correspondence.local_features import LocalFeatureExtractor, LocalFeatures
+from sextant.correspondence.local_features import LocalFeatureExtractor, LocalFeatures, detected
 from sextant.correspondence.matching import distinct_matches, epipolar_inliers, mutual_matches
 from sextant.correspondence.pinhole import Pinhole
 from sextant.correspondence.posed_map import Located, PosedMap, PoseErrors, build_map, focal_length_of, log_false_alarms
@@ -37,6 +37,7 @@ __all__ = [
     "build_map",
     "calibrated",
     "count_inliers",
+    "detected",
     "distinct_matches",
     "epipolar_inliers",
     "focal_length_of",

@@ -48,6 +48,8 @@ class LocalFeatures:
 
 
 Matcher = Callable[[LocalFeatures, LocalFeatures], Int64[ndarray, "m 2"]]
+#: images whose longer side exceeds that of an extractor by more than this factor are reduced first
+REDUCED = 4
 
 
 class LocalFeatureExtractor(Protocol):
@@ -78,6 +80,21 @@ class LocalFeatureExtractor(Protocol):
 
     def match(self, first: LocalFeatures, second: LocalFeatures) -> Int64[ndarray, "m 2"]:
         """Numbers of matching features in the first and in the second image."""
+
+
+def detected(extractor: LocalFeatureExtractor, pixels: UInt8[ndarray, "h w 3"]) -> LocalFeatures:
+    """Local features; of an image far larger than they are detected in, by a reduced one, which needs less memory."""
+    height, width = pixels.shape[:2]
+    if extractor.side is None or max(height, width) <= REDUCED * extractor.side:
+        return extractor.detect([pixels])[0]
+    import cv2
+
+    scale = 2 * extractor.side / max(height, width)
+    rows, columns = (max(1, round(side * scale)) for side in (height, width))
+    found = extractor.detect([cv2.resize(pixels, (columns, rows), interpolation=cv2.INTER_AREA)])[0]
+    back = np.array([width / columns, height / rows], np.float32)
+    points = ((found.points + 0.5) * back - 0.5).astype(np.float32)
+    return LocalFeatures(points, found.descriptors, width, height, found.pixel * float(back.max()))
 
 
 def check_packages(*packages: str) -> None:

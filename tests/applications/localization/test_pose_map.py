@@ -22,10 +22,10 @@ from sextant.applications.pixels import as_pixels
 from sextant.chapters.localization.data.own_drive import find_images
 from sextant.chapters.localization.data.posed_photos import PhotoLens, StraightPhotos, posed_photos
 from sextant.chapters.localization.locating import LocatedFrame, locate_frames, write_located
-from sextant.chapters.localization.pose_map import LocatedPhoto, _detected
+from sextant.chapters.localization.pose_map import LocatedPhoto
 from sextant.chapters.localization.pose_map_files import _extractor
 from sextant.chapters.places.photo_features import extractor_of
-from sextant.correspondence import Pinhole, XFeatures
+from sextant.correspondence import Pinhole, XFeatures, detected
 from sextant.errors import ArgumentError, UserError
 
 DATA = os.environ.get("SEXTANT_DATA")
@@ -162,7 +162,7 @@ def test_features_of_a_large_photo_are_in_its_pixels():
     small = np.kron(rng.integers(0, 255, (24, 32, 3), np.uint8), np.ones((8, 8, 1), np.uint8))
     large = np.kron(small, np.ones((4, 4, 1), np.uint8))
     one = XFeatures(200, 128).detect([small])[0]
-    other = _detected(XFeatures(200, 128), large)
+    other = detected(XFeatures(200, 128), large)
     assert (other.width, other.height, other.pixel) == (1024, 768, 8.0)
     apart = np.linalg.norm(((one.points + 0.5) * 4 - 0.5)[:, None] - other.points[None], axis=2).min(1)
     assert np.median(apart) < other.pixel

@@ -1,14 +1,15 @@
 """Camera calibration from photos, by a trained network and the lines in the photos."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sized
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
 from sextant.applications.failures import Errors, FailedPhoto, attempted, raise_failed, several
 from sextant.chapters.calibration.confidence import photo_camera
 from sextant.chapters.calibration.finding import Finding
-from sextant.chapters.calibration.inference import AnyPhoto, find_cameras
+from sextant.chapters.calibration.inference import AnyPhoto, See, find_cameras
 from sextant.chapters.calibration.jointly import Method, by_method
+from sextant.chapters.calibration.matched_focal import PhotoMatches
 from sextant.chapters.calibration.network import CameraNetwork, trained_camera_network
 from sextant.chapters.calibration.one_camera import OneCamera, fuse_as_one_camera
 from sextant.chapters.calibration.other_networks import OtherNetwork, PhotoNetwork
@@ -178,6 +179,8 @@ class PhotoCalibrator:
     ) -> OneCamera:
         """The camera of photos that were all taken with one camera and lens setting.
 
+        The extra ``local`` adds matches between photos of one scene as evidence; without it, the result says so.
+
         Args:
             photos: files, RGB bytes or Pillow images, in any orientation, of one shape; they may be scaled.
             focal_prior: as for :meth:`calibrate`; in pixels only for photos of one size.
@@ -189,15 +192,17 @@ class PhotoCalibrator:
             UserError: they cannot be of one camera, or the network gives no intervals.
         """
         check_priors(focal_prior, gravity_prior)
-        found = list(self._found(_named(several(photos, errors))))
+        photos = several(photos, errors)
+        matches = PhotoMatches(len(photos) if isinstance(photos, Sized) else None)
+        found = list(self._found(_named(photos), matches.see))
         findings = [with_gravity(each, gravity_prior) for each in found if isinstance(each, Finding)]
         raise_failed(found, len(found), "calibrated", errors if findings else "raise")
         if not found:
             raise ArgumentError("photos=[]: there is no photo of the camera", "Give at least one.")
-        fused, fusion, doubts = fuse_as_one_camera(findings, focal_prior)
+        fused, fusion, doubts, told = fuse_as_one_camera(findings, focal_prior, matches)
         cameras = (photo_camera(finding, self.network) for finding in fused)
         all_photos = tuple(each if isinstance(each, FailedPhoto) else next(cameras) for each in found)
-        return OneCamera(all_photos, fusion, doubts)
+        return OneCamera(all_photos, fusion, doubts, told)
 
     def _each(
         self, photos: Iterable[tuple[str, AnyPhoto]], focal_prior: FocalPrior, gravity_prior: GravityPrior
@@ -212,8 +217,8 @@ class PhotoCalibrator:
     def _camera(self, found: Finding, focal_prior: FocalPrior, gravity_prior: GravityPrior) -> PhotoCamera:
         return photo_camera(with_priors(found, focal_prior, gravity_prior), self.network)
 
-    def _found(self, photos: Iterable[tuple[str, AnyPhoto]]) -> Iterator[Finding | FailedPhoto]:
-        for found in find_cameras(self.network, photos, look_at_lines=self.method != "network"):
+    def _found(self, photos: Iterable[tuple[str, AnyPhoto]], see: See | None = None) -> Iterator[Finding | FailedPhoto]:
+        for found in find_cameras(self.network, photos, look_at_lines=self.method != "network", see=see):
             yield found if isinstance(found, FailedPhoto) else attempted(found.name, by_method, found, self.method)
 
 

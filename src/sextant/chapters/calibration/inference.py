@@ -1,7 +1,7 @@
 """Line detection and network prediction for photos, with doubts about the photo or its prediction."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -33,6 +33,8 @@ COPY = (64, 48)
 MAYBE_PANORAMA = (
     "it is 2:1 and its left and right edges match, as in a 360° panorama, but they show too little detail to be certain"
 )
+#: receives the name and the pixels of each photo that is read
+See = Callable[[str, UInt8[ndarray, "h w 3"]], None]
 AnyPhoto = Path | str | UInt8[ndarray, "h w 3"] | Image.Image
 
 
@@ -49,7 +51,11 @@ class _Seen:
 
 
 def find_cameras(
-    network: CameraNetwork | OtherNetwork, photos: Iterable[tuple[str, AnyPhoto]], *, look_at_lines: bool = False
+    network: CameraNetwork | OtherNetwork,
+    photos: Iterable[tuple[str, AnyPhoto]],
+    *,
+    look_at_lines: bool = False,
+    see: See | None = None,
 ) -> Iterator[Finding | FailedPhoto]:
     """The network's prediction for each photo, in their order.
 
@@ -59,19 +65,24 @@ def find_cameras(
         network: the trained network, or one of others.
         photos: photos with their names.
         look_at_lines: detect lines, refuse panoramas, and doubt pictures that may not be photos.
+        see: is called with each photo's name and pixels.
     """
     if isinstance(network, OtherNetwork):
         for name, photo in photos:
-            yield attempted(name, _found_by_others, network, name, photo, look_at_lines)
+            yield attempted(name, _found_by_others, network, name, photo, look_at_lines, see)
         return
     left = iter(photos)
-    while batch := [attempted(name, _seen, network, name, photo, look_at_lines) for name, photo in islice(left, BATCH)]:
+    while batch := [
+        attempted(name, _seen, network, name, photo, look_at_lines, see) for name, photo in islice(left, BATCH)
+    ]:
         predicted = _predicted(network, [each.view for each in batch if not isinstance(each, FailedPhoto)])
         for each in batch:
             yield each if isinstance(each, FailedPhoto) else _finding(network, each, *next(predicted))
 
 
-def _seen(network: CameraNetwork | OtherNetwork, name: str, photo: AnyPhoto, look_at_lines: bool) -> _Seen:
+def _seen(
+    network: CameraNetwork | OtherNetwork, name: str, photo: AnyPhoto, look_at_lines: bool, see: See | None
+) -> _Seen:
     read = _read(name, photo)
     if look_at_lines:
         check_no_panorama(read.image, name)
@@ -91,12 +102,16 @@ def _seen(network: CameraNetwork | OtherNetwork, name: str, photo: AnyPhoto, loo
         doubts.append(
             (1, "its shape differs from that in EXIF: if it was cropped, the optical axis may not be at its centre")
         )
+    if see is not None:
+        see(name, read.image)
     return _Seen(name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view, lines, tuple(doubts), believed)
 
 
-def _found_by_others(network: OtherNetwork, name: str, photo: AnyPhoto, look_at_lines: bool) -> Finding:
+def _found_by_others(
+    network: OtherNetwork, name: str, photo: AnyPhoto, look_at_lines: bool, see: See | None
+) -> Finding:
     """The finding of a network of others, which sees the whole photo."""
-    seen = _seen(network, name, photo, look_at_lines)
+    seen = _seen(network, name, photo, look_at_lines, see)
     said = seen.believed
     assert said is not None
     numbers = (said.tilt, said.roll, said.focal, said.k1_hat * said.focal**2)

@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 
 from sextant.applications.failures import FailedPhoto
+from sextant.baselines.calibration import FocalBelief
 from sextant.chapters.calibration.finding import Finding
 from sextant.chapters.calibration.fusing import adopt, estimate, shared
+from sextant.chapters.calibration.jointly import jointly
+from sextant.chapters.calibration.matched_focal import MatchedFocal, PhotoMatches
 from sextant.chapters.calibration.metrics.fusion import CORRELATION, Fusion, Prior, fuse, with_prior
 from sextant.chapters.calibration.photo_camera import PhotoCamera
-from sextant.chapters.calibration.priors import FocalPrior, disagreement, prior_of
+from sextant.chapters.calibration.priors import PRIOR_DISAGREES, FocalPrior, disagreement, prior_of
 from sextant.data.metadata import EXIF_BLOCK, as_text, directory, exif_of, tag_of
 from sextant.data.photos.header import MAKE, MODEL
 from sextant.data.picture_files import open_picture
@@ -33,11 +36,13 @@ class OneCamera:
         fusion: fusion of the log of the focal length and of k1 / f², f in longer sides of a photo; it states which
             photos were kept and whether they agree.
         doubts: reasons against the result.
+        matches: what the photos' matches tell about the focal length, in words.
     """
 
     photos: tuple[PhotoCamera | FailedPhoto, ...]
     fusion: Fusion
     doubts: tuple[str, ...]
+    matches: str = ""
 
     @property
     def cameras(self) -> tuple[PhotoCamera, ...]:
@@ -66,15 +71,17 @@ class OneCamera:
             "consistent": self.fusion.consistent,
             "prior_z": self.fusion.prior_z,
             "doubts": list(self.doubts),
+            "matches": self.matches,
         }
 
 
 def fuse_as_one_camera(
-    findings: Sequence[Finding], focal_prior: FocalPrior
-) -> tuple[list[Finding], Fusion, tuple[str, ...]]:
-    """The findings with the focal length and distortion fused where they agree; the fusion, and doubts about it.
+    findings: Sequence[Finding], focal_prior: FocalPrior, matches: PhotoMatches | None = None
+) -> tuple[list[Finding], Fusion, tuple[str, ...], str]:
+    """The findings with the focal length and distortion fused where they agree; the fusion, doubts about it, and what
+    matches tell.
 
-    Copies of one photo count once.
+    Copies of one photo count once. The focal length by matches is one more belief about each photo that is kept.
 
     Raises:
         UserError: the photos cannot be of one camera, or the network gives no intervals.
@@ -89,7 +96,13 @@ def fuse_as_one_camera(
             "Calibrate each photo by itself.",
         )
     correlation = max(CORRELATION, float(np.mean([shared(finding) for finding in distinct.values()])))
-    fusion, doubts = _with_priors(fuse(values, sigmas, correlation=correlation), [*distinct.values()], focal_prior)
+    fusion, matched = fuse(values, sigmas, correlation=correlation), MatchedFocal("")
+    doubts: list[str] = []
+    if matches is not None:
+        matched = matches.focal([finding.name for finding in distinct.values()])
+        fusion, doubts = _with_matches(fusion, [*distinct.values()], matched, correlation)
+    fusion, others = _with_priors(fusion, [*distinct.values()], focal_prior)
+    doubts += others
     if resized and not fusion.consistent:
         raise UserError(
             f"{resized}, and they disagree more than their intervals allow (p = {fusion.p_value:.2g}): they are from "
@@ -115,7 +128,36 @@ def fuse_as_one_camera(
         doubts.append(f"{resized}: they are treated as resized photos of one camera")
         fused = [finding.doubted(0, doubts[-1]) for finding in fused]
     used = np.array([i == first and kept[first] for i, first in enumerate(firsts)])
-    return fused, replace(fusion, kept=used), tuple(doubts)
+    return fused, replace(fusion, kept=used), tuple(doubts), matched.told
+
+
+def _with_matches(
+    fusion: Fusion, findings: Sequence[Finding], matched: MatchedFocal, correlation: float
+) -> tuple[Fusion, list[str]]:
+    """The fusion with the focal length by matches, and doubts about it; it is not used if the pictures contradict it.
+
+    It is a belief about each photo, so that their distortion fits it. The interval of the focal length is that of the
+    product, and the test of whether the photos agree that without it, since all photos share it.
+    """
+    if matched.zoomed:
+        return fusion, [matched.told]
+    if not math.isfinite(matched.focal):
+        return fusion, []
+    prior = Prior(math.log(matched.focal), matched.sigma)
+    known = with_prior(fusion, 0, prior)
+    if abs(known.prior_z) > PRIOR_DISAGREES:
+        z = abs(known.prior_z)
+        return fusion, [f"{matched.told}; the pictures disagree by {z:.1f} standard errors: it was not used"]
+    if any(finding.network is None for finding in findings):
+        return replace(known, prior_z=fusion.prior_z), []
+    joint = []
+    for finding, kept in zip(findings, fusion.kept, strict=True):
+        if kept:
+            focal = matched.focal * finding.side / finding.photo.height
+            joint.append(jointly(finding, [FocalBelief(focal, matched.sigma)]))
+    values, sigmas = (np.stack(column) for column in zip(*map(estimate, joint), strict=True))
+    found = fuse(values, sigmas, correlation=correlation)
+    return replace(fusion, values=found.values, sigmas=np.array([known.sigmas[0], found.sigmas[1]])), []
 
 
 def _firsts(findings: Sequence[Finding]) -> list[int]:

@@ -68,7 +68,7 @@ def tell(written: WrittenCameras, skipped: Mapping[str, str]) -> None:
         console.print(
             f"One camera from {len(summary['kept'])} of {summary['photos']} photos: "
             f"chi-square {summary['chi_square']:.1f} with {summary['degrees_of_freedom']} degrees of freedom, "
-            f"p = {summary['p_value']:.2g}"
+            f"p = {summary['p_value']:.2g}; {summary['matches']}"
         )
     tell_written(f"{counted(len(table), 'photo')} calibrated", len(skipped), written.files)
 

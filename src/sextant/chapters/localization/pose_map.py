@@ -36,6 +36,7 @@ from sextant.correspondence import (
     PosedMap,
     build_map,
     calibrated,
+    detected,
     likely_convention,
 )
 from sextant.errors import ArgumentError, UserError
@@ -52,8 +53,6 @@ CANDIDATES = 10
 LOG10_FALSE_ALARMS = -100.0
 #: points an image below which another convention of the poses is looked for; maps of overlapping photos have hundreds
 FEW_POINTS = 50
-#: images with sides above this, in sides of the images that features are detected in, are reduced to 2 of these first
-REDUCED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +217,7 @@ class PoseMap:
         """
         check_whole("candidates", candidates, 1, "For example candidates=10.")
         pixels = _colour(photo)
-        features = _detected(self._features, pixels)
+        features = detected(self._features, pixels)
         similarity = self._descriptors @ _described(self._described_by, pixels)[0]
         order = np.argsort(-similarity, kind="stable")[:candidates].tolist()
         lens, sigma = prior_of(camera, features, self.posed.cameras[order[0]])
@@ -295,19 +294,6 @@ def _described(described_by: SavedDescriptor, pixels: ndarray) -> Float32[ndarra
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True).clip(min=1e-12))
 
 
-def _detected(features: LocalFeatureExtractor, pixels: ndarray) -> LocalFeatures:
-    """Local features; of an image far larger than they are detected in, by a reduced one, which needs less memory."""
-    height, width = pixels.shape[:2]
-    if features.side is None or max(height, width) <= REDUCED * features.side:
-        return features.detect([pixels])[0]
-    scale = 2 * features.side / max(height, width)
-    rows, columns = (max(1, round(side * scale)) for side in (height, width))
-    found = features.detect([_resized(pixels, (rows, columns, 3))])[0]
-    back = np.array([width / columns, height / rows], np.float32)
-    points = ((found.points + 0.5) * back - 0.5).astype(np.float32)
-    return LocalFeatures(points, found.descriptors, width, height, found.pixel * float(back.max()))
-
-
 def _resized(pixels: ndarray, size: tuple[int, int, int]) -> ndarray:
     import cv2
 
@@ -327,7 +313,7 @@ def _features_of(
             pixels = _colour(image)
         except UserError as error:
             raise UserError(f"image {number}: {error.problem}", error.fix) from None
-        found.append(_detected(features, pixels))
+        found.append(detected(features, pixels))
         descriptors.append(_described(described_by, pixels))
         progress(number + 1, len(images))
     return found, np.concatenate(descriptors)

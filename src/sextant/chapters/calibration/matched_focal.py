@@ -1,0 +1,160 @@
+r"""The focal length that photos of one camera share, from their matches: evidence beside lines and network.
+
+Groups of consecutive photos are matched, each by itself (:func:`~sextant.correspondence.shared_focal_length`). Groups
+that disagree show that the camera zoomed between them. A group of two photos is not used, since no third photo checks
+its matches.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from sextant.chapters.calibration.metrics.fusion import fuse
+from sextant.errors import UserError
+
+if TYPE_CHECKING:  # it imports SciPy's statistics, which two photos do not need
+    from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, SharedFocalLength
+
+#: photos of a group: three check each other, and five determine a focal length to 1 % in 5 CPU seconds
+#: (``python -m benchmarks.shared_focal``)
+LEAST, MOST = 3, 5
+#: groups that are matched
+GROUPS = 3
+#: beginning of the reason why there is no answer; the reasons by the verdict of a group
+UNUSED, FEW = "matches between the photos were not used", "it takes three different photos"
+WHY = {
+    "no common scene": "too few agree",
+    "undetermined": "they agree with many focal lengths",
+    "unchecked": "only two photos of a group show one scene",
+}
+#: numbers of features, and the longer side of the pictures that they are found in, of that benchmark
+KEYPOINTS, SIDE = 4096, 1024
+
+
+@dataclass(frozen=True)
+class MatchedFocal:
+    """What the matches of photos of one camera tell about its focal length.
+
+    Attributes:
+        told: in words: the focal length, or why there is none.
+        focal: focal length over the longer side of a photo; nan if unknown.
+        sigma: its relative standard deviation; infinite if unknown.
+        zoomed: the photos of a group have another focal length than those of another.
+        photos: the number of photos that were matched.
+    """
+
+    told: str
+    focal: float = math.nan
+    sigma: float = math.inf
+    zoomed: bool = False
+    photos: int = 0
+
+
+def groups(count: int) -> list[range]:
+    """Numbers of the photos of each group: up to three of up to five consecutive ones, spread over all.
+
+    >>> groups(4), groups(7), groups(100)
+    ([range(0, 4)], [range(0, 3), range(4, 7)], [range(0, 5), range(47, 52), range(95, 100)])
+    """
+    if count < LEAST:
+        return []
+    number = 1 if count < 2 * LEAST else min(GROUPS, max(2, count // MOST))
+    size = min(MOST, count // number)
+    starts = np.linspace(0, count - size, number).astype(int).tolist()
+    return [range(start, start + size) for start in starts]
+
+
+class PhotoMatches:
+    """Finds the local features of photos of one camera while these are read, then their focal length.
+
+    Args:
+        count: number of the photos; None if it is not known.
+        extractor: local features; XFeat by default.
+
+    Attributes:
+        features: local features by the names of the photos.
+    """
+
+    def __init__(self, count: int | None, extractor: "LocalFeatureExtractor | None" = None):
+        self._groups = groups(GROUPS * MOST if count is None else count)
+        self.features: dict[str, LocalFeatures] = {}
+        self._seen = 0
+        self._missing = "" if self._groups else FEW
+        if self._groups:
+            from sextant.correspondence import XFeatures
+
+            self._extractor = extractor or XFeatures(KEYPOINTS, SIDE)
+            try:
+                getattr(self._extractor, "check", lambda: None)()
+            except UserError as error:
+                self._missing = f"{error.problem}: {error.fix}"
+
+    def see(self, name: str, image: UInt8[ndarray, "h w 3"]) -> None:
+        """Find the features of a photo if it belongs to a group."""
+        if not self._missing and any(self._seen in group for group in self._groups):
+            from sextant.correspondence import detected
+
+            self.features[name] = detected(self._extractor, np.ascontiguousarray(image))
+        self._seen += 1
+
+    def focal(self, names: Sequence[str]) -> MatchedFocal:
+        """What the matches of these photos tell, in their order."""
+        if self._missing:
+            return MatchedFocal(f"{UNUSED}: {self._missing}")
+        seen = [name for name in names if name in self.features]
+        if len(seen) < LEAST:
+            return MatchedFocal(f"{UNUSED}: {FEW}")
+        from sextant.correspondence import shared_focal_length
+
+        sides = {name: max(self.features[name].width, self.features[name].height) for name in seen}
+        found, reasons = dict[tuple[str, ...], "SharedFocalLength"](), list[str]()
+        for group in groups(len(seen)):
+            own = tuple(seen[number] for number in group)
+            try:
+                answer = shared_focal_length([self.features[name] for name in own])
+            except UserError as error:  # photos of several sizes
+                reasons.append(error.problem)
+                continue
+            if answer.verdict == "known":
+                found[own] = replace(answer, focal_px=answer.focal_px * sides[seen[0]] / sides[own[0]])
+            else:
+                reasons.append(WHY[answer.verdict])
+        if not found:
+            return MatchedFocal(f"{UNUSED}: {'; '.join(dict.fromkeys(reasons))}")
+        return combined(found, sides[seen[0]])
+
+
+def combined(found: "Mapping[tuple[str, ...], SharedFocalLength]", side: int) -> MatchedFocal:
+    """The focal length by groups of photos whose longer side has ``side`` pixels; none if they disagree.
+
+    >>> from sextant.correspondence import SharedFocalLength
+    >>> one = SharedFocalLength("known", 1000.0, 0.01, photos=[0, 1, 2])
+    >>> other = SharedFocalLength("known", 1400.0, 0.01, photos=[0, 1, 2])
+    >>> combined({("a", "b", "c"): one, ("d", "e", "f"): other}, 1000).told
+    'the camera zoomed: by matches its focal length is 1000 ± 10 px in a to c, 1400 ± 14 px in d to f'
+    """
+    from sextant.correspondence.shared_focal import MODEL
+
+    logs, sigmas = [], []
+    for each in found.values():
+        assert each.focal_sigma is not None
+        logs.append([math.log(each.focal_px / side)])
+        sigmas.append([each.focal_sigma])
+    common = float(np.mean(np.square(MODEL / np.array(sigmas)).clip(max=1)))  # of the lens, in all groups
+    fused = fuse(np.array(logs), np.array(sigmas), correlation=common)
+    photos = sum(len(each.photos) for each in found.values())
+    if not fused.consistent or not fused.kept.all():
+        told = ", ".join(
+            f"{each.focal_px:.0f} ± {each.focal_px * sigma:.0f} px in {Path(names[0]).name} to {Path(names[-1]).name}"
+            for (names, each), (sigma,) in zip(found.items(), sigmas, strict=True)
+        )
+        return MatchedFocal(f"the camera zoomed: by matches its focal length is {told}", zoomed=True, photos=photos)
+    focal, sigma = math.exp(fused.values[0]), float(fused.sigmas[0])
+    told = f"{photos} photos match: focal length {focal * side:.0f} ± {focal * side * sigma:.0f} px"
+    return MatchedFocal(told, focal, sigma, photos=photos)
