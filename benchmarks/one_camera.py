@@ -36,7 +36,7 @@ from sextant.errors import UserError
 KEYS = {
     "sets": "beginnings of names of sets, separated by commas (default: all)",
     "groups": "groups of each size (default: 4)",
-    "sizes": "photos of a group, separated by commas (default: 3,5,10)",
+    "sizes": "photos of a group, separated by commas (default: 6,10)",
     "zoom": "magnification of the latter half of each group (default: 1)",
 }
 
@@ -63,7 +63,7 @@ def main(begins: tuple[str, ...], groups: int, sizes: list[int], zoom: float) ->
     torch.set_num_threads(1)
     print(describe_machine())
     heads = "set | photos | groups | answered | noticed | error %, without | with | 68 % half-width, without | with"
-    heads += " | in 68 / 95 %, without | with | CPU s more"
+    heads += " | in 68 %, in 95 %, without | with | CPU s more"
     print(f"| {heads} |\n|{'---|' * (heads.count('|') + 1)}", flush=True)
     calibrator = PhotoCalibrator.load()
     for name, (files, focal) in lenses(Path(os.environ["SEXTANT_DATA"])).items():
@@ -130,7 +130,7 @@ def cells(rows: ndarray) -> str:
         errors.append(f"{b:.2f} [{a:.2f}, {c:.2f}]")
         widths.append(f"{np.median(each[:, 1]):.2f}")
         low, high = clopper(int(each[:, 3].sum()), len(each))
-        held.append(f"{each[:, 2].sum():.0f} / {each[:, 3].sum():.0f} [{100 * low:.0f}, {100 * high:.0f}]")
+        held.append(f"{each[:, 2].sum():.0f}, {each[:, 3].sum():.0f} [{100 * low:.0f}, {100 * high:.0f}]")
     more = np.median(given[:, 4] - without[:, 4])
     return " | ".join([str(len(rows)), str(answered), str(noticed), *errors, *widths, *held, f"{more:.1f}"])
 
@@ -140,6 +140,6 @@ if __name__ == "__main__":
     main(
         tuple(given.get("sets", "").split(",")),
         int(given.get("groups", 4)),
-        [int(size) for size in given.get("sizes", "3,5,10").split(",")],
+        [int(size) for size in given.get("sizes", "6,10").split(",")],
         float(given.get("zoom", 1)),
     )

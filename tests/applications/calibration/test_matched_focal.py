@@ -28,8 +28,8 @@ class MadeUp:
         return [self.found[number] for number in self.asked[-len(images) :]]
 
 
-def scene(count, cameras=(FOCAL,)):
-    """Features of a scene by a camera of each focal length in turn."""
+def scene(count, cameras=(FOCAL, FOCAL)):
+    """Features of a scene by a camera of each focal length, one group after the other."""
     rng = np.random.default_rng(0)
     world, unit = points(rng), np.linalg.qr(rng.normal(size=(400, 400)))[0]
     found = []
@@ -57,9 +57,9 @@ def by(monkeypatch):
 
 @pytest.mark.parametrize("method", ["joint", "network"])
 def test_matches_tell_the_focal_length_that_pictures_do_not(by, method):
-    alone, found = by(scene(2), method=method), by(scene(5), method=method)
-    assert "it takes three different photos" in alone.matches
-    assert "5 photos match: focal length" in found.matches
+    alone, found = by(scene(4), method=method), by(scene(8), method=method)
+    assert "it takes six different photos" in alone.matches
+    assert "8 photos match: focal length" in found.matches
     near, wide = (one.cameras[0].interval_68.focal_px for one in (found, alone))
     assert near[1] - near[0] < (wide[1] - wide[0]) / 5
     assert found.cameras[0].focal_px == pytest.approx(FOCAL, rel=0.015)
@@ -70,15 +70,24 @@ def test_matches_tell_the_focal_length_that_pictures_do_not(by, method):
 
 def test_a_zoom_between_the_photos_is_told_and_its_focal_length_not_used(by):
     found = by(scene(6, cameras=(FOCAL, 1.4 * FOCAL)))
-    assert found.matches.startswith("the camera zoomed: by matches its focal length is")
+    assert found.matches.startswith("the camera zoomed, or a scene misleads: by matches its focal length is")
     assert found.matches in found.doubts
     assert any("zoomed" in reason for reason in found.cameras[0].reasons)
     low, high = found.cameras[0].interval_68.focal_px
     assert high > 1.1 * low
 
 
+def test_one_group_alone_is_not_used(by):
+    others = [
+        photos(np.random.default_rng(seed), around(1), points(np.random.default_rng(seed)))[0] for seed in (1, 2, 3)
+    ]
+    found = by([*scene(3, cameras=(FOCAL,)), *others])
+    assert "only one group of photos determines it, and none confirms it; too few agree" in found.matches
+    assert found.doubts == ()
+
+
 def test_pictures_that_are_sure_of_another_focal_length_are_not_overruled(by):
-    found = by(scene(3), network=Fake(scale=(0.002,) * 4, tilt=0.0, roll=0.0, k1_hat=0.0))
+    found = by(scene(6), network=Fake(scale=(0.002,) * 4, tilt=0.0, roll=0.0, k1_hat=0.0))
     assert any("standard errors: it was not used" in doubt for doubt in found.doubts)
     assert found.cameras[0].focal_px < 0.97 * FOCAL  # the network says 485
 
@@ -87,7 +96,7 @@ def test_without_the_extra_one_line_says_so(by, monkeypatch):
     import sextant.correspondence.local_features as local
 
     monkeypatch.setattr(local, "find_spec", lambda package: None)
-    pictures = [np.full((48, 64, 3), number, np.uint8) for number in range(100, 103)]
+    pictures = [np.full((48, 64, 3), number, np.uint8) for number in range(100, 106)]
     found = PhotoCalibrator(Fake(), "joint").one_camera(pictures)
     assert found.matches.startswith("matches between the photos were not used: local features need kornia")
     assert found.doubts == ()
@@ -96,9 +105,7 @@ def test_without_the_extra_one_line_says_so(by, monkeypatch):
 def test_features_are_found_only_where_they_are_used(by):
     from sextant.chapters.calibration.matched_focal import PhotoMatches
 
-    extractor = MadeUp(
-        dict.fromkeys(range(40), photos(np.random.default_rng(0), around(1), points(np.random.default_rng(0)))[0])
-    )
+    extractor = MadeUp(dict.fromkeys(range(40), scene(2)[0]))
     matches = PhotoMatches(40, extractor)
     for number in range(40):
         matches.see(str(number), np.full((480, 640, 3), number, np.uint8))
