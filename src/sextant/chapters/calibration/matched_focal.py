@@ -139,7 +139,7 @@ def combined(found: "Mapping[tuple[str, ...], SharedFocalLength]", side: int) ->
     >>> one = SharedFocalLength("known", 1000.0, 0.01, photos=[0, 1, 2])
     >>> other = SharedFocalLength("known", 1400.0, 0.01, photos=[0, 1, 2])
     >>> combined({("a", "b", "c"): one, ("d", "e", "f"): other}, 1000).told
-    'the camera zoomed, or a scene misleads: by matches its focal length is 1000 ± 10 px in a to c, 1400 ± 14 px in d to f'
+    'the camera zoomed, or a scene misleads: matches tell 1000 ± 10 px in a to c, 1400 ± 14 px in d to f'
     """
     from sextant.correspondence.shared_focal import MODEL
 
@@ -157,7 +157,7 @@ def combined(found: "Mapping[tuple[str, ...], SharedFocalLength]", side: int) ->
             for (names, each), (sigma,) in zip(found.items(), sigmas, strict=True)
         )
         return MatchedFocal(
-            f"the camera zoomed, or a scene misleads: by matches its focal length is {told}", zoomed=True, photos=photos
+            f"the camera zoomed, or a scene misleads: matches tell {told}", zoomed=True, photos=photos
         )
     focal, sigma = math.exp(fused.values[0]), float(fused.sigmas[0])
     told = f"{photos} photos match: focal length {focal * side:.0f} ± {focal * side * sigma:.0f} px"
