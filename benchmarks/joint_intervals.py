@@ -1,11 +1,11 @@
 """Errors, intervals and verdicts on all photos of known cameras: ``python -m benchmarks.joint_intervals [run=<run>]``.
 
 Lines, the network and both on the sets of ``SEXTANT_DATA``; panoramas are those that the network was not trained on,
-with two crops each of cameras of ``lopez_4x3``. Four tables: errors; the joint camera against the better of its parts,
-by source; the coverage of its intervals, with multiples of its standard errors chosen on all sources but the tested
-one; verdicts. Last, the multiples by all sources, which ``chapters/calibration/jointly.py`` uses. These multiples and
-other constants of the joint method were chosen on some of these data, so only the leave-one-source-out results, and
-the sets :data:`LATER`, test them.
+with two crops each (``cuts=``) of cameras of ``lopez_4x3``. Four tables: errors; the joint camera against the better of
+its parts, by source; the coverage of its intervals, with multiples of its standard errors chosen on all sources but the
+tested one; verdicts. Last, the multiples by all sources, which ``chapters/calibration/jointly.py`` uses. These
+multiples and other constants of the joint method were chosen on some of these data, so only the leave-one-source-out
+results, and the sets :data:`LATER`, test them.
 """
 
 import os
@@ -32,6 +32,7 @@ KEYS = {
     "run": "a run of calibration; zoo:calibration by default",
     "network": "or a network of others: geocalib:<file> or anycalib:<file>",
     "scale": "the scale of its spreads, from sextant benchmark calibration",
+    "cuts": "crops of each panorama (default: 2)",
 }
 #: the folders of each set
 SETS = {
@@ -49,9 +50,10 @@ SETS = {
 }
 #: sets that came after the constants of the joint method were chosen
 LATER = ("posed photos", "more iPhones", "drones", "new panoramas")
-CUTS = 2  # per panorama
-#: one house, one school, and two makers of panoramas: each is a source, as is each set
-SCENES = ("zind", "jameskuk", "polyhaven", "humus")
+#: one house and one school, whose photos are not independent, and two makers of panoramas: each is a source, as is
+#: each set
+HOUSES = ("zind", "jameskuk")
+SCENES = (*HOUSES, "polyhaven", "humus")
 #: fewest photos of a source in the comparison with the better part
 COMPARED = 20
 #: what the joint camera may be worse by than the better part: this share of its error or, if larger, so much
@@ -75,7 +77,7 @@ def measured(name: str, parts: list[PhotoBenchmark]) -> Measured:
     names = [each for part in parts for each in part.names]
     scenes = [each.partition("__")[0] for each in names]
     owners = [cluster for part in parts for cluster in part.truth.clusters]
-    clusters = [scene if scene in SCENES else owner for scene, owner in zip(scenes, owners, strict=True)]
+    clusters = [scene if scene in HOUSES else owner for scene, owner in zip(scenes, owners, strict=True)]
     cameras = np.concatenate([part.truth.cameras for part in parts])
     truth = Truth(cameras, np.concatenate([part.truth.aspect for part in parts]), clusters)
     methods = {}
@@ -135,27 +137,25 @@ def against_rows(sets: list[Measured], resamples: int = 2000) -> list[list[str]]
                 )
                 for method in ("network", "lines", "joint")
             }
-            known = np.isfinite(found["joint"])
+            truth = [each.truth.errors(each.truth.cameras)[error][own] for each, own in parts]
+            known = np.isfinite(np.concatenate(truth))
             if not known.any():
                 row += ["–", "–"]
                 continue
-            medians = {
-                method: float(np.median(np.nan_to_num(each[known], nan=np.inf))) for method, each in found.items()
-            }
+            found = {method: np.nan_to_num(each[known], nan=np.inf) for method, each in found.items()}
+            medians = {method: float(np.median(each)) for method, each in found.items()}
             better = min(("network", "lines"), key=lambda method: medians[method])
             owners = np.unique(np.array(clusters)[known], return_inverse=True)[1]
             members = [np.flatnonzero(owners == k) for k in range(owners.max() + 1)]
             rng, excess = np.random.default_rng(0), []
             for _ in range(resamples):
                 drawn = np.concatenate([members[k] for k in rng.integers(0, len(members), len(members))])
-                excess.append(np.median(found["joint"][known][drawn]) - np.median(found[better][known][drawn]))
+                excess.append(np.median(found["joint"][drawn]) - np.median(found[better][drawn]))
             low, high = np.quantile(excess, [0.025, 0.975])
             margin = max(SHARE * medians[better], least)
             row.append(" / ".join(f"{medians[method]:.2f}" for method in ("network", "lines", "joint")))
-            row.append(
-                f"{medians['joint'] - medians[better]:+.2f} [{low:+.2f}, {high:+.2f}]"
-                + (" worse" if low > margin else "")
-            )
+            interval = f" [{low:+.2f}, {high:+.2f}]" + " worse" * bool(low > margin) if len(members) > 1 else ""
+            row.append(f"{medians['joint'] - medians[better]:+.2f}{interval}")
         rows.append(row)
     return rows
 
@@ -283,6 +283,7 @@ def show(sets: list[Measured]) -> None:
 
 def main() -> None:
     given = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.joint_intervals")
+    cuts = int(given.pop("cuts", 2))
     others, data = NetworkOptions.of(given), Path(os.environ["SEXTANT_DATA"])
     own = given.get("run", "zoo:calibration")
     calibrator = PhotoCalibrator.load(own) if others.network is None else calibrator_of_others(others)
@@ -294,7 +295,7 @@ def main() -> None:
     ]
     began, sets = time.process_time(), list[Measured]()
     for name, folders in SETS.items():
-        parts = [benchmark_calibration(calibrator, data / each, cuts=CUTS, leave_out=trained) for each in folders]
+        parts = [benchmark_calibration(calibrator, data / each, cuts=cuts, leave_out=trained) for each in folders]
         sets.append(measured(name, parts))
         for part in parts:
             for photo, reason in part.skipped.items():

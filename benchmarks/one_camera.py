@@ -116,7 +116,7 @@ def measured(photos: list[Described], focal: float, calibrator: PhotoCalibrator)
         row += [float(ends[0] <= focal <= ends[1]) for ends in (near, wide)]
         row.append(time.process_time() - began)
         noticed = float(any("zoomed" in doubt or "disagree" in doubt for doubt in doubts))
-        answered = float("focal length" in told and not noticed)
+        answered = float("photos match:" in told and not noticed)
     return answered, noticed, *row
 
 
