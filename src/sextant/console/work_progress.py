@@ -3,7 +3,8 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -28,12 +29,22 @@ def work_progress(what: str, unit: str) -> Iterator[Advance]:
     note_reached(what, None)
 
 
-def counted(what: str, unit: str, things: Sequence[Thing]) -> Iterator[Thing]:
+@dataclass(frozen=True)
+class Counted(Generic[Thing]):
     """Things one by one, with the progress of the work on them shown."""
-    with work_progress(what, unit) as progress:
-        for number, thing in enumerate(things):
-            progress(number, len(things))
-            yield thing
+
+    what: str
+    unit: str
+    things: Sequence[Thing]
+
+    def __len__(self) -> int:
+        return len(self.things)
+
+    def __iter__(self) -> Iterator[Thing]:
+        with work_progress(self.what, self.unit) as progress:
+            for number, thing in enumerate(self.things):
+                progress(number, len(self.things))
+                yield thing
 
 
 @contextmanager

@@ -156,9 +156,7 @@ def combined(found: "Mapping[tuple[str, ...], SharedFocalLength]", side: int) ->
             f"{each.focal_px:.0f} ± {each.focal_px * sigma:.0f} px in {Path(names[0]).name} to {Path(names[-1]).name}"
             for (names, each), (sigma,) in zip(found.items(), sigmas, strict=True)
         )
-        return MatchedFocal(
-            f"the camera zoomed, or a scene misleads: matches tell {told}", zoomed=True, photos=photos
-        )
+        return MatchedFocal(f"the camera zoomed, or a scene misleads: matches tell {told}", zoomed=True, photos=photos)
     focal, sigma = math.exp(fused.values[0]), float(fused.sigmas[0])
     told = f"{photos} photos match: focal length {focal * side:.0f} ± {focal * side * sigma:.0f} px"
     return MatchedFocal(told, focal, sigma, photos=photos)

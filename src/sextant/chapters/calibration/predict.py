@@ -12,7 +12,7 @@ from sextant.chapters.calibration.options import CalibrationOptions, NetworkOpti
 from sextant.chapters.calibration.other_networks import card_text, open_network
 from sextant.chapters.calibration.written_cameras import WrittenCameras, write_cameras
 from sextant.console.console import console, rows_table
-from sextant.console.work_progress import counted as showing
+from sextant.console.work_progress import Counted
 from sextant.console.written import make_output, skipped_of, tell_skipped, tell_written
 from sextant.tables import counted
 
@@ -26,7 +26,7 @@ def predict_calibrations(
         UserError: no photo could be calibrated, the photos cannot be of one camera, or the disk is full.
     """
     make_output(output)
-    photos = showing("calibrating", "photos", paths)
+    photos = Counted("calibrating", "photos", paths)
     written = write_cameras(calibrator, photos, output, **options.model_dump(exclude={"method", "network", "scale"}))
     tell(written, skipped_of(written.rows, f"none of {len(paths):,} photos could be calibrated"))
     return written.rows
