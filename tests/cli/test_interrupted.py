@@ -6,7 +6,7 @@ from support import quick_config
 from sextant import cli
 from sextant.cli.terminal import TERMINAL
 from sextant.console.console import note_reached, reporting_mistakes
-from sextant.console.work_progress import counted, work_progress
+from sextant.console.work_progress import Counted, work_progress
 from sextant.lifecycle.execute import execute
 
 
@@ -28,7 +28,7 @@ def search():
 
 
 def predict():
-    for number in counted("calibrating", "photos", ["a", "b", "c"]):
+    for number in Counted("calibrating", "photos", ["a", "b", "c"]):
         if number == "b":
             raise KeyboardInterrupt
 

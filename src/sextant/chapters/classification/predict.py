@@ -13,7 +13,7 @@ from torch import Tensor
 
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_csv, write_json
-from sextant.console.work_progress import counted
+from sextant.console.work_progress import Counted
 from sextant.console.written import skipped_of, tell_skipped, tell_written
 from sextant.data.image_folder import decode_square
 from sextant.data.pixel_values import WhiteLevels
@@ -56,7 +56,7 @@ def predict_classes(
     rows: list[dict[str, Any]] = [{"file": str(path)} for path in paths]
     sheet: list[tuple[ndarray, str]] = []
     levels = WhiteLevels(paths, f"input={given}")
-    for start in counted("classifying", f"batches of {BATCH} images", range(0, len(paths), BATCH)):
+    for start in Counted("classifying", f"batches of {BATCH} images", range(0, len(paths), BATCH)):
         images = _decoded(rows[start : start + BATCH], spec, levels)
         for row, image, values in _answered(images, answer, str(trained.found.checkpoint)):
             best = int(np.argmax(values))
