@@ -123,13 +123,14 @@ class MapSupport:
 
     def log_change(self, before: Float64[Tensor, "r p 3"], after: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         r""":math:`\log g(x_t) / g(x_{t-1})` of particles that moved from one pose to another."""
-        return self._log_prior(after) - self._log_prior(before)
+        return self.log_prior(after) - self.log_prior(before)
 
     def off_map(self, belief: Belief) -> Float64[Tensor, "r"]:
         """The probability that each run is off the map."""
         return (belief.weights * (1 - self.share(belief.poses))).sum(1)
 
-    def _log_prior(self, poses: Tensor) -> Tensor:
+    def log_prior(self, poses: Float64[Tensor, "*b 3"]) -> Float64[Tensor, "*b"]:
+        r""":math:`\log g(x)`, the prior of poses on the map and off it."""
         return torch.log(self.leave + (1 - self.leave) * self.share(poses))
 
 

@@ -118,13 +118,17 @@ class ExponentialMotion(MotionModel):
 
     def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
         """:math:`u \\circ \\exp(\\epsilon)`."""
+        return se2_compose(motion[:, None], se2_exp(noise * self.sigmas(motion)[:, None]))
+
+    def sigmas(self, motion: Float64[Tensor, "r 3"]) -> Float64[Tensor, "r 3"]:
+        """Standard deviations :math:`\\sqrt v` of the noise of each motion."""
         way, turn = motion[:, :2].norm(dim=1), motion[:, 2].abs()
         variance = (
             motion.new_tensor(self.per_step).square()
             + way[:, None] * motion.new_tensor(self.per_metre)
             + turn[:, None] * motion.new_tensor(self.per_radian)
         )
-        return se2_compose(motion[:, None], se2_exp(noise * variance.sqrt()[:, None]))
+        return variance.sqrt()
 
 
 @checked

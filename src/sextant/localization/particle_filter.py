@@ -12,6 +12,7 @@ Source: Doucet, Godsill & Andrieu, "On Sequential Monte Carlo Sampling Methods f
 
 import math
 from dataclasses import KW_ONLY, dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Bool, Float64, Int64
@@ -24,6 +25,7 @@ from sextant.localization.kld_size import KLDSize
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.map_support import EvidenceOnMap, MapSupport
 from sextant.localization.motion import MotionModel
+from sextant.localization.motion_density import Predicted
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.recovery import Injection, Memory, Recovery
 from sextant.localization.resampling import Resampling, thin
@@ -203,14 +205,15 @@ class ParticleFilter:
         if motion is not None:
             belief = self._moved(belief, self.motion.sample(belief.poses, motion, generator), evidence is None)
         if evidence is not None and self.support is not None:
-            evidence = EvidenceOnMap(evidence, self.support)
+            evidence = evidence.restricted(partial(EvidenceOnMap, support=self.support))
         memory = state.memory if motion is None else self.recovery.moved(state.memory, motion)
         runs = len(belief.log_weights)
         injected = torch.zeros(runs, dtype=torch.int64, device=belief.poses.device)
         log_evidence = belief.log_weights.new_zeros(runs)
         degenerate = torch.zeros_like(injected, dtype=torch.bool)
         if evidence is not None:
-            weighed = WeightedBelief.of(belief, evidence, seen)
+            predicted = None if motion is None else Predicted(state.belief, self.motion, motion, self.support)
+            weighed = WeightedBelief.of(belief, evidence, seen, predicted)
             injection, memory = self.recovery.inject(weighed, self.prior, memory, generator)
             poses, log_weights, injected = _joined(weighed, injection, generator)
             log_evidence = log_weights.logsumexp(1)

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
 from sextant.localization.belief import Belief
+from sextant.localization.motion_density import Predicted
 from sextant.localization.observation.evidence import Evidence
 
 
@@ -20,21 +21,29 @@ class WeightedBelief:
             finite.
         seen: which runs have an observation.
         evidence: evidence of their observations.
+        predicted: the density that the particles were drawn from; None before the first motion.
     """
 
     belief: Belief
     log_likelihood: Float64[Tensor, "r p"]
     seen: Bool[Tensor, "r"]
     evidence: Evidence
+    predicted: Predicted | None = None
 
     @classmethod
-    def of(cls, belief: Belief, evidence: Evidence, seen: Bool[Tensor, "r"] | None) -> "WeightedBelief":
+    def of(
+        cls,
+        belief: Belief,
+        evidence: Evidence,
+        seen: Bool[Tensor, "r"] | None,
+        predicted: Predicted | None = None,
+    ) -> "WeightedBelief":
         """Evaluate the evidence at every particle; ``seen`` None means all runs."""
         runs = len(belief.log_weights)
         seen = torch.ones(runs, dtype=torch.bool, device=belief.poses.device) if seen is None else seen
         told = evidence.log_likelihood(belief.poses)
         told = torch.where(told.isfinite(), told, -torch.inf)
-        return cls(belief, torch.where(seen[:, None], told, 0.0), seen, evidence)
+        return cls(belief, torch.where(seen[:, None], told, 0.0), seen, evidence, predicted)
 
     @property
     def log_weights(self) -> Float64[Tensor, "r p"]:

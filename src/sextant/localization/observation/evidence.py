@@ -1,6 +1,7 @@
 """The evidence of one observation about the pose of each of several runs."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 from jaxtyping import Bool, Float64
 from torch import Tensor
@@ -20,6 +21,10 @@ class Evidence(ABC):
     @abstractmethod
     def over_map(self) -> Float64[Tensor, "r n"]:
         """The log-likelihood at the pose of every image of the map."""
+
+    def restricted(self, to: "Callable[[Evidence], Evidence]") -> "Evidence":
+        """This evidence as ``to`` changes it, or that part of it which depends on the map's images."""
+        return to(self)
 
 
 class EvidenceOfSome(Evidence):

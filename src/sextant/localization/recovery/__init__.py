@@ -2,6 +2,7 @@
 
 from sextant.localization.recovery.augmented import AugmentedMCL
 from sextant.localization.recovery.bayes_restart import BayesRestart
+from sextant.localization.recovery.metric_proposal import MetricProposal
 from sextant.localization.recovery.recovery import Injection, Memory, NoRecovery, Recovery, UniformInjection
 from sextant.localization.recovery.top_k import TopKInjection
 
@@ -10,6 +11,7 @@ __all__ = [
     "BayesRestart",
     "Injection",
     "Memory",
+    "MetricProposal",
     "NoRecovery",
     "Recovery",
     "TopKInjection",

@@ -1,0 +1,138 @@
+"""Particles around a located pose, against Bayes' rule summed over a grid of all three coordinates."""
+
+import math
+
+import pytest
+import torch
+from small_worlds import Told, generator
+
+from sextant.localization.belief import Belief
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.map_support import EvidenceOnMap, MapSupport
+from sextant.localization.metric_pose import EvidenceWithPose, MetricErrors, MetricPoses
+from sextant.localization.motion import ExponentialMotion, IdentityMotion
+from sextant.localization.motion_density import Predicted
+from sextant.localization.particle_filter import FilterState, ParticleFilter
+from sextant.localization.recovery import BayesRestart, MetricProposal, NoRecovery
+from sextant.localization.recovery.metric_proposal import log_prior
+from sextant.localization.resampling import SystematicResampling
+
+MAP = torch.zeros(6, 3, dtype=torch.float64)
+MAP[:, 0] = 2.0 * torch.arange(6)
+PRIOR, MOTION, HAZARD = MapPrior(MAP, 0.5, 0.15), ExponentialMotion((0.3, 0.2, 0.12)), 0.05
+MOVED = torch.tensor([[1.0, 0.0, 0.1]], dtype=torch.float64)
+#: the belief before the motion: at one of these
+BEFORE = torch.tensor([[0.0, 0.0, 0.0], [0.3, 0.2, -0.1], [4.0, -0.3, 0.1]], dtype=torch.float64)
+AT = torch.tensor([[1.3, 0.15, 0.12]], dtype=torch.float64)
+
+
+def image(poses):
+    """Two places of the map look like the image."""
+    near = torch.exp(-0.5 * ((poses[..., 0] - 1.5) / 0.6) ** 2)
+    far = 0.7 * torch.exp(-0.5 * ((poses[..., 0] - 8.0) / 0.6) ** 2)
+    return (near + far + 0.02).log() - 2 * poses[..., 2] ** 2
+
+
+def evidence(sigma, weighs, wrong=0.2, located=True, at=AT):
+    covariance = torch.diag(torch.tensor([sigma, sigma, sigma / 2], dtype=torch.float64)).square()
+    errors = MetricErrors(1.0, 4.0, wrong, 100.0)
+    measured = MetricPoses(at, covariance[None], torch.tensor([located]), errors)
+    return EvidenceWithPose(Told([image], MAP), measured, weighs)
+
+
+def grid():
+    x = torch.arange(-2.0, 13.0, 0.1, dtype=torch.float64)
+    y = torch.arange(-2.0, 2.0, 0.1, dtype=torch.float64)
+    turn = torch.arange(-0.9, 1.0, 0.06, dtype=torch.float64)
+    return torch.cartesian_prod(x, y, turn), 0.1 * 0.1 * 0.06
+
+
+def step(restarts, told, support=None, motion=MOVED, particles=60_000, share=0.4):
+    """The belief after one step, and the log of its evidence."""
+    recovery = restarts if share is None else MetricProposal(restarts, share)
+    found = ParticleFilter(MOTION, SystematicResampling(), recovery, PRIOR, ess_threshold=0.0, support=support)
+    poses = BEFORE.repeat(particles // 3, 1)[None]
+    state = FilterState(Belief.uniform(poses), recovery.memory(1), torch.full((1,), math.inf, dtype=torch.float64))
+    after, result = found.step(state, motion, told, None, generator())
+    return after.belief, float(result.log_evidence), int(result.injected)
+
+
+def by_grid(hazard, told, support=None):
+    """Mass of the posterior on a grid, its log evidence, and the cells."""
+    cells, volume = grid()
+    density = (1 - hazard) * Predicted(Belief.uniform(BEFORE[None]), MOTION, MOVED, support).log_density(cells[None]).exp()
+    if hazard:
+        density = density + hazard * log_prior(PRIOR, cells[None]).exp()
+    told = told if support is None else told.restricted(lambda each: EvidenceOnMap(each, support))
+    joint = (density * told.log_likelihood(cells[None]).exp())[0] * volume
+    return cells, joint / joint.sum(), float(joint.sum().log())
+
+
+@pytest.mark.parametrize("weighs", [False, True], ids=["proposes", "weighs"])
+@pytest.mark.parametrize("restarts", [NoRecovery(), BayesRestart(HAZARD, 0.2)], ids=["none", "restarts"])
+@pytest.mark.parametrize("support", [None, MapSupport.of(MAP)], ids=["everywhere", "on_map"])
+def test_the_posterior_is_that_of_bayes_rule_on_a_grid(weighs, restarts, support):
+    told = evidence(0.25, weighs)
+    belief, log_evidence, injected = step(restarts, told, support)
+    hazard = restarts.hazard if isinstance(restarts, BayesRestart) else 0.0
+    cells, mass, expected = by_grid(hazard, told, support)
+    assert injected >= 24_000
+    assert log_evidence == pytest.approx(expected, abs=0.03)
+    near, weights = belief.poses[0, :, 0] < 4.5, belief.weights[0]
+    assert float(weights[near].sum()) == pytest.approx(float(mass[cells[:, 0] < 4.5].sum()), abs=0.015)
+    for axis in range(3):  # moments about the near place
+        mean = float((weights * belief.poses[0, :, axis])[near].sum() / weights[near].sum())
+        some, share = cells[cells[:, 0] < 4.5, axis], mass[cells[:, 0] < 4.5]
+        wanted = float((share * some).sum() / share.sum())
+        spread = math.sqrt(float((share * (some - wanted) ** 2).sum() / share.sum()))
+        found = math.sqrt(float((weights * (belief.poses[0, :, axis] - mean) ** 2)[near].sum() / weights[near].sum()))
+        assert mean == pytest.approx(wanted, abs=0.04 * spread)
+        assert found == pytest.approx(spread, rel=0.05)
+
+
+def test_weights_without_the_density_of_the_proposal_fail_the_same_test():
+    """The test above can fail: counted fully beside the particles, a share of 0.4 is too much evidence."""
+    told = evidence(0.25, True)
+    _, log_evidence, _ = step(NoRecovery(), told)
+    _, _, expected = by_grid(0.3, told)
+    assert abs(log_evidence - expected) > 0.1
+
+
+def test_a_sharp_pose_needs_the_proposal_and_few_particles():
+    """Of 300 particles none comes within the centimetre that the pose determines; those around it do."""
+    told, errors = evidence(0.01, True, wrong=0.01), []
+    for share in (None, 0.4):
+        belief, _, _ = step(NoRecovery(), told, particles=300, share=share)
+        errors.append(float(((belief.weights[0, :, None] * belief.poses[0]).sum(0) - AT[0])[:2].norm()))
+    assert errors[1] < 0.01 < errors[0]
+
+
+def test_a_wrong_pose_leaves_the_belief_where_it_is():
+    at = torch.tensor([[11.0, 1.0, 0.5]], dtype=torch.float64)
+    belief, _, _ = step(NoRecovery(), evidence(0.05, True, at=at))
+    usual, _, _ = step(NoRecovery(), evidence(0.05, True, located=False))
+    means = [(each.weights[0, :, None] * each.poses[0]).sum(0) for each in (belief, usual)]
+    torch.testing.assert_close(*means, atol=0.02, rtol=0)
+
+
+@pytest.mark.parametrize("told", [Told([image], MAP), evidence(0.2, True, located=False)], ids=["none", "not_located"])
+def test_without_a_located_pose_restarts_are_as_they_were(told):
+    plain = step(BayesRestart(HAZARD, 0.2), told, particles=3000, share=None)
+    assert step(BayesRestart(HAZARD, 0.2), told, particles=3000)[1:] == plain[1:]
+
+
+def test_before_the_first_motion_only_restarts_are_drawn_around_a_pose():
+    """There the particles come from the start; the share of them alone must not be taken away."""
+    told = evidence(0.25, True)
+    plain = step(BayesRestart(HAZARD, 0.2), told, motion=None, share=None)
+    mixed = step(BayesRestart(HAZARD, 0.2), told, motion=None)
+    assert mixed[1] == pytest.approx(plain[1], abs=0.05)
+    assert step(NoRecovery(), told, motion=None)[2] == 0
+
+
+def test_a_motion_without_density_is_not_foreseen():
+    before = Belief.uniform(BEFORE[None])
+    assert not Predicted(before, IdentityMotion(), MOVED).known
+    assert not Predicted(before, ExponentialMotion((0.1, 0.0, 0.1)), MOVED).known
+    with pytest.raises(ValueError, match="no density"):
+        Predicted(before, IdentityMotion(), MOVED).log_density(BEFORE[None])
