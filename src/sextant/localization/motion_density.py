@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from sextant.geometry.planar import se2_between, se2_compose, se2_log
+from sextant.geometry.planar import se2_compose, wrap_angle
 from sextant.localization.belief import Belief
 from sextant.localization.map_support import MapSupport
 from sextant.localization.motion import ExponentialMotion, MotionModel
@@ -90,8 +90,19 @@ class Predicted:
 def _summed(
     ahead: Float64[Tensor, "p 3"], weights: Float64[Tensor, "p"], poses: Float64[Tensor, "m 3"], sigmas: Tensor
 ) -> Float64[Tensor, "m"]:
-    epsilon = se2_log(se2_between(ahead[None], poses[:, None]))
-    half = epsilon[..., 2] / 2
-    stretched = 2 * torch.log(torch.sinc(half / math.pi))
+    """Log densities of some poses of a run.
+
+    The along and across parts of epsilon are the displacement in axes half way between both headings, over the sinc of
+    half the turn; a heading that is wrapped turns them around, which their squares do not see.
+    """
+    turn = wrap_angle(poses[:, None, 2] - ahead[:, 2])
+    stretched = torch.sinc(turn / (2 * math.pi)).square()
+    here, there = poses[:, None, 2] / 2, ahead[:, 2] / 2
+    cosine = here.cos() * there.cos() - here.sin() * there.sin()
+    sine = here.sin() * there.cos() + here.cos() * there.sin()
+    x, y = poses[:, None, 0] - ahead[:, 0], poses[:, None, 1] - ahead[:, 1]
+    along, across, turned = (1 / sigmas.square()).tolist()
+    squared = along * (x * cosine + y * sine).square() + across * (y * cosine - x * sine).square()
+    log_density = -0.5 * (squared / stretched + turned * turn.square()) - stretched.log()
     constant = float(sigmas.log().sum()) + 1.5 * math.log(2 * math.pi)
-    return torch.logsumexp(weights - 0.5 * (epsilon / sigmas).square().sum(-1) - stretched, 1) - constant
+    return torch.logsumexp(weights + log_density, 1) - constant

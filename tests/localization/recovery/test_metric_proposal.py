@@ -26,6 +26,10 @@ BEFORE = torch.tensor([[0.0, 0.0, 0.0], [0.3, 0.2, -0.1], [4.0, -0.3, 0.1]], dty
 AT = torch.tensor([[1.3, 0.15, 0.12]], dtype=torch.float64)
 
 
+#: runs that are pooled, so that a bias shows
+RUNS = 8
+
+
 def image(poses):
     """Two places of the map look like the image."""
     near = torch.exp(-0.5 * ((poses[..., 0] - 1.5) / 0.6) ** 2)
@@ -33,28 +37,32 @@ def image(poses):
     return (near + far + 0.02).log() - 2 * poses[..., 2] ** 2
 
 
-def evidence(sigma, weighs, wrong=0.2, located=True, at=AT):
+def evidence(sigma, weighs, wrong=0.2, located=True, at=AT, runs=1):
     covariance = torch.diag(torch.tensor([sigma, sigma, sigma / 2], dtype=torch.float64)).square()
     errors = MetricErrors(1.0, 4.0, wrong, 100.0)
-    measured = MetricPoses(at, covariance[None], torch.tensor([located]), errors)
-    return EvidenceWithPose(Told([image], MAP), measured, weighs)
+    measured = MetricPoses(at.expand(runs, 3), covariance.expand(runs, 3, 3), torch.tensor([located] * runs), errors)
+    return EvidenceWithPose(Told([image] * runs, MAP), measured, weighs)
 
 
 def grid():
-    x = torch.arange(-2.0, 13.0, 0.1, dtype=torch.float64)
+    x = torch.arange(-2.0, 12.5, 0.125, dtype=torch.float64)
     y = torch.arange(-2.0, 2.0, 0.1, dtype=torch.float64)
     turn = torch.arange(-0.9, 1.0, 0.06, dtype=torch.float64)
-    return torch.cartesian_prod(x, y, turn), 0.1 * 0.1 * 0.06
+    return torch.cartesian_prod(x, y, turn), 0.125 * 0.1 * 0.06
 
 
-def step(restarts, told, support=None, motion=MOVED, particles=60_000, share=0.4):
-    """The belief after one step, and the log of its evidence."""
+def step(restarts, told, support=None, motion=MOVED, particles=3000, share=0.4, runs=1):
+    """The beliefs of some runs after one step together, the log of their evidence, and how many were drawn anew."""
     recovery = restarts if share is None else MetricProposal(restarts, share)
     found = ParticleFilter(MOTION, SystematicResampling(), recovery, PRIOR, ess_threshold=0.0, support=support)
-    poses = BEFORE.repeat(particles // 3, 1)[None]
-    state = FilterState(Belief.uniform(poses), recovery.memory(1), torch.full((1,), math.inf, dtype=torch.float64))
+    poses = BEFORE.repeat(particles // 3, 1).expand(runs, -1, 3)
+    way = torch.full((runs,), math.inf, dtype=torch.float64)
+    state, motion = FilterState(Belief.uniform(poses), recovery.memory(runs), way), None if motion is None else motion.expand(runs, 3)
     after, result = found.step(state, motion, told, None, generator())
-    return after.belief, float(result.log_evidence), int(result.injected)
+    evidence = result.log_evidence
+    weights = after.belief.log_weights + evidence[:, None]
+    together = Belief.of(after.belief.poses.reshape(1, -1, 3), weights.reshape(1, -1))
+    return together, float(evidence.exp().mean().log()), int(result.injected.sum())
 
 
 def by_grid(hazard, told, support=None):
@@ -68,26 +76,32 @@ def by_grid(hazard, told, support=None):
     return cells, joint / joint.sum(), float(joint.sum().log())
 
 
-@pytest.mark.parametrize("weighs", [False, True], ids=["proposes", "weighs"])
-@pytest.mark.parametrize("restarts", [NoRecovery(), BayesRestart(HAZARD, 0.2)], ids=["none", "restarts"])
-@pytest.mark.parametrize("support", [None, MapSupport.of(MAP)], ids=["everywhere", "on_map"])
+@pytest.mark.parametrize(
+    ("weighs", "restarts", "support"),
+    [
+        (False, NoRecovery(), None),
+        (True, NoRecovery(), MapSupport.of(MAP)),
+        (False, BayesRestart(HAZARD, 0.2), MapSupport.of(MAP)),
+        (True, BayesRestart(HAZARD, 0.2), None),
+    ],
+)
 def test_the_posterior_is_that_of_bayes_rule_on_a_grid(weighs, restarts, support):
-    told = evidence(0.25, weighs)
-    belief, log_evidence, injected = step(restarts, told, support)
+    told = evidence(0.25, weighs, runs=RUNS)
+    belief, log_evidence, injected = step(restarts, told, support, particles=1800, runs=RUNS)
     hazard = restarts.hazard if isinstance(restarts, BayesRestart) else 0.0
-    cells, mass, expected = by_grid(hazard, told, support)
-    assert injected >= 24_000
-    assert log_evidence == pytest.approx(expected, abs=0.03)
+    cells, mass, expected = by_grid(hazard, evidence(0.25, weighs), support)
+    assert injected >= RUNS * 720
+    assert log_evidence == pytest.approx(expected, abs=0.05)
     near, weights = belief.poses[0, :, 0] < 4.5, belief.weights[0]
-    assert float(weights[near].sum()) == pytest.approx(float(mass[cells[:, 0] < 4.5].sum()), abs=0.015)
+    assert float(weights[near].sum()) == pytest.approx(float(mass[cells[:, 0] < 4.5].sum()), abs=0.02)
     for axis in range(3):  # moments about the near place
         mean = float((weights * belief.poses[0, :, axis])[near].sum() / weights[near].sum())
         some, share = cells[cells[:, 0] < 4.5, axis], mass[cells[:, 0] < 4.5]
         wanted = float((share * some).sum() / share.sum())
         spread = math.sqrt(float((share * (some - wanted) ** 2).sum() / share.sum()))
         found = math.sqrt(float((weights * (belief.poses[0, :, axis] - mean) ** 2)[near].sum() / weights[near].sum()))
-        assert mean == pytest.approx(wanted, abs=0.04 * spread)
-        assert found == pytest.approx(spread, rel=0.05)
+        assert mean == pytest.approx(wanted, abs=0.06 * spread)
+        assert found == pytest.approx(spread, rel=0.06)
 
 
 def test_weights_without_the_density_of_the_proposal_fail_the_same_test():
@@ -112,7 +126,7 @@ def test_a_wrong_pose_leaves_the_belief_where_it_is():
     belief, _, _ = step(NoRecovery(), evidence(0.05, True, at=at))
     usual, _, _ = step(NoRecovery(), evidence(0.05, True, located=False))
     means = [(each.weights[0, :, None] * each.poses[0]).sum(0) for each in (belief, usual)]
-    torch.testing.assert_close(*means, atol=0.02, rtol=0)
+    torch.testing.assert_close(*means, atol=0.05, rtol=0)
 
 
 @pytest.mark.parametrize("told", [Told([image], MAP), evidence(0.2, True, located=False)], ids=["none", "not_located"])
@@ -123,11 +137,11 @@ def test_without_a_located_pose_restarts_are_as_they_were(told):
 
 def test_before_the_first_motion_only_restarts_are_drawn_around_a_pose():
     """There the particles come from the start; the share of them alone must not be taken away."""
-    told = evidence(0.25, True)
-    plain = step(BayesRestart(HAZARD, 0.2), told, motion=None, share=None)
-    mixed = step(BayesRestart(HAZARD, 0.2), told, motion=None)
+    told = evidence(0.25, True, runs=RUNS)
+    plain = step(BayesRestart(HAZARD, 0.2), told, motion=None, share=None, runs=RUNS)
+    mixed = step(BayesRestart(HAZARD, 0.2), told, motion=None, runs=RUNS)
     assert mixed[1] == pytest.approx(plain[1], abs=0.05)
-    assert step(NoRecovery(), told, motion=None)[2] == 0
+    assert step(NoRecovery(), told, motion=None, runs=RUNS)[2] == 0
 
 
 def test_a_motion_without_density_is_not_foreseen():

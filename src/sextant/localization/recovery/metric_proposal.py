@@ -48,7 +48,7 @@ class MetricProposal(Recovery):
     """
 
     restarts: BayesRestart | NoRecovery = field(default_factory=NoRecovery)
-    share: Share = 0.5
+    share: Share = 0.1
 
     def memory(self, runs: int, device: torch.device | None = None) -> Memory:
         """That of the restarts."""
