@@ -38,7 +38,7 @@ def test_the_covariance_in_the_plane_is_that_of_perturbed_cameras():
 def test_the_density_is_students_with_headings_a_turn_apart_the_same():
     error = torch.randn(1, 50, 3, generator=generator(), dtype=torch.float64)
     expected = multivariate_t(np.zeros(3), 2.25 * COVARIANCE.numpy(), df=4.0)
-    turned = [expected.pdf(error[0].numpy() + [0, 0, turn]) for turn in (-2 * math.pi, 0, 2 * math.pi)]
+    turned = [expected.pdf(error[0].numpy() + np.array([0, 0, turn])) for turn in (-2 * math.pi, 0, 2 * math.pi)]
     told = ERRORS.log_density(error, COVARIANCE[None]).exp()[0]
     assert told.numpy() == pytest.approx(sum(turned))
     again = error + torch.tensor([0.0, 0.0, 2 * math.pi], dtype=torch.float64)

@@ -99,6 +99,8 @@ class Steps:
             belief = None if before is None else before.belief
             learned, evidence, seen = rules.observed(learned, motion, images, seen, belief, filter.support)
             filter = replace(filter, motion=rules.motion(learned, filter.motion))
+        if evidence is not None and isinstance(observer, Camera) and observer.located is not None:
+            evidence = observer.located.beside(evidence, frames)
         if before is None:
             state = filter.start(self.start, len(seen), self.particles, generator, evidence, seen)
             weighed = self.start.uses_evidence and evidence is not None  # then the belief contains the first image

@@ -13,7 +13,7 @@ nothing.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -49,7 +49,7 @@ def planar_pose(
         x, y and heading in rad, and their covariance.
 
     Example:
-        >>> east = np.array([[0.0, 0, 1, 3], [-1, 0, 0, 4], [0, -1, 0, 0.9], [0, 0, 0, 1]])  # at (3, 4), looking along x
+        >>> east = np.array([[0.0, 0, 1, 3], [-1, 0, 0, 4], [0, -1, 0, 0.9], [0, 0, 0, 1]])  # at (3, 4), ahead is x
         >>> pose, covariance = planar_pose(east, np.diag([1.0, 2, 3, 4, 5, 6]))
         >>> pose.tolist(), covariance.diagonal().tolist()  # ahead, to the side, and about the camera's y
         ([3.0, 4.0, 0.0], [3.0, 1.0, 5.0])
@@ -61,6 +61,17 @@ def planar_pose(
     jacobian[2, 3:] = (ahead[0] * turned[1] - ahead[1] * turned[0]) / max(float(ahead[:2] @ ahead[:2]), 1e-12)
     pose = np.array([*world_from_camera[:2, 3], math.atan2(ahead[1], ahead[0])])
     return pose, jacobian @ covariance @ jacobian.T
+
+
+def pose_volume(poses: Float64[ndarray, "n 3"]) -> float:
+    """The volume of the poses about those of a map: the area of their bounding box, a metre wider, times a turn.
+
+    Example:
+        >>> round(pose_volume(np.array([[0.0, 0, 0], [3, 1, 0]])) / math.tau, 3)  # 5 m by 3 m
+        15.0
+    """
+    sides = np.ptp(poses[:, :2], axis=0) + 2.0
+    return float(sides[0] * sides[1] * math.tau)
 
 
 @dataclass(frozen=True)
@@ -106,7 +117,11 @@ class MetricErrors:
             return -float(cls._of(values, volume).log_likelihood(of, told).mean())
 
         start = np.array([math.log(scale), math.log(dof), math.log(wrong / (1 - wrong))])
-        bounds = [(math.log(0.1), math.log(100)), (0.0, math.log(NORMAL)), (-7.0, 0.0)]  # a thousandth to half are wrong
+        bounds = [
+            (math.log(0.1), math.log(100)),
+            (0.0, math.log(NORMAL)),
+            (-7.0, 0.0),
+        ]  # a thousandth to half are wrong
         found = minimize(loss, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 1e-3, "fatol": 1e-5})
         return cls._of(found.x, volume)
 
@@ -225,7 +240,3 @@ class DrivePoses:
         """The evidence of frames, with their located poses."""
         columns = (torch.from_numpy(each[frames]) for each in (self.poses, self.covariances, self.located))
         return EvidenceWithPose(evidence, MetricPoses(*columns, self.errors), self.weighs)
-
-    def erring(self, errors: MetricErrors) -> "DrivePoses":
-        """The same poses that err otherwise."""
-        return replace(self, errors=errors)

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from sextant.localization.laser import BeamModel, LikelihoodField
 from sextant.localization.likelihood import Likelihood
+from sextant.localization.metric_pose import DrivePoses
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.model import ObservationModel
 
@@ -29,6 +30,7 @@ class Camera(Observer):
         model: observation model of the map.
         likelihood: likelihood of a descriptor given the model's prediction.
         descriptors: descriptors of all frames of the drive, of the same kind as the map's.
+        located: poses of these frames by correspondences; None if there are none.
 
     Example:
         >>> from sextant.localization.descriptor_map import DescriptorMap
@@ -41,8 +43,14 @@ class Camera(Observer):
         tensor([19, 14])
     """
 
-    def __init__(self, model: ObservationModel, likelihood: Likelihood, descriptors: Float32[ndarray, "n d"]):
-        self.model, self.likelihood, self.descriptors = model, likelihood, descriptors
+    def __init__(
+        self,
+        model: ObservationModel,
+        likelihood: Likelihood,
+        descriptors: Float32[ndarray, "n d"],
+        located: DrivePoses | None = None,
+    ):
+        self.model, self.likelihood, self.descriptors, self.located = model, likelihood, descriptors, located
 
     def observe(self, frames: Int64[ndarray, " r"]) -> Evidence:
         """See :class:`Observer`."""

@@ -57,7 +57,10 @@ def step(restarts, told, support=None, motion=MOVED, particles=3000, share=0.4, 
     found = ParticleFilter(MOTION, SystematicResampling(), recovery, PRIOR, ess_threshold=0.0, support=support)
     poses = BEFORE.repeat(particles // 3, 1).expand(runs, -1, 3)
     way = torch.full((runs,), math.inf, dtype=torch.float64)
-    state, motion = FilterState(Belief.uniform(poses), recovery.memory(runs), way), None if motion is None else motion.expand(runs, 3)
+    state, motion = (
+        FilterState(Belief.uniform(poses), recovery.memory(runs), way),
+        None if motion is None else motion.expand(runs, 3),
+    )
     after, result = found.step(state, motion, told, None, generator())
     evidence = result.log_evidence
     weights = after.belief.log_weights + evidence[:, None]
@@ -68,7 +71,9 @@ def step(restarts, told, support=None, motion=MOVED, particles=3000, share=0.4, 
 def by_grid(hazard, told, support=None):
     """Mass of the posterior on a grid, its log evidence, and the cells."""
     cells, volume = grid()
-    density = (1 - hazard) * Predicted(Belief.uniform(BEFORE[None]), MOTION, MOVED, support).log_density(cells[None]).exp()
+    density = (1 - hazard) * Predicted(Belief.uniform(BEFORE[None]), MOTION, MOVED, support).log_density(
+        cells[None]
+    ).exp()
     if hazard:
         density = density + hazard * log_prior(PRIOR, cells[None]).exp()
     told = told if support is None else told.restricted(lambda each: EvidenceOnMap(each, support))

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sextant.chapters.localization.config import LASERS, ExponentialMotion, LocalizationConfig, SpacingMotion
+from sextant.chapters.localization.metric_parts import check_camera, check_metric, metric_map
+from sextant.chapters.places.config import AlikedSettings
 from sextant.chapters.places.descriptors import about_weights, check_network_parts, describer, descriptor_identity
 from sextant.config.building import build, part_name
 from sextant.errors import UserError
@@ -72,9 +74,13 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
                 "Leave out filter.adapts, or localize a camera: observation=cached_local",
             )
 
+        check_metric(config)
+
     def identity(self, config: LocalizationConfig) -> dict[str, Any]:
         """The base identity, with that of the descriptor."""
         found, outputs = super().identity(config), Path(config.paths.outputs)
+        if isinstance(config.local, AlikedSettings):  # its files are checked by their hashes when it is built
+            del found["local"]["weights"]
         if _is_laser(config):
             for key in ("support", "regions"):  # these apply only to maps of images
                 found["filter"].pop(key, None)
@@ -129,6 +135,8 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         told["filter"] = f"{', '.join(map(str, particles))} particles, start={config.filter.start}"
         if config.filter.adapts:
             told["filter"] += ", adapts"
+        if config.filter.metric is not None:
+            told["filter"] += f", located poses: {config.filter.metric}"
         if config.filter.best is not None:
             told["filter"] = f"none: poses averaged over the {config.filter.best} most similar images"
         told["test"] = conditions_name(config.plain["corruption"])
@@ -161,6 +169,8 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         from sextant.chapters.localization.validation import check_validation
 
         drives = data.drives
+        if config.filter.metric is not None:
+            check_camera(drives, config)
         check_validation(drives)
         check_runs(drives, _faults(config), test_settings(config, data))
         if "folder" in config.plain["descriptor"]:  # read vector files now, before a mistake in them costs time
@@ -212,6 +222,8 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
             sharper=sharper and (sharper["length"], sharper["noise"], sharper.get("heading", 1.0)),
             objective=task["objective"],
             neighbours=task["neighbours"],
+            metric=None if config.filter.metric is None else partial(metric_map, config),
+            weighs=config.filter.metric in ("likelihood", "both"),
             **build_training(config, training=training),
         )
 
@@ -353,6 +365,7 @@ def test_settings(config: LocalizationConfig, data: "LocalizationDataModule") ->
         best=filter.best,
         adapts=filter.adapts,
         odds=filter.odds,
+        proposes=filter.metric in ("proposal", "both"),
     )
 
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sextant.chapters.places.config import DescribingConfig, Descriptor, Pooling, Traverses
+from sextant.chapters.places.config import DescribingConfig, Descriptor, LocalFeatureSettings, Pooling, Traverses
 from sextant.config.schema.images import Dataset
 from sextant.config.schema.parts import Choice, Node, Part, distinct
 from sextant.config.schema.run import TaskNode
@@ -389,7 +389,7 @@ class KLDSize(Node):
 class ParticleFilter(Node):
     """The particle filter."""
 
-    later = ("support", "outliers", "apart", "regions", "best", "odds")
+    later = ("support", "outliers", "apart", "regions", "best", "odds", "metric")
     particles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(examples=[1000])
     start: Literal["uniform", "appearance", "gaussian"]
     resampling: Literal["systematic", "stratified", "residual", "multinomial"]
@@ -404,6 +404,7 @@ class ParticleFilter(Node):
     best: Count | None = Field(default=None, examples=[5])
     adapts: bool = False
     odds: Annotated[float, Field(gt=1)] | None = Field(default=None, examples=[20.0])
+    metric: Literal["proposal", "likelihood", "both"] | None = None
 
     @model_validator(mode="after")
     def _for_one_that_learns(self) -> Self:
@@ -411,6 +412,8 @@ class ParticleFilter(Node):
             raise ValueError(f"filter.odds={self.odds:g} is of a filter that adapts: filter.adapts=true")
         if self.adapts and self.best is not None:
             raise ValueError(f"filter.adapts=true: filter.best={self.best} averages poses without a filter")
+        if self.metric is not None and self.best is not None:
+            raise ValueError(f"filter.metric={self.metric}: filter.best={self.best} averages poses without a filter")
         return self
 
 
@@ -453,6 +456,7 @@ class LocalizationConfig(DescribingConfig):
     fault: Choice[Fault]
     faults: FaultSuite | None = None
     pooling: Choice[Pooling] | None = None
+    local: Choice[LocalFeatureSettings] | None = None
 
 
 CONFIG = LocalizationConfig

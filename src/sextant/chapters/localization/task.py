@@ -15,6 +15,7 @@ from torch import Tensor
 from sextant.chapters.localization.along_drives import best_share, for_validation, nll_along, scale_along
 from sextant.chapters.localization.data.datamodule import LocalizationDataModule
 from sextant.chapters.localization.data.drive import Drive
+from sextant.chapters.localization.metric_map import MetricMap
 from sextant.chapters.localization.sensor_measures import descriptor_nll, looked_at, sensor_cost, timed
 from sextant.chapters.localization.testing import TestSettings
 from sextant.chapters.localization.validation import (
@@ -25,6 +26,7 @@ from sextant.chapters.localization.validation import (
     scores_over_map,
     validation_queries,
 )
+from sextant.evaluation.pose_posterior import pose_errors
 from sextant.evaluation.posterior import PlacePosterior
 from sextant.localization.calibration import appearance_noise, error_whitening, posterior, tempered
 from sextant.localization.descriptor_map import DescriptorMap
@@ -36,6 +38,7 @@ from sextant.localization.hyperparameters import (
     vecchia_log_likelihood,
 )
 from sextant.localization.likelihood import Likelihood
+from sextant.localization.metric_pose import DrivePoses, MetricErrors, pose_volume
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Camera, Observer
 from sextant.localization.pose_kernel import PoseKernel, Spatial
@@ -84,6 +87,9 @@ class Localization(pl.LightningModule):
         calibration: what is fitted after training.
         objective: the objective that training maximizes.
         neighbours: number of neighbours of each image, for ``vecchia``.
+        metric: locates frames by correspondences; None for descriptors alone. How located poses err is fitted to the
+            validation drives.
+        weighs: whether located poses weigh, besides proposing.
         optimizer, schedule, log_every: as for every task.
     """
 
@@ -91,6 +97,7 @@ class Localization(pl.LightningModule):
     whitener: Tensor
     fitted: Tensor
     region_scale: Tensor
+    metric_errors: Tensor
 
     def __init__(
         self,
@@ -103,6 +110,8 @@ class Localization(pl.LightningModule):
         sharper: tuple[float, float, float] | None = None,
         objective: Literal["joint", "vecchia"] = "joint",
         neighbours: int = 20,
+        metric: Callable[[LocalizationDataModule], MetricMap] | None = None,
+        weighs: bool = False,
         optimizer: OptimizerFactory | None = None,
         schedule: Schedule | None = None,
         log_every: int = 50,
@@ -112,6 +121,10 @@ class Localization(pl.LightningModule):
         self.spatial, self.ard, self.sharper = spatial, ard, sharper
         self.observation, self.calibration = observation, calibration
         self.objective, self.neighbours = objective, neighbours
+        self.metric, self.weighs = metric, weighs
+        self._metric_map: MetricMap | None = None
+        if metric is not None:
+            self.register_buffer("metric_errors", torch.zeros(4, dtype=torch.float64))  # scale, dof, wrong, volume
         self.optimizer_factory, self.schedule = optimizer, schedule
         self.step_losses = StepLosses(log_every)
         self.register_buffer("whitener", torch.eye(dimension if calibration.whitening else 0, dtype=torch.float64))
@@ -197,6 +210,8 @@ class Localization(pl.LightningModule):
         else:
             likelihood = replace(likelihood, tempering=wanted.likelihood.tempering)
         self.fitted.copy_(self.fitted.new_tensor([likelihood.tempering, likelihood.appearance_variance]))
+        if self.metric is not None:
+            self._fit_metric_errors(data)
         make = partial(self.observers, data)
         if wanted.fit_tempering and wanted.settings is not None:
             settings, of_one = wanted.settings(data), likelihood.tempering
@@ -270,10 +285,44 @@ class Localization(pl.LightningModule):
 
     def observers(self, data: LocalizationDataModule, drive: Drive, as_it_is: Drive) -> Callable[[Drive], Observer]:
         """Fit a map, and return a function that makes the camera of a drive in it."""
-        return partial(self._camera, data, self.fit_map(data, drive, as_it_is))
+        model = self.fit_map(data, drive, as_it_is)
+        return partial(self._camera, data, model, mapped=None if self.metric is None else (drive, as_it_is))
 
-    def _camera(self, data: LocalizationDataModule, model: ObservationModel, driven: Drive) -> Camera:
-        return Camera(model, self.likelihood, self.whiten(as_tensor(data.descriptors(driven))).numpy())
+    def _camera(
+        self,
+        data: LocalizationDataModule,
+        model: ObservationModel,
+        driven: Drive,
+        mapped: tuple[Drive, Drive] | None = None,
+    ) -> Camera:
+        located = None
+        if mapped is not None:
+            errors = replace(MetricErrors(*self.metric_errors.tolist()), volume=pose_volume(mapped[1].poses))
+            located = DrivePoses(*self._located(data, *mapped, driven), errors, self.weighs)
+        return Camera(model, self.likelihood, self.whiten(as_tensor(data.descriptors(driven))).numpy(), located)
+
+    def _located(
+        self, data: LocalizationDataModule, drive: Drive, as_it_is: Drive, driven: Drive
+    ) -> tuple[ndarray, ndarray, ndarray]:
+        """The frames of a drive, located in a map after a fault."""
+        assert self.metric is not None
+        if self._metric_map is None:
+            self._metric_map = self.metric(data)
+        descriptors = data.descriptors(drive)
+        if as_it_is is not drive:
+            descriptors = descriptors[np.searchsorted(drive.frames, as_it_is.frames)]
+        return self._metric_map.locate((as_it_is, descriptors), (driven, data.descriptors(driven)))
+
+    def _fit_metric_errors(self, data: LocalizationDataModule) -> None:
+        """Fit how located poses err to all frames of the validation drives."""
+        where, errors, covariances = _validation_map(data), [], []
+        for driven in data.drives.validation:
+            poses, stated, located = self._located(data, where, where, driven)
+            errors.append(pose_errors(driven.poses, poses)[located])
+            covariances.append(stated[located])
+        volume = pose_volume(where.poses)
+        found = MetricErrors.fitted(np.concatenate(errors), np.concatenate(covariances), volume)
+        self.metric_errors.copy_(self.metric_errors.new_tensor([found.scale, found.dof, found.wrong, volume]))
 
     def sensor_measures(self, data: LocalizationDataModule) -> dict[str, float]:
         """Quality and cost of the observation model in the original map.
@@ -327,6 +376,10 @@ class Localization(pl.LightningModule):
         found = self.place_posterior(self._data)
         values = {"place_nll": found.nll, "place_nll_uniform": found.chance, "tempering": self.likelihood.tempering}
         values |= {"appearance_variance": float(self.fitted[1]), "region_scale": float(self.region_scale)}
+        if self.metric is not None:
+            values |= dict(
+                zip(("metric_scale", "metric_dof", "metric_wrong"), self.metric_errors.tolist(), strict=False)
+            )
         self.log_dict({f"val/{name}": value for name, value in values.items()})
 
     def test_step(self, batch: Tensor, batch_idx: int) -> None:

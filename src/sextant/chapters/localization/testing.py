@@ -28,7 +28,7 @@ from sextant.localization.motion import MotionModel
 from sextant.localization.observers import Camera, Observer
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
-from sextant.localization.recovery import Recovery
+from sextant.localization.recovery import BayesRestart, MetricProposal, NoRecovery, Recovery
 from sextant.localization.resampling import Resampling
 from sextant.reporter import Advance
 
@@ -171,6 +171,7 @@ class TestSettings:
         best: number of most similar images whose poses are averaged instead of filtering; None: filtering.
         adapts: whether the filter adapts to the drive (:mod:`sextant.localization.adaptation`), for a camera.
         odds: with ``adapts``, the scale of one image's evidence; None: that of the likelihood.
+        proposes: whether particles are drawn around located poses, too.
     """
 
     __test__ = False
@@ -194,6 +195,7 @@ class TestSettings:
     best: int | None = None
     adapts: bool = False
     odds: float | None = None
+    proposes: bool = False
 
     def filter(self, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> ParticleFilter:
         """The filter on a map of images at these poses, with the kernel learnt for it."""
@@ -203,10 +205,14 @@ class TestSettings:
         if self.outliers is not None:
             support = replace(support or MapSupport.everywhere(poses, self.outliers), outliers=self.outliers)
         apart = None if self.apart is None else (self.apart * map_spacing(poses), 2 * heading_reach(poses) * self.apart)
+        recovery = self.recovery
+        if self.proposes:
+            assert isinstance(recovery, BayesRestart | NoRecovery)
+            recovery = MetricProposal(recovery)
         return ParticleFilter(
             self.motion,
             self.resampling,
-            self.recovery,
+            recovery,
             MapPrior(poses, self.spread[:2], self.spread[2]),
             ess_threshold=self.ess_threshold,
             kld=self.kld,  # type: ignore[arg-type]

@@ -109,7 +109,7 @@ def evidence_of(weighed: WeightedBelief, poses: Float64[Tensor, "r m 3"]) -> Flo
 
 
 def log_prior(prior: MapPrior, poses: Float64[Tensor, "r m 3"]) -> Float64[Tensor, "r m"]:
-    r"""The log density of the map's prior, :math:`\log \tfrac1N \sum_i p(x \mid i)`, whose jitter is in all coordinates.
+    r"""The log density of the map's prior, :math:`\log \tfrac1N \sum_i p(x \mid i)`, with jitter in all of x.
 
     Example:
         >>> here = MapPrior(torch.zeros(1, 3, dtype=torch.float64), 0.5, 0.1)

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from numpy import ndarray
 
 from sextant.chapters.places.data import ImageRows
+from sextant.correspondence.pinhole import Pinhole
 from sextant.geometry.planar import se2_between, se2_compose
 from sextant.worlds.laser import LaserScanner
 
@@ -193,6 +194,7 @@ class LocalizationData:
         scanner: the one that made the laser scans, or None.
         other_maps: the route of ``map`` under other conditions. They may be the drives of ``test``.
         corrupted: the drives of ``test`` under image corruptions, which are localized too.
+        camera: of all images, level and looking ahead; None if it is unknown.
         notes: notes on the results: files left out, missing odometry.
     """
 
@@ -207,6 +209,7 @@ class LocalizationData:
     other_maps: tuple[Drive, ...] = ()
     notes: tuple[str, ...] = ()
     corrupted: tuple[Drive, ...] = ()
+    camera: Pinhole | None = None
 
     @property
     def fitted(self) -> Drive:

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from sextant.chapters.localization.data.drive import Drive, LocalizationData, first_share, motions_along
 from sextant.chapters.localization.data.simulated import DrivenWorld, simulated_motion
 from sextant.chapters.places.data import ImageRows
+from sextant.correspondence.pinhole import Pinhole
 from sextant.data.rendered import open_store
 from sextant.data.rendered.splits import RenderedSplit
 from sextant.errors import ArgumentError
@@ -87,7 +88,10 @@ class OfficeDrives(DrivenWorld):
             validation, test = tuple(runs[0]), tuple(drive for run in runs[1:] for drive in run)
         else:
             validation, test = first_share(runs[0], self.settings.share(VALIDATION_SHARE))
-        return LocalizationData(first, test, validation, None, "m", "office", plan.scanner)
+        lens = plan.config
+        focal_px = lens["height"] / 2 / math.tan(math.radians(lens["vfov_deg"]) / 2)
+        camera = Pinhole.centred(lens["width"], lens["height"], focal_px)
+        return LocalizationData(first, test, validation, None, "m", "office", plan.scanner, camera=camera)
 
     def _drive(
         self, split: RenderedSplit, rows: ndarray, laser: ndarray, name: str, condition: str, *, measured: bool
