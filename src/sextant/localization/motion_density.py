@@ -6,8 +6,8 @@ With particles :math:`(x_j, W_j)` before the motion u, and the map's prior g of
 .. math:: p(x \mid z_{1:t-1}) = \sum_j W_j\, f(x \mid x_j, u) \, \frac{g(x)}{g(x_j)}.
 
 For :class:`~sextant.localization.motion.ExponentialMotion`, :math:`x = x_j \circ u \circ \exp(\epsilon)`, it is
-f is the normal density of :math:`\epsilon = \log((x_j \circ u)^{-1} x)` over the determinant of the
-exponential's derivative, :math:`(\sin(\omega/2) / (\omega/2))^2` at the turn :math:`\omega` of :math:`\epsilon`.
+exact: f is the normal density of :math:`\epsilon = \log((x_j \circ u)^{-1} x)` over the determinant of the derivative
+of the exponential, :math:`(\sin(\omega/2) / (\omega/2))^2` at the turn :math:`\omega` of :math:`\epsilon`.
 """
 
 import math
