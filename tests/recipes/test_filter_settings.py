@@ -1,6 +1,7 @@
 """The filter that a config of localization describes."""
 
 import math
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,10 +10,12 @@ import torch
 
 from sextant.chapters.localization.chapter import LocalizationChapter
 from sextant.chapters.localization.chapter import test_settings as settings_of
+from sextant.chapters.localization.metric_parts import check_camera
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.config.digest import digest
 from sextant.errors import UserError
+from sextant.localization.recovery import BayesRestart, MetricProposal
 
 LINE = np.column_stack([np.arange(9.0), np.zeros(9), np.zeros(9)])
 
@@ -101,3 +104,43 @@ def test_a_filter_that_does_not_adapt_is_that_of_configs_without_the_key():
 def test_what_cannot_adapt_is_refused(overrides, told):
     with pytest.raises(UserError, match=told):
         LocalizationChapter().check_parts(validate(to_plain(compose(["task=localization", *overrides]))))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["local=xfeat"], "local: local features locate images only with filter.metric"),
+        (["filter.metric=both"], "filter.metric=both: a saved map keeps no local features"),
+        (
+            ["filter.metric=both", "observation=laser_beam"],
+            "filter.metric=both: a laser's scans have no local",
+        ),
+        (["filter.metric=proposal", "recovery=uniform"], "which recovery=UniformInjection does not follow"),
+        (["filter.metric=both", "recovery.weigh_jitter=false"], "restarts must be weighted at their own poses"),
+        (["filter.metric=both", "filter=interpolated"], "filter.best=2 averages poses without a filter"),
+        (["filter.metric=both", "descriptor=files", "descriptor.folder=x"], "descriptor=files has no images"),
+        (["filter.metric=some"], "filter.metric"),
+    ],
+)
+def test_located_poses_are_refused_where_they_do_not_fit(overrides, message):
+    with pytest.raises(UserError, match=re.escape(message)):
+        LocalizationChapter().check_parts(validate(to_plain(compose(["task=localization", *overrides]))))
+
+
+def test_located_poses_propose_beside_restarts_and_earlier_configs_keep_their_digest():
+    assert isinstance(filter_of([]).recovery, BayesRestart)
+    assert isinstance(filter_of(["filter.metric=likelihood", "task.save_map=false"]).recovery, BayesRestart)
+    for metric in ("proposal", "both"):
+        recovery = filter_of([f"filter.metric={metric}", "task.save_map=false", "recovery.hazard=0.01"]).recovery
+        assert isinstance(recovery, MetricProposal)
+        assert recovery.restarts == BayesRestart(hazard=0.01)
+    plain = to_plain(compose(["task=localization"]))
+    on = to_plain(compose(["task=localization", "filter.metric=both"]))
+    earlier = {**plain, "filter": {key: value for key, value in plain["filter"].items() if key != "metric"}}
+    assert digest(earlier) == digest(plain) != digest(on)
+
+
+def test_a_camera_that_is_not_known_is_told():
+    config = validate(to_plain(compose(["task=localization", "filter.metric=both", "task.save_map=false"])))
+    with pytest.raises(UserError, match=r"filter.metric=both: the camera of this dataset is not known"):
+        check_camera(SimpleNamespace(camera=None, unit="m"), config)

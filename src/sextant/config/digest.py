@@ -16,7 +16,10 @@ LATER: dict[str, dict[str, Any]] = {
     "trainer": {"accumulate": 1, "patience": None, "compile": False},
     "recovery": {"window": 0},
     "observation": {"rounded": False},
-    "filter": {"outliers": None, "apart": None, "regions": None, "best": None, "adapts": False, "odds": None},
+    "filter": {
+        **{"outliers": None, "apart": None, "regions": None, "best": None, "adapts": False, "odds": None},
+        "metric": None,
+    },
     "kernel.sharper": {"heading": 1.0},
     "task": {"perspective_field": None, "geometric_height": 256},
     "task.whitening": {"images": 4000},
