@@ -105,8 +105,8 @@ class MetricErrors:
             >>> errors = np.random.default_rng(0).normal(size=(500, 3)) * 0.02
             >>> errors[:50] += 5.0  # a tenth is wrong
             >>> found = MetricErrors.fitted(errors, np.tile(np.eye(3) * 1e-4, (500, 1, 1)), 1000.0)
-            >>> round(found.scale, 1), round(found.wrong, 2)  # errors are twice as large as stated
-            (2.0, 0.1)
+            >>> round(found.scale), round(found.wrong, 2)  # errors are twice as large as stated
+            (2, 0.1)
         """
         scale, dof, wrong = UNFITTED
         if len(errors) < LEAST_FITTED:
@@ -149,8 +149,8 @@ class MetricErrors:
         white = torch.linalg.solve_triangular(
             factor[:, None], (error[..., None, :] + turns).transpose(-1, -2), upper=False
         )
-        summed = torch.log1p(white.square().sum(-2) / self.dof) * (-(self.dof + 3) / 2)
-        return summed.logsumexp(-1) + constant - log_volume
+        told: Tensor = torch.log1p(white.square().sum(-2) / self.dof) * (-(self.dof + 3) / 2)
+        return told.logsumexp(-1) + constant - log_volume
 
     def draw(
         self, covariance: Float64[Tensor, "r 3 3"], count: int, generator: torch.Generator
@@ -161,8 +161,9 @@ class MetricErrors:
         # chi-square by inversion, as torch.distributions takes no generator
         uniform = torch.rand(shape, generator=generator, dtype=covariance.dtype)
         squared = 2 * _inverse_gamma(self.dof / 2, uniform)
-        tails = (self.dof / squared).sqrt()
-        return self.scale * tails[..., None] * (normal @ torch.linalg.cholesky(covariance).mT)
+        tails: Tensor = (self.dof / squared).sqrt()
+        drawn: Tensor = normal @ torch.linalg.cholesky(covariance).mT
+        return self.scale * tails[..., None] * drawn
 
 
 def _inverse_gamma(shape: float, uniform: Tensor) -> Tensor:
@@ -238,5 +239,7 @@ class DrivePoses:
 
     def beside(self, evidence: Evidence, frames: ndarray) -> EvidenceWithPose:
         """The evidence of frames, with their located poses."""
-        columns = (torch.from_numpy(each[frames]) for each in (self.poses, self.covariances, self.located))
-        return EvidenceWithPose(evidence, MetricPoses(*columns, self.errors), self.weighs)
+        poses, covariances, located = (
+            torch.from_numpy(each[frames]) for each in (self.poses, self.covariances, self.located)
+        )
+        return EvidenceWithPose(evidence, MetricPoses(poses, covariances, located, self.errors), self.weighs)

@@ -128,7 +128,8 @@ class ExponentialMotion(MotionModel):
             + way[:, None] * motion.new_tensor(self.per_metre)
             + turn[:, None] * motion.new_tensor(self.per_radian)
         )
-        return variance.sqrt()
+        found: Tensor = variance.sqrt()
+        return found
 
 
 @checked
