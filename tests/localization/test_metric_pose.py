@@ -68,6 +68,18 @@ def test_few_validation_images_fit_nothing():
     assert (found.scale, found.dof, found.wrong) == (1.0, 3.0, 0.1)
 
 
+def test_the_limit_of_false_alarms_is_the_most_telling_one():
+    """Poses of up to -20 are right here, and those above it wrong; a handful of right ones below -100 is too few."""
+    rng = np.random.default_rng(0)
+    alarms = np.concatenate([np.full(30, -120.0), np.full(60, -25.0), np.full(200, -2.0), np.full(50, np.inf)])
+    errors = rng.normal(size=(340, 3)) * 0.02
+    errors[90:290] = rng.uniform(-5, 5, (200, 3))
+    found = MetricErrors.fitted(errors, np.tile(np.eye(3) * 4e-4, (340, 1, 1)), 1000.0, alarms)
+    assert found.limit == -20.0
+    assert found.scale == pytest.approx(1.0, abs=0.1)
+    assert MetricErrors.fitted(errors, np.tile(np.eye(3) * 4e-4, (340, 1, 1)), 1000.0, alarms + 150).limit == -100.0
+
+
 def test_off_the_map_the_descriptor_tells_nothing_but_the_located_pose_does():
     line = torch.zeros(10, 3, dtype=torch.float64)
     line[:, 0] = torch.arange(10)

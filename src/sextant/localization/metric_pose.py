@@ -7,19 +7,20 @@ and the heading is kept. With the located pose y, its covariance :math:`\Sigma`,
 
 is its log-likelihood relative to a pose that tells nothing: Student's t with :math:`\nu` degrees of freedom, as errors
 have heavier tails than their covariances say, and a share w of poses that are wrong altogether. The scale s, ν and w
-are fitted to poses located along validation drives (:meth:`MetricErrors.fitted`). An image that is not located tells
-nothing.
+are fitted to poses located along validation drives, as is how many false alarms a located pose may have
+(:meth:`MetricErrors.fitted`). An image that is not located tells nothing.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float64
 from numpy import ndarray
 from scipy.optimize import minimize
+from scipy.special import gammaincinv
 from torch import Tensor
 
 from sextant.geometry.planar import wrap_angle
@@ -29,6 +30,9 @@ from sextant.localization.observation.evidence import Evidence
 LEAST_FITTED = 20
 #: errors assumed then: covariances as they are, tails of a t distribution with three degrees, a tenth wrong
 UNFITTED = (1.0, 3.0, 0.1)
+#: limits of the decimal logarithm of the number of false alarms that are tried; the first is that of PoseMap, and above
+#: the last chance alone finds such poses
+LIMITS = (-100.0, -50.0, -30.0, -20.0, -10.0, -5.0, 0.0)
 #: largest degrees of freedom: a t distribution is then normal to within a few per cent
 NORMAL = 50.0
 
@@ -83,23 +87,33 @@ class MetricErrors:
         dof: ν.
         wrong: w.
         volume: V, in square units of the map times rad.
+        limit: the largest decimal logarithm of the number of false alarms of a pose that counts as located.
     """
 
     scale: float
     dof: float
     wrong: float
     volume: float
+    limit: float = LIMITS[0]
 
     @classmethod
     def fitted(
-        cls, errors: Float64[ndarray, "n 3"], covariances: Float64[ndarray, "n 3 3"], volume: float
+        cls,
+        errors: Float64[ndarray, "n 3"],
+        covariances: Float64[ndarray, "n 3 3"],
+        volume: float,
+        alarms: Float64[ndarray, "n"] | None = None,
     ) -> "MetricErrors":
-        """The likeliest scale, degrees of freedom and share of wrong poses.
+        """The likeliest scale, degrees of freedom and share of wrong poses, and with ``alarms`` the most telling limit.
+
+        The limit is the one of :data:`LIMITS` with the largest sum of log-likelihoods over all images, of which those
+        that are not located count 0: a wider limit locates more of them, but more wrongly.
 
         Args:
             errors: of located poses in x, y and heading (rad).
             covariances: of these.
             volume: V, of the map that they were located in.
+            alarms: decimal logarithms of their numbers of false alarms; None: all count as located.
 
         Example:
             >>> errors = np.random.default_rng(0).normal(size=(500, 3)) * 0.02
@@ -108,6 +122,16 @@ class MetricErrors:
             >>> round(found.scale), round(found.wrong, 2)  # errors are twice as large as stated
             (2, 0.1)
         """
+        if alarms is not None:
+            best, most = cls(*UNFITTED, volume), 0.0
+            for limit in LIMITS:
+                some = alarms <= limit
+                if some.sum() >= LEAST_FITTED:
+                    found = replace(cls.fitted(errors[some], covariances[some], volume), limit=limit)
+                    told = torch.from_numpy(errors[some])[:, None], torch.from_numpy(covariances[some])
+                    total = float(found.log_likelihood(*told).sum())
+                    best, most = (found, total) if total > most else (best, most)
+            return best
         scale, dof, wrong = UNFITTED
         if len(errors) < LEAST_FITTED:
             return cls(scale, dof, wrong, volume)
@@ -122,8 +146,8 @@ class MetricErrors:
             (0.0, math.log(NORMAL)),
             (-7.0, 0.0),
         ]  # a thousandth to half are wrong
-        found = minimize(loss, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 1e-3, "fatol": 1e-5})
-        return cls._of(found.x, volume)
+        least = minimize(loss, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 1e-3, "fatol": 1e-5})
+        return cls._of(least.x, volume)
 
     @classmethod
     def _of(cls, values: ndarray, volume: float) -> "MetricErrors":
@@ -149,8 +173,9 @@ class MetricErrors:
         white = torch.linalg.solve_triangular(
             factor[:, None], (error[..., None, :] + turns).transpose(-1, -2), upper=False
         )
-        told: Tensor = torch.log1p(white.square().sum(-2) / self.dof) * (-(self.dof + 3) / 2)
-        return told.logsumexp(-1) + constant - log_volume
+        told = torch.log1p(white.square().sum(-2) / self.dof) * (-(self.dof + 3) / 2)
+        found: Tensor = told.logsumexp(-1) + constant - log_volume
+        return found
 
     def draw(
         self, covariance: Float64[Tensor, "r 3 3"], count: int, generator: torch.Generator
@@ -167,8 +192,6 @@ class MetricErrors:
 
 
 def _inverse_gamma(shape: float, uniform: Tensor) -> Tensor:
-    from scipy.special import gammaincinv
-
     return torch.from_numpy(np.maximum(gammaincinv(shape, uniform.numpy()), 1e-300))
 
 

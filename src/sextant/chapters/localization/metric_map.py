@@ -12,12 +12,12 @@ from typing import BinaryIO
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Float32, Float64
 from numpy import ndarray
 
 from sextant.chapters.localization.data.described import Showing
 from sextant.chapters.localization.data.drive import Drive
-from sextant.chapters.localization.pose_map import CANDIDATES, LOG10_FALSE_ALARMS
+from sextant.chapters.localization.pose_map import CANDIDATES
 from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, PosedMap, build_map, calibrated
 from sextant.errors import UserError
 from sextant.geometry import level_camera_pose
@@ -27,10 +27,10 @@ from sextant.reporter import Advance
 
 #: images whose features are detected at a time
 BATCH = 32
-#: numbers kept of a frame: whether it is located, its pose and covariance in the plane
+#: numbers kept of a frame: the logarithm of its false alarms, its pose and covariance in the plane
 COLUMNS = 1 + 3 + 9
 #: changes with what is kept
-VERSION = 1
+VERSION = 2
 
 Described = tuple[Drive, Float32[ndarray, "n d"]]
 
@@ -51,8 +51,10 @@ class MetricMap:
 
     def locate(
         self, mapped: Described, driven: Described
-    ) -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "n 3 3"], Bool[ndarray, "n"]]:
-        """Poses in the plane, covariances, and whether each frame of a drive is located.
+    ) -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "n 3 3"], Float64[ndarray, "n"]]:
+        """Poses in the plane of the frames of a drive, covariances, and decimal logarithms of their false alarms.
+
+        The last is infinite, and the others are meaningless, where no pose agrees with the matches.
 
         Args:
             mapped: the map's images at their poses, and their descriptors.
@@ -75,20 +77,21 @@ class MetricMap:
             found = open_kept(path, shape, np.float64)
             assert found is not None
         rows = np.array(found)
-        return rows[:, 1:4], rows[:, 4:].reshape(-1, 3, 3), rows[:, 0] > 0
+        return rows[:, 1:4], rows[:, 4:].reshape(-1, 3, 3), rows[:, 0]
 
     def _write(self, mapped: Described, driven: Described, progress: Advance, file: BinaryIO) -> None:
         (drive, descriptors), (there, theirs) = driven, mapped
         rows = np.zeros((len(drive), COLUMNS))
-        rows[:, 4:] = np.eye(3).ravel()
+        rows[:, 0], rows[:, 4:] = np.inf, np.eye(3).ravel()
         posed, nearest = self._map(mapped), _nearest(descriptors, theirs, min(CANDIDATES, len(there)))
         assert drive.images is not None
         for start in range(0, len(drive), BATCH):
             for frame, query in enumerate(self._detected(drive, start, start + BATCH), start):
                 found = posed.locate(query, nearest[frame].tolist(), self.camera)
-                if found.pose is not None and found.log10_false_alarms <= LOG10_FALSE_ALARMS:
+                if found.pose is not None:
                     pose, covariance = planar_pose(found.pose.world_from_camera, found.pose.covariance)
-                    rows[frame] = [1.0, *pose, *covariance.ravel()]
+                    if np.isfinite(covariance).all() and np.linalg.eigvalsh(covariance)[0] > 0:
+                        rows[frame] = [found.log10_false_alarms, *pose, *covariance.ravel()]
                 progress(frame + 1, len(drive))
         np.save(file, rows, allow_pickle=False)
 

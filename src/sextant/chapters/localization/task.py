@@ -1,7 +1,7 @@
 """Localization in a map of images at known poses (chapters 4 and 5): train a kernel and calibrate a likelihood."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, astuple, dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -124,7 +124,7 @@ class Localization(pl.LightningModule):
         self.metric, self.weighs = metric, weighs
         self._metric_map: MetricMap | None = None
         if metric is not None:
-            self.register_buffer("metric_errors", torch.zeros(4, dtype=torch.float64))  # scale, dof, wrong, volume
+            self.register_buffer("metric_errors", torch.zeros(5, dtype=torch.float64))  # of MetricErrors
         self.optimizer_factory, self.schedule = optimizer, schedule
         self.step_losses = StepLosses(log_every)
         self.register_buffer("whitener", torch.eye(dimension if calibration.whitening else 0, dtype=torch.float64))
@@ -297,8 +297,9 @@ class Localization(pl.LightningModule):
     ) -> Camera:
         located = None
         if mapped is not None:
-            errors = replace(MetricErrors(*self.metric_errors.tolist()), volume=pose_volume(mapped[1].poses))
-            located = DrivePoses(*self._located(data, *mapped, driven), errors, self.weighs)
+            errors = replace(self._metric_errors, volume=pose_volume(mapped[1].poses))
+            poses, covariances, alarms = self._located(data, *mapped, driven)
+            located = DrivePoses(poses, covariances, alarms <= errors.limit, errors, self.weighs)
         return Camera(model, self.likelihood, self.whiten(as_tensor(data.descriptors(driven))).numpy(), located)
 
     def _located(
@@ -313,16 +314,21 @@ class Localization(pl.LightningModule):
             descriptors = descriptors[np.searchsorted(drive.frames, as_it_is.frames)]
         return self._metric_map.locate((as_it_is, descriptors), (driven, data.descriptors(driven)))
 
+    @property
+    def _metric_errors(self) -> MetricErrors:
+        return MetricErrors(*self.metric_errors.tolist())
+
     def _fit_metric_errors(self, data: LocalizationDataModule) -> None:
         """Fit how located poses err to all frames of the validation drives."""
-        where, errors, covariances = _validation_map(data), [], []
+        where, errors, covariances, alarms = _validation_map(data), [], [], []
         for driven in data.drives.validation:
-            poses, stated, located = self._located(data, where, where, driven)
-            errors.append(pose_errors(driven.poses, poses)[located])
-            covariances.append(stated[located])
-        volume = pose_volume(where.poses)
-        found = MetricErrors.fitted(np.concatenate(errors), np.concatenate(covariances), volume)
-        self.metric_errors.copy_(self.metric_errors.new_tensor([found.scale, found.dof, found.wrong, volume]))
+            poses, stated, chance = self._located(data, where, where, driven)
+            errors.append(pose_errors(driven.poses, poses))
+            covariances.append(stated)
+            alarms.append(chance)
+        told = (np.concatenate(each) for each in (errors, covariances))
+        found = MetricErrors.fitted(*told, pose_volume(where.poses), np.concatenate(alarms))
+        self.metric_errors.copy_(self.metric_errors.new_tensor(astuple(found)))
 
     def sensor_measures(self, data: LocalizationDataModule) -> dict[str, float]:
         """Quality and cost of the observation model in the original map.
@@ -377,9 +383,7 @@ class Localization(pl.LightningModule):
         values = {"place_nll": found.nll, "place_nll_uniform": found.chance, "tempering": self.likelihood.tempering}
         values |= {"appearance_variance": float(self.fitted[1]), "region_scale": float(self.region_scale)}
         if self.metric is not None:
-            values |= dict(
-                zip(("metric_scale", "metric_dof", "metric_wrong"), self.metric_errors.tolist(), strict=False)
-            )
+            values |= {f"metric_{name}": value for name, value in asdict(self._metric_errors).items()}
         self.log_dict({f"val/{name}": value for name, value in values.items()})
 
     def test_step(self, batch: Tensor, batch_idx: int) -> None:
