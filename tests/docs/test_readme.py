@@ -21,6 +21,7 @@ CLAIMS = {
     "the approximation": "localization_approximation",
     "weighed restarts beat simple ones at a wrong start": "localization_bad_start",
     "weighed restarts beat simple ones in recovery": "localization_deprivation",
+    "learnt features find more robots": "localization_descriptors",
     "both needed in a city": "localization_both_needed",
     "better than NetVLAD by one reference image": "cosfire_netvlad_one",
     "beats network and SVM": "cosfire_network_svm",
