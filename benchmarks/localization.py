@@ -18,7 +18,7 @@ import torch
 
 from benchmarks.local_gp import medians
 from benchmarks.retrieval import Row
-from sextant.chapters.localization.saved_filter import WINDOW
+from sextant.localization.constants import WINDOW
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import UniformStart

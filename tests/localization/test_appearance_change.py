@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from sextant.localization.appearance_change import SLOWLY, AppearanceChange
+from sextant.localization.appearance_change import AppearanceChange
+from sextant.localization.constants import FEW
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.model import Residuals
 
@@ -23,7 +24,7 @@ def test_what_has_changed_everywhere_is_taken_away():
     for place in places:
         change = change.updated(place[None] + shift, ONE)
     left = (change.centred(places[5:6] + shift, mean) - places[5]).abs().max()
-    assert left < 2 * SLOWLY / 400 * 1.2  # and not more than what is not believed yet
+    assert left < 2 * FEW / 400 * 1.2  # and not more than what is not believed yet
     assert (first - places[0] - shift).norm() < 0.5 * shift.norm()  # one image is not taken for the change
 
 

@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from sextant.geometry.planar import se2_compose
-from sextant.localization.odometry_scale import BOUNDS, OdometryScale
+from sextant.localization.constants import FURTHER
+from sextant.localization.odometry_scale import OdometryScale
 
 
 def pose(*values):
@@ -66,7 +67,7 @@ def test_it_stays_within_bounds():
     for _ in range(500):
         low = low.updated(pose(1, 0, 0), pose(0, 0, 0), pose(-0.5, 0, 0), 1.0)
         high = high.updated(pose(1, 0, 0), pose(0, 0, 0), pose(2.5, 0, 0), 1.0)
-    assert (low.factor.item(), high.factor.item()) == BOUNDS
+    assert (low.factor.item(), high.factor.item()) == (1 / FURTHER, FURTHER)
 
 
 def test_turns_are_left_as_they_are():

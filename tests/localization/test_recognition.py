@@ -14,11 +14,12 @@ import torch
 
 from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.saved_filter import usual_filter, usual_radius
+from sextant.localization.constants import RECOGNISED
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.cached_local_gp import CachedLocalGP
 from sextant.localization.pose_kernel import PoseKernel
-from sextant.localization.recognition import LEAST, MapRecognition
+from sextant.localization.recognition import MapRecognition
 
 LINE, LOOP, AREA, CROSSING = "a line", "a loop", "an area", "four headings"
 
@@ -83,7 +84,7 @@ def test_another_world_is_not_recognised_and_the_own_one_is(kind, count, dimensi
         drift = seen.mean(0) - mean
         found.append(float(known.share(seen, seen - drift * 12 / 17).mean()))
     own, other = found
-    assert own > max(LEAST + 0.1, other + 0.1)
+    assert own > max(RECOGNISED + 0.1, other + 0.1)
     assert other < 0.55  # one more such world is at chance by design; real ones are less alike
 
 
@@ -98,7 +99,7 @@ def test_without_odometry_a_drive_elsewhere_is_lost_from_the_third_image_on(coun
     assert all(0.4 < told.recognised <= 1 for told in right)
     wrong = drive(made, World(77, apart=1.5).see(way, 1) - darker)
     assert all(told.lost for told in wrong[2:])
-    assert wrong[-1].recognised < LEAST
+    assert wrong[-1].recognised < RECOGNISED
 
 
 def test_with_odometry_the_belief_is_judged_by_what_it_foresees():

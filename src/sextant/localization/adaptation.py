@@ -43,12 +43,8 @@ from sextant.localization.odometry_scale import OdometryScale
 from sextant.localization.particle_filter import way_moved
 from sextant.localization.recognition import MapRecognition
 
-#: an image less new than this repeats the previous one and is not used
-SAME = 0.25
 #: number of evenly spaced images of a map whose descriptors are compared with each other
 COMPARED = 600
-#: a belief that is further off the map than this does not keep the pace: it would only go further away
-STRAYED = 0.5
 
 State = TypeVar("State")
 
@@ -188,7 +184,7 @@ class Adaptation:
         known = moved.isfinite().all(1)
         way = learned.way + self._steps_of_map(moved, support)
         new = self._newness(images, learned.counted, way).where(looked, 0.0)
-        counts = new >= SAME
+        counts = new > 0
         counted = torch.where(counts[:, None], images, learned.counted)
         learned = replace(learned, counted=counted, way=way.masked_fill(counts, 0.0))
         used, found = looked & counts if self.learns else looked, None
@@ -209,9 +205,7 @@ class Adaptation:
 
     def _pace(self, learned: Learned) -> tuple[Float64[Tensor, " r"], Float64[Tensor, " r"]]:
         """The pace of each run, nan where there is none, and the departure from it, then 1."""
-        strayed, velocity = learned.last.off_map > STRAYED, learned.velocity
-        pace = velocity.along(self.spacing).masked_fill(strayed, torch.nan)
-        return pace, velocity.departure(self.spacing).masked_fill(strayed, 1.0)
+        return learned.velocity.along(self.spacing), learned.velocity.departure(self.spacing)
 
     def after(
         self,

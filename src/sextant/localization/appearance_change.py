@@ -23,11 +23,9 @@ import torch
 from jaxtyping import Float32, Float64
 from torch import Tensor
 
+from sextant.localization.constants import EXCESS, FEW
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.model import Residuals
-
-#: n_0: the number of images after which half of a change is removed
-SLOWLY = 5.0
 
 
 @dataclass(frozen=True)
@@ -71,9 +69,9 @@ class AppearanceChange:
 
     def centred(self, descriptors: Float32[Tensor, "r d"], map_mean: Float32[Tensor, " d"]) -> Float32[Tensor, "r d"]:
         """z', descriptors with the change common to all images of their run removed."""
-        learned = (self.images / (self.images + SLOWLY))[:, None]
+        learned = (self.images / (self.images + FEW))[:, None]
         return descriptors - (learned * (self.mean - map_mean)).to(descriptors.dtype)
 
     def likelihood(self, calibrated: Likelihood) -> Likelihood:
         """The calibrated likelihood with the appearance variance that each run has learned so far added to its own."""
-        return replace(calibrated, appearance_variance=calibrated.appearance_variance + 2 * self.excess[:, None])
+        return replace(calibrated, appearance_variance=calibrated.appearance_variance + EXCESS * self.excess[:, None])

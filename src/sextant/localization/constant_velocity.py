@@ -7,8 +7,13 @@ one that passes one, and the pace survives uninformative images. The estimates o
 pace as long as the interquartile range of displacements exceeds four spacings of the map plus the pace itself. This is
 the constant-velocity model, with a velocity per step estimated from displacements.
 
-The constants were chosen on walks of Gardens Point, the railway of Nordland, a tower and towns:
-results/localization_change.md, "Without odometry".
+How far a robot departs from its pace is estimated with it. In units of the standard deviation
+:math:`\sigma_0` of a motion without a pace, with displacements of total weight n and interquartile range I, it is the
+root of the posterior mean of a variance that has been seen to be 1 in five displacements before,
+
+.. math:: q^2 = \min\!\Big(1,\; \frac{n_0 + n\, (I / 1.349\, \sigma_0)^2}{n_0 + n}\Big), \qquad n_0 = 5 :
+
+0.58 where ten displacements agree. With q = 1 throughout, one image that looks like another place takes the robot there.
 """
 
 from dataclasses import dataclass
@@ -19,19 +24,12 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from sextant.geometry.planar import se2_between
+from sextant.localization.constants import FEW, UNKNOWN, WINDOW
 
-#: total weight of the last displacements that are kept; one from a fully confident filter has weight 1
-REMEMBERED = 10.0
-#: largest number of displacements
+#: largest number of displacements; one from a fully confident filter has weight 1, and ``WINDOW`` is their total
 MOST = 100
-#: the largest interquartile range of displacements that agree, in spacings of the map, beyond the pace itself
-AGREE = 4.0
-#: number of displacements needed for a pace
-ENOUGH = 5
-#: how far a robot departs from a pace that all displacements agree on, as a share of how far it moves without a pace.
-#: With all of it, one image that looks like another place takes the robot there (results/localization_change.md,
-#: "Without odometry")
-DEPARTS = 0.5
+#: interquartile range of a standard normal distribution
+NORMAL = 1.349
 
 
 @dataclass(frozen=True)
@@ -66,11 +64,11 @@ class ConstantVelocity:
         Args:
             spacing: spacing of the map.
         """
-        middle, disagreement = self._agreed(spacing)
+        middle, disagreement, _ = self._agreed(spacing)
         return torch.where(disagreement <= 1, middle, torch.nan)
 
     def departure(self, spacing: float) -> Float64[Tensor, " r"]:
-        """How far a robot departs from the pace, as a share of how far it moves without one: 1 where there is none.
+        """q, how far a robot departs from the pace, as a share of how far it moves without one: 1 where there is none.
 
         Args:
             spacing: spacing of the map.
@@ -79,20 +77,26 @@ class ConstantVelocity:
         >>> for _ in range(5):
         ...     there = torch.tensor([[2.0, 0.0, 0.0]], dtype=torch.float64)
         ...     pace = pace.updated(here, there, weight=one, steps=one)
-        >>> ConstantVelocity.none(1).departure(spacing=1.0).tolist(), pace.departure(spacing=1.0).tolist()
-        ([1.0], [0.5])
+        >>> ConstantVelocity.none(1).departure(1.0).tolist(), pace.departure(1.0).round(decimals=2).tolist()
+        ([1.0], [0.71])
         """
-        return DEPARTS + (1 - DEPARTS) * self._agreed(spacing)[1].clamp(max=1.0)
+        _, _, spread = self._agreed(spacing)
+        share, weight = spread / NORMAL / (UNKNOWN * spacing), self.weights.sum(1)
+        departs = ((FEW + weight * share.square()) / (FEW + weight)).sqrt()
+        return departs.nan_to_num(1.0).clamp(max=1.0).where(self.along(spacing).isfinite(), 1.0)
 
-    def _agreed(self, spacing: float) -> tuple[Float64[Tensor, " r"], Float64[Tensor, " r"]]:
-        """The median, and how far displacements disagree: up to 1 they have a pace; infinite while they are too few."""
+    def _agreed(self, spacing: float) -> tuple[Float64[Tensor, " r"], ...]:
+        """The median, how far displacements disagree, and their interquartile range.
+
+        Up to a disagreement of 1 they have a pace; it is infinite while they are too few.
+        """
         ways, order = self.ways.where(self.weights > 0, torch.inf).sort(dim=1, stable=True)
         shares = self.weights.gather(1, order).cumsum(1)
         quarters = shares.new_tensor([0.25, 0.5, 0.75]).expand(len(shares), 3).contiguous()
         rows = torch.searchsorted(shares / shares[:, -1:], quarters).clamp(max=MOST - 1)
         first, middle, last = ways.gather(1, rows).unbind(1)
-        disagreement = (last - first) / (AGREE * spacing + middle.abs())
-        return middle, disagreement.where((self.weights > 0).sum(1) >= ENOUGH, torch.inf)
+        disagreement = (last - first) / (2 * UNKNOWN * spacing + middle.abs())
+        return middle, disagreement.where((self.weights > 0).sum(1) >= FEW, torch.inf), last - first
 
     def updated(
         self,
@@ -113,5 +117,5 @@ class ConstantVelocity:
         ways = torch.cat([self.ways[:, 1:], way[:, None]], 1)
         weights = torch.cat([self.weights[:, 1:], weight[:, None]], 1)
         newer = torch.nn.functional.pad(weights.flip(1).cumsum(1)[:, :-1], (1, 0)).flip(1)
-        weights = weights.where(newer < REMEMBERED, 0.0)
+        weights = weights.where(newer < WINDOW, 0.0)
         return type(self)(torch.where(counts, ways, self.ways), torch.where(counts, weights, self.weights))

@@ -25,16 +25,13 @@ from torch import Tensor
 
 from sextant.geometry.planar import wrap_angle
 from sextant.localization.belief import Belief
+from sextant.localization.constants import MODE, MODE_HEADING, RARE
 from sextant.localization.kld_size import PoseBins
 
 #: Mean-shift steps.
 SHIFTS = 2
-#: The share of the belief that the covariance describes.
-BELIEVED = 0.99
-#: Mass that a group of boxes must hold to count as a mode.
-LEAST_MODE_MASS = 0.05
 #: Mass that a box must hold to be in a group: a mode at the corner of boxes is shared by eight of them.
-BOX_MASS = LEAST_MODE_MASS / 8
+BOX_MASS = MODE / 8
 #: Number of boxes considered in each run, the heaviest ones.
 BOXES = 64
 
@@ -60,7 +57,7 @@ class Estimate:
     modes: Int64[Tensor, "r"]
 
 
-def estimate(belief: Belief, radius: float, heading_radius: float = math.radians(30)) -> Estimate:
+def estimate(belief: Belief, radius: float, heading_radius: float = MODE_HEADING) -> Estimate:
     """The mean of the dominant mode.
 
     Args:
@@ -121,13 +118,13 @@ def mean_over_all(belief: Belief) -> tuple[Float64[Tensor, "r 3"], Float64[Tenso
 def _with_nearest(
     chosen: Float64[Tensor, "r p"], weights: Float64[Tensor, "r p"], apart: Float64[Tensor, "r p 3"]
 ) -> Float64[Tensor, "r p"]:
-    """The weights of the chosen particles and of the nearest others, up to ``BELIEVED`` of the weight."""
-    if bool((chosen.sum(1) >= BELIEVED).all()):
+    """The weights of the chosen particles and of the nearest others, up to 99 % of the weight."""
+    if bool((chosen.sum(1) >= 1 - RARE).all()):
         return chosen
     far = torch.maximum(torch.linalg.vector_norm(apart[..., :2], dim=2), apart[..., 2].abs())
     order = far.masked_fill(chosen > 0, -1.0).argsort(dim=1, stable=True)
     held = weights.gather(1, order)
-    short = held.cumsum(1) - held < BELIEVED  # the nearer particles do not hold enough
+    short = held.cumsum(1) - held < 1 - RARE  # the nearer particles do not hold enough
     return torch.maximum(chosen, torch.zeros_like(weights).scatter_(1, order, held * short))
 
 
@@ -171,7 +168,7 @@ def _modes(near: Float64[Tensor, "r b b"], mass: Float64[Tensor, "r b"]) -> Int6
     reach = near * some[:, :, None] * some[:, None]
     for _ in range(max(1, mass.shape[1] - 1).bit_length()):
         reach = (reach @ reach > 0).double()
-    heavy = (reach @ mass[..., None])[..., 0] > LEAST_MODE_MASS
+    heavy = (reach @ mass[..., None])[..., 0] > MODE
     return (heavy * some / reach.sum(2).clamp(min=1)).sum(1).round().long()
 
 

@@ -25,9 +25,9 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from sextant.errors import ArgumentError
+from sextant.localization.constants import ODDS
 from sextant.localization.observation.evidence import Evidence
 
-USUAL_ODDS = 20.0
 #: number of evenly spaced map images that are compared
 LOOKED_AT = 4096
 
@@ -59,7 +59,7 @@ class EvidenceScale:
             raise ArgumentError(f"odds={self.odds} must be above 1 and finite", "odds=5")
 
     @classmethod
-    def none(cls, runs: int, odds: float = USUAL_ODDS, device: torch.device | None = None) -> Self:
+    def none(cls, runs: int, odds: float = ODDS, device: torch.device | None = None) -> Self:
         """The state before the first image."""
         nothing = torch.zeros(runs, dtype=torch.float64, device=device)
         return cls(odds, nothing, nothing)

@@ -23,12 +23,8 @@ import torch
 from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
-#: n: after this many images, a new one contributes one part in n to the mean
-REMEMBERED = 20.0
-#: number of images needed for a verdict
-FEWEST = 5.0
-#: a belief with less mean foresight than this is lost
-LEAST = 0.65
+from sextant.localization.constants import FEW, FORESEEN, RECENT
+
 #: number of map images that an image is compared with, and of poses drawn from the belief, both evenly chosen
 LOOKED_AT, ASKED = 4096, 128
 
@@ -61,7 +57,7 @@ class InnovationTest:
 
     def updated(self, foreseen: Float64[Tensor, " r"], weight: Float64[Tensor, " r"]) -> Self:
         """The state after one more image of each run; a value that is not a number is ignored."""
-        images = (self.images + weight).clamp(max=REMEMBERED)
+        images = (self.images + weight).clamp(max=RECENT)
         mean = self.mean + (weight / images).clamp(max=1.0) * (foreseen - self.mean)
         counts = (weight > 0) & foreseen.isfinite()
         return type(self)(torch.where(counts, mean, self.mean), torch.where(counts, images, self.images))
@@ -69,12 +65,12 @@ class InnovationTest:
     @property
     def told(self) -> Float64[Tensor, " r"]:
         """The running mean; nan before the fifth image."""
-        return torch.where(self.images >= FEWEST, self.mean, torch.nan)
+        return torch.where(self.images >= FEW, self.mean, torch.nan)
 
     @property
     def failed(self) -> Bool[Tensor, " r"]:
         """Whether the belief failed to predict the recent images."""
-        return self.told < LEAST
+        return self.told < FORESEEN
 
 
 def foreseen(over_map: Float64[Tensor, "r n"], expected: Int64[Tensor, "r k"]) -> Float64[Tensor, " r"]:

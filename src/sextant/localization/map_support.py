@@ -31,23 +31,15 @@ from torch import Tensor
 
 from sextant.errors import ArgumentError
 from sextant.localization.belief import Belief
+from sextant.localization.constants import HEADING_REACH, LENGTHS, NEIGHBOUR, PLACE, RARE
 from sextant.localization.map_prior import LEAST_SPACING
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.ranges import Positive, Share, checked
 
-#: how far a camera may be turned from the map's nearest image, in rad
-HEADING_REACH = math.radians(10)
-#: distance up to which an image represents poses beside it, in lengths of a learnt kernel
-LENGTHS = 1.5
-#: a map is dense if its kernel's shorter length is at least this many spacings. In a town with an image every 3 m,
-#: whose kernel is 1.5 spacings long, 1.5 of its lengths would be 7 m: a filter then drifts 6 m aside, into the houses
-DENSE = 2.5
 #: number of evenly chosen images from which the spacing of a map is estimated, and neighbours of each
 LOOKED_AT, NEIGHBOURS = 4096, 24
-#: an image farther away than this many times the nearest one is not a neighbour
-FURTHEST = 4.0
 
 
 @checked
@@ -77,8 +69,8 @@ class MapSupport:
     poses: Float64[Tensor, "n 3"]
     reach: float
     heading_reach: Positive = HEADING_REACH
-    leave: Share = 0.01
-    outliers: Share = 0.01
+    leave: Share = RARE
+    outliers: Share = RARE
 
     def __post_init__(self) -> None:
         if not self.reach > 0:  # it may be infinite
@@ -95,7 +87,7 @@ class MapSupport:
                 images reach sideways.
         """
         spacing, length = map_spacing(poses), 0.0 if kernel is None else min(kernel.length)
-        learnt = DENSE * spacing <= length <= _breadth(poses)
+        learnt = PLACE * spacing <= length <= _breadth(poses)
         return cls(poses, LENGTHS * length if learnt else spacing / 2, heading_reach(poses))
 
     @classmethod
@@ -201,7 +193,7 @@ def map_spacing(poses: Float64[Tensor, "n 3"]) -> float:
     along = away[:, :1]  # the first direction is that of the nearest
     cosine, sine = (away * along).sum(2), along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
     direction = np.round(np.arctan2(sine, cosine) / (np.pi / 2)).astype(int) % 4
-    near = distances <= FURTHEST * distances[:, :1]
+    near = distances <= NEIGHBOUR * distances[:, :1]
     nearest = np.stack([np.where(near & (direction == d), distances, np.inf).min(1) for d in range(4)])
     gaps: ndarray = np.where(np.isfinite(nearest), nearest, 0.0).max(0)
     return max(float(np.median(gaps)), LEAST_SPACING)

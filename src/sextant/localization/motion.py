@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float64
 from torch import Tensor
 
 from sextant.geometry.planar import se2_compose, se2_exp, wrap_angle
+from sextant.localization.constants import ASIDE, FURTHER, ODOMETRY, ONE_IN, UNKNOWN
 from sextant.ranges import NonNegative, checked
 
 __all__ = ["ExponentialMotion", "IdentityMotion", "MotionModel", "OdometryMotion"]
@@ -197,22 +198,15 @@ def _parts(motion: Float64[Tensor, "r 3"]) -> tuple[Tensor, Tensor, Tensor]:
     return first, torch.where(back, -way, way), wrap_angle(motion[:, 2] - first)
 
 
-#: one particle in this many spreads further along with a pace, one in this many without a pace, and one in this many
-#: spreads further in heading
-FURTHER_ONE_IN, UNPACED_ONE_IN, TURNING_ONE_IN = 6, 2, 4
-#: factor of the standard deviations of an unknown motion for these particles
-FURTHER = 4.0
-
-
 @dataclass(frozen=True)
 class PacedMotion(MotionModel):
-    r"""Moves as ``measured`` where motion is known; where it is unknown, five in six particles keep the pace.
+    r"""Moves as ``measured`` where motion is known; where it is unknown, four in five particles keep the pace.
 
     .. math:: x_t = x_{t-1} \circ \exp\big((v, 0, 0) + D\,\epsilon\big),
 
     where v is the pace and ε has the standard deviations ``measured.if_unknown()``. Robots mostly continue as before:
-    D = diag(q, 1, 1), with the departure q from the pace. One particle in four has D = diag(q, 1, 4), for a robot that
-    turns a corner. One in six has v = 0 and D = diag(4, 1, 1), for a robot that stops, turns back or drives much
+    D = diag(q, 1, 1), with the departure q from the pace. One particle in five has D = diag(q, 1, 4), for a robot that
+    turns a corner. One in five has v = 0 and D = diag(4, 1, 1), for a robot that stops, turns back or drives much
     faster. Without a pace v = 0, q = 1, and half of the particles behave like the latter. A particle keeps its role
     until it is resampled. A model without noise along the heading gets no pace either.
 
@@ -227,8 +221,8 @@ class PacedMotion(MotionModel):
         >>> measured, pace = ExponentialMotion((0.1, 0.0, 0.0), unknown=(1e-9, 0.0, 0.0)), torch.tensor([2.0]).double()
         >>> model = PacedMotion(measured, pace, departure=torch.tensor([0.5]).double())
         >>> unknown = torch.full((1, 3), torch.nan).double()
-        >>> model.sample(torch.zeros(1, 6, 3).double(), unknown, torch.Generator())[0, :, 0].round().abs().tolist()
-        [2.0, 2.0, 2.0, 2.0, 2.0, 0.0]
+        >>> model.sample(torch.zeros(1, 5, 3).double(), unknown, torch.Generator())[0, :, 0].round().abs().tolist()
+        [2.0, 2.0, 2.0, 2.0, 0.0]
     """
 
     measured: MotionModel
@@ -244,13 +238,13 @@ class PacedMotion(MotionModel):
         return self.measured.increments(motion, noise)
 
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
-        """Every sixth particle (without a pace every second) spreads further along, every fourth in heading."""
+        """Every fifth particle (without a pace every second) spreads further along, another fifth in heading."""
         deviations = noise.new_tensor(self.if_unknown())
         twist = noise * deviations
         paced, number = self.pace.isfinite()[:, None, None], torch.arange(noise.shape[1], device=noise.device)[:, None]
         kept = self.pace[:, None, None].where(paced & (deviations[0] > 0), 0.0) * deviations.new_tensor([1.0, 0.0, 0.0])
-        one_in = torch.where(paced, FURTHER_ONE_IN, UNPACED_ONE_IN)
-        further, turning = number % one_in == one_in - 1, number % TURNING_ONE_IN == 2
+        one_in = torch.where(paced, ONE_IN, 2)
+        further, turning = number % one_in == one_in - 1, number % ONE_IN == 2
         turned = torch.where(turning, twist * twist.new_tensor([1.0, 1.0, FURTHER]), twist)
         turned[..., 0] = torch.where(paced, self.departure[:, None, None], 1.0)[..., 0] * turned[..., 0]
         return se2_exp(torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), turned + kept))
@@ -273,10 +267,11 @@ def motion_of_spacing(spacing: float, line: bool = False) -> ExponentialMotion:
     >>> motion_of_spacing(2.0, line=True).unknown
     (4.0, 0.0, 0.0)
     """
-    aside = 0.0 if line else 1.0
+    aside = 0.0 if line else ASIDE
+    along, across = ODOMETRY**2, (ODOMETRY * aside) ** 2
     return ExponentialMotion(
-        per_step=(0.01 * spacing, aside * 0.01 * spacing, aside * 0.005),
-        per_metre=(0.09 * spacing, aside * 0.001 * spacing, aside * 0.002 / max(1.0, spacing)),
-        per_radian=(0.0, aside * 0.001 * spacing**2, aside * 0.002),
-        unknown=(2 * spacing, aside * 0.2 * spacing, aside * 0.1),
+        per_step=(0.0, 0.0, 0.0),
+        per_metre=(along * spacing, across * spacing, across / max(1.0, spacing)),
+        per_radian=(0.0, across * spacing**2, across),
+        unknown=(UNKNOWN * spacing, aside * UNKNOWN * spacing, aside),
     )

@@ -2,8 +2,8 @@ r"""Detection of odometry that reports standstill while the images show motion.
 
 A broken encoder, or a topic without a publisher, reports no motion at all. A filter that trusts it stays where the map
 is vaguely similar to every observation. Images taken at one place are nearly alike; those of a moving robot differ as
-much as images of the map do. Let z be the descriptors of six consecutive images that, according to odometry, were taken
-at one place, less than half the spacing of the map and 0.1 rad apart (as a sum of shares of the two), and
+much as images of the map do. Let z be the descriptors of five consecutive images that, according to odometry, were
+taken at one place, less than half the spacing of the map and 0.1 rad apart (as a sum of shares of the two), and
 :math:`\bar d` the median squared distance between two images of the map. Odometry is contradicted where
 
 .. math:: \operatorname{median}_{i<j} \lVert z_i - z_j \rVert^2 > 0.2\, \bar d .
@@ -22,14 +22,8 @@ from jaxtyping import Bool, Float32, Float64
 from torch import Tensor
 
 from sextant.geometry.planar import se2_compose
+from sextant.localization.constants import ALIKE, ASIDE, FEW
 from sextant.localization.particle_filter import way_moved
-
-#: number of images that are compared
-COMPARED = 6
-#: images of a robot that stands still are within this many spacings of the map, and rad
-STANDS, TURNS = 0.5, 0.1
-#: squared distances above this share of those between images of the map show that the robot moves
-ALIKE = 0.2
 
 
 @dataclass(frozen=True)
@@ -37,7 +31,7 @@ class OdometryCheck:
     """The images taken while odometry reports that the robots of r runs stand still.
 
     Attributes:
-        images: the last six, the newest last.
+        images: the last five, the newest last.
         since: the reported motion since each; nan where there is no image, or the robot has moved away.
 
     Example:
@@ -48,14 +42,14 @@ class OdometryCheck:
         (tensor([True]), tensor([False]))
     """
 
-    images: Float32[Tensor, "r 6 d"]
-    since: Float64[Tensor, "r 6 3"]
+    images: Float32[Tensor, "r 5 d"]
+    since: Float64[Tensor, "r 5 3"]
 
     @classmethod
     def none(cls, runs: int, dimension: int, device: torch.device | None = None) -> Self:
         """The state before the first image."""
-        since = torch.full((runs, COMPARED, 3), torch.nan, dtype=torch.float64, device=device)
-        return cls(torch.zeros(runs, COMPARED, dimension, device=device), since)
+        since = torch.full((runs, FEW, 3), torch.nan, dtype=torch.float64, device=device)
+        return cls(torch.zeros(runs, FEW, dimension, device=device), since)
 
     def moved(self, motion: Float64[Tensor, "r 3"], spacing: float) -> Self:
         """The state after a motion; an unknown motion, of nan, drops all images.
@@ -65,7 +59,7 @@ class OdometryCheck:
             spacing: spacing of the map.
         """
         since = se2_compose(self.since, motion[:, None])
-        stands = way_moved(since, STANDS * spacing, TURNS) < 1
+        stands = way_moved(since, spacing / 2, ASIDE) < 1
         return type(self)(self.images, since.where(stands[..., None], torch.nan))
 
     def updated(self, images: Float32[Tensor, "r d"], seen: Bool[Tensor, " r"]) -> Self:
@@ -79,7 +73,7 @@ class OdometryCheck:
         return type(self)(torch.where(some, held, self.images), torch.where(some, since, self.since))
 
     @property
-    def _held(self) -> Bool[Tensor, "r 6"]:
+    def _held(self) -> Bool[Tensor, "r 5"]:
         return self.since[..., 0].isfinite()
 
     def contradicted(self, apart: float) -> Bool[Tensor, " r"]:
@@ -92,5 +86,5 @@ class OdometryCheck:
         if not apart > 0 or not bool(full.any()):
             return torch.zeros_like(full)
         rows = self.images[full].double()
-        differ = [(rows[:, i] - rows[:, j]).square().sum(1) for i, j in combinations(range(COMPARED), 2)]
+        differ = [(rows[:, i] - rows[:, j]).square().sum(1) for i, j in combinations(range(FEW), 2)]
         return full.masked_scatter(full, torch.stack(differ, 1).median(1).values > ALIKE * apart)

@@ -13,8 +13,8 @@ estimates move as far as scaled odometry. A. Martinelli, N. Tomatis, R. Siegwart
 odometry self calibration for mobile robot", Autonomous Robots 22, 2007, estimate such errors as part of the state
 instead; particles would then need another dimension.
 
-The gain was chosen on Gardens Point by night and the railway of Nordland from 300 on (results/localization_change.md,
-"When odometry is wrong").
+κ is 1/20. Estimates farther than 2.5 spacings from the expected pose are at another place, and teach nothing
+(results/localization_change.md, "When odometry is wrong").
 """
 
 from dataclasses import dataclass
@@ -25,13 +25,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from sextant.geometry.planar import se2_compose, se2_inverse
-
-#: κ: an error is corrected over about twenty spacings of the map
-GAIN = 0.05
-#: smallest and largest s
-BOUNDS = (0.25, 4.0)
-#: spacings of the map by which an estimate may differ from the expected pose; beyond, it is at another place
-FURTHEST = 2.0
+from sextant.localization.constants import FURTHER, PLACE, RECENT
 
 
 @dataclass(frozen=True)
@@ -79,6 +73,6 @@ class OdometryScale:
         length = way.norm(dim=1)
         left = se2_compose(se2_inverse(before), after)[:, :2] - way
         error = (left * way).sum(1) / (length * length.clamp(min=spacing))
-        factor = (self.factor * (1 + GAIN * error.clamp(-1.0, 1.0))).clamp(*BOUNDS)
-        near = (length > 0) & (left.norm(dim=1) < FURTHEST * spacing)  # nan is not
+        factor = (self.factor * (1 + error.clamp(-1.0, 1.0) / RECENT)).clamp(1 / FURTHER, FURTHER)
+        near = (length > 0) & (left.norm(dim=1) < PLACE * spacing)  # nan is not
         return type(self)(torch.where(near, factor, self.factor))

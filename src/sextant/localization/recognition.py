@@ -12,10 +12,11 @@ map:
    c_i = \frac{(z' - m)^\top (y_i - m)}{\|z' - m\| \, \|y_i - m\|},
 
 the nearness of the most similar image; the margin of the most similar place j over any other, where
-:math:`\mathcal P_j` are the images within 4.5 spacings of it; and the nearness to it of the five most similar images
-:math:`\mathcal T`. An image's *recognition* is the mean, over the three, of the share of the map's own images with a
-lower value in the map of other places: 1/2 on average for one more image of an unknown place, more for a known place,
-and less in a world that is less similar to the map than the map's places are to each other.
+:math:`\mathcal P_j` are the images within 4.5 spacings of it (two places of 2.5 spacings that overlap by half of one or
+more); and the nearness to it of the five most similar images :math:`\mathcal T`. An image's *recognition* is the mean,
+over the three, of the share of the map's own images with a lower value in the map of other places: 1/2 on average for
+one more image of an unknown place, more for a known place, and less in a world that is less similar to the map than the
+map's places are to each other.
 
 It needs no motion, so it applies where :mod:`~sextant.localization.innovation_test` does not: to photos and videos
 without odometry. Ranks of an image in a sample of the null hypothesis, as shares, are p-values of a conformal test (V.
@@ -31,19 +32,14 @@ import torch
 from jaxtyping import Bool, Float32, Float64
 from torch import Tensor
 
+from sextant.localization.constants import FEW, PLACE
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.map_support import map_spacing
 
-#: radius of a place in spacings of the map
-PLACE = 4.5
-#: number of most similar images whose agreement is measured
-AGREEING = 5
 #: evenly chosen images of the map for the null distribution; with fewer than ten there is no verdict
 MOST, FEWEST = 256, 10
 #: similarities held at a time
 BLOCK = 2**24
-#: drives with a mean recognition below this are not in the map
-LEAST = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +96,7 @@ class MapRecognition:
     def _beyond(self, rows: Tensor) -> Bool[Tensor, "r n"]:
         """Which images show other places than those in the given rows of the map."""
         positions = self.map.poses[:, :2]
-        return torch.cdist(positions[rows], positions) > PLACE * self.spacing
+        return torch.cdist(positions[rows], positions) > (2 * PLACE - 0.5) * self.spacing
 
     def _numbers(
         self, seen: Float32[Tensor, "r d"], centred: Float32[Tensor, "r d"], among: Bool[Tensor, "r n"] | None
@@ -114,7 +110,7 @@ class MapRecognition:
         if among is not None:
             apart, alike = apart.masked_fill(~among, torch.inf), alike.masked_fill(~among, -torch.inf)
         alike = alike.nan_to_num(-torch.inf, neginf=-torch.inf)
-        best, rows = alike.topk(min(AGREEING, alike.shape[1]), dim=1)
+        best, rows = alike.topk(min(FEW, alike.shape[1]), dim=1)
         other = alike.masked_fill(~self._beyond(rows[:, 0]), -torch.inf).amax(1)
         spread = (positions[rows] - positions[rows[:, :1]]).norm(dim=2).median(1).values
         spread = spread.masked_fill(~best.isfinite().all(1), torch.nan)

@@ -14,9 +14,10 @@ from sextant import Localizer
 from sextant.atomic_files import write_sealed_json
 from sextant.chapters.localization.data.own_drive import open_drive
 from sextant.chapters.localization.localized_drive import localize_drive
-from sextant.chapters.localization.localizer import LEFT_NOISE, SHARPER, fitted_kernel
+from sextant.chapters.localization.localizer import fitted_kernel
 from sextant.chapters.localization.saved_filter import filter_of, filter_values
 from sextant.errors import UserError
+from sextant.localization.constants import LEFT_NOISE, SHARPER
 from sextant.localization.likelihood import Likelihood
 
 

@@ -16,8 +16,7 @@ from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.written_poses import Moment, Replay, Row, draw_trajectory, write_poses
 from sextant.data.photo_files import nothing_usable
 from sextant.errors import UserError
-from sextant.localization import recognition
-from sextant.localization.innovation_test import LEAST
+from sextant.localization.constants import FORESEEN, RECOGNISED
 from sextant.reporter import SILENT, Progress
 
 #: animation of the particles, if there is to be one
@@ -116,12 +115,12 @@ def _doubts(localizer: Localizer, rows: list[Row]) -> Iterator[str]:
             f"at {disbelieved:,} images odometry reported a standstill while the images showed motion: there the "
             "motion was treated as unknown"
         )
-    if elsewhere := sum(row.told.recognised < recognition.LEAST for row in rows):
+    if elsewhere := sum(row.told.recognised < RECOGNISED for row in rows):
         yield (
             f"{elsewhere:,} of {len(rows):,} images resemble the map less than its own places resemble each other: "
             "they probably show another place, or it has changed too much"
         )
-    if unforeseen := sum(row.told.foreseen < LEAST for row in rows):
+    if unforeseen := sum(row.told.foreseen < FORESEEN for row in rows):
         yield (
             f"at {unforeseen:,} images the recent ones hardly resembled the estimated place more than any other place: "
             "either the map does not cover them, or odometry is wrong"

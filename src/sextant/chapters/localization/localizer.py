@@ -36,12 +36,11 @@ from sextant.chapters.places.saved_descriptor import Describes, SavedDescriptor
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
-from sextant.localization import recognition
 from sextant.localization.adaptation import Adaptation
 from sextant.localization.belief import Belief
+from sextant.localization.constants import LEFT_NOISE, ODDS, RECOGNISED, SHARPER, TEMPERING
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import Estimate, estimate
-from sextant.localization.evidence_scale import USUAL_ODDS
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.localize import Localized, Steps
@@ -55,14 +54,6 @@ from sextant.localization.smoothing import smoothed
 from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
 
-#: tempering of one image's evidence where there is no traverse to fit it to
-TEMPERING = 0.125
-#: a kernel fitted to one traverse smooths over details that distinguish its places in another, as if they were noise;
-#: so its lengths are multiplied by the first number, and its noise is at most the second as a share of the signal's
-#: variance (walks that need this: results/localization_change.md)
-SHARPER, LEFT_NOISE = 0.5, 1e-3
-#: an image less new than this repeats the previous one and is not used
-SAME = 0.25
 #: the kernel is fitted to at most this many images of a map, evenly spaced
 FITTED_TO = 600
 LEARNING_RATE = 0.05
@@ -275,7 +266,7 @@ class Localizer:
             self.region_scale**2 * found.covariance[0].numpy(),
             mass,
             int(found.modes[0]),
-            mass < MODE_MASS or bool(learned.innovation.failed[0]) or recognised < recognition.LEAST,
+            mass < MODE_MASS or bool(learned.innovation.failed[0]) or recognised < RECOGNISED,
             bool(step.told.degenerate[0]) and not smooth,
             float(off_map[0]),
             float(learned.innovation.told[0]),
@@ -453,7 +444,7 @@ class Localizer:
             filter,
             radius=usual_radius(filter.prior.poses) if radius is None else radius,
             adapts=likelihood is None,
-            odds=USUAL_ODDS if likelihood is None else None,
+            odds=ODDS if likelihood is None else None,
             descriptor=kept,
             image_size=images.shape[1:],
             pictures=map_pictures(images) if len(found) == len(images) else None,  # otherwise some images were merged

@@ -26,7 +26,7 @@ from sextant.chapters.places.saved_descriptor import (
 )
 from sextant.data.positions import FURTHEST
 from sextant.errors import ArgumentError, UserError
-from sextant.localization.evidence_scale import USUAL_ODDS
+from sextant.localization.constants import ODDS
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.map_prior import LEAST_SPACING
 from sextant.localization.motion import MotionModel
@@ -161,7 +161,7 @@ def _without_settings(
         "filter": filter,
         "radius": usual_radius(filter.prior.poses),
         "adapts": (adapts := saved.likelihood.appearance_variance == 0),  # it was not fitted
-        "odds": USUAL_ODDS if adapts else None,
+        "odds": ODDS if adapts else None,
         "descriptor": SavedDescriptor(descriptor),
         "facts": saved.facts,
     }

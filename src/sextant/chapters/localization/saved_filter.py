@@ -11,6 +11,7 @@ from torch import Tensor
 
 from sextant.errors import UserError
 from sextant.localization import motion, recovery, resampling
+from sextant.localization.constants import PLACE, WINDOW
 from sextant.localization.kld_size import KLDSize
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.map_support import MapSupport, map_spacing
@@ -20,8 +21,6 @@ from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, Recovery
 from sextant.localization.resampling import SystematicResampling
 
-#: number of past images that also weight a restart (its benefit: results/localization_change.md)
-WINDOW = 10
 PACKAGES: dict[str, ModuleType] = {"motion": motion, "recovery": recovery, "resampling": resampling}
 
 
@@ -87,7 +86,7 @@ def usual_filter(
 
 def usual_radius(poses: Float64[Tensor, "n 3"]) -> float:
     """The default radius of a mode, in the unit of positions: 2.5 times the spacing of the map."""
-    return 2.5 * map_spacing(poses)
+    return PLACE * map_spacing(poses)
 
 
 def _part(part: Any, package: ModuleType) -> dict[str, Any] | None:

@@ -1,0 +1,87 @@
+"""The numbers of localization that were chosen by hand; all others follow from the map, its kernel or the drive.
+
+Each has its reason, and how it was chosen. ``tests/localization/test_constants.py`` counts them and finds numbers in
+other modules. Not listed are limits of computing (sizes of blocks, samples, tolerances), which change no estimate
+beyond noise, and the published settings of alternatives such as laser models, which a configuration names.
+Measurements are in results/localization_change.md unless another file is named; ``changed_walks`` stands for
+``python -m benchmarks.changed_walks``.
+"""
+
+import math
+
+# -- the evidence of an image -----------------------------------------------------------------------------------------
+
+#: how much likelier the most similar places of the map become than the least similar, by one image. Published: 5 (Xu et
+#: al. 2021), with which a thousand particles start too slowly in a town; from 5, 10, 20 and 50 (lab/localization.md).
+#: Without it regions hold the truth at Gardens Point by day 58 times in 100, not 98: ``changed_walks seeds=8``
+ODDS = 20.0
+#: factor of the log-likelihood of an image by a map that was fitted to no other traverse. With ``ODDS`` it is the most
+#: that an image keeps; without odometry all that tempers it. Of 1/64, 1/8 and 1 (lab/localization.md)
+TEMPERING = 0.125
+#: factor of the appearance variance by which the most similar image of a map exceeds the predicted one: a minimum over
+#: many images is biased low. With 1 regions without odometry hold the truth in 82, not 92 % (lab/localization.md)
+EXCESS = 2.0
+#: factor of the fitted kernel's lengths, and its largest noise as a share of the signal's variance: what tells places
+#: apart looks like noise to a kernel fitted to one traverse. From 24 combinations; without both the railway is found in
+#: 50 and 81 % of the steps instead of 100 and 99: ``changed_walks seeds=8``, "without sharpening"
+SHARPER, LEFT_NOISE = 0.5, 1e-3
+
+# -- support of the map, and restarts ---------------------------------------------------------------------------------
+
+#: probability that is set aside for what the model leaves out: a robot off the map, an image that shows something else
+#: than its place, and the part of the belief that a covariance does not describe. Without support the default finds 0
+#: to 64 %: ``changed_walks seeds=8``, "without support"
+RARE = 0.01
+#: how far a camera may be turned from the map's nearest image, in rad, where the map does not show it
+HEADING_REACH = math.radians(10)
+#: how far images of a dense map represent poses beside them, in lengths of its kernel. NLL of the office's poses -1.7,
+#: without it -0.1 ("A map reaches half its spacing")
+LENGTHS = 1.5
+#: size of a place in spacings of the map: radius of the mode that is reported; an estimate farther from the expected
+#: pose is at another place; images of two places are twice as far apart; and a map is dense if its kernel is longer. In
+#: a town with an image every 3 m and a kernel of 1.5 spacings, ``LENGTHS`` would reach into the houses
+PLACE = 2.5
+#: radius of the mode that is reported, in heading
+MODE_HEADING = math.radians(30)
+#: mass above which a group of particles is counted as a mode
+MODE = 0.05
+#: an image farther from another than this many times its nearest one is not a neighbour of it in a map
+NEIGHBOUR = 4.0
+#: probability of a kidnapping before an image; ten times as much found no more cars (lab/localization.md)
+HAZARD = 1e-3
+
+# -- motion -----------------------------------------------------------------------------------------------------------
+
+#: standard deviation of odometry after one spacing of the map, in spacings. From 0.1, 0.2 and 0.3, two seeds; wheels err
+#: by a tenth, but alike in each step: with a tenth the tower is found in 25 and 16 %: ``changed_walks seeds=8
+#: odometry=true``
+ODOMETRY = 0.3
+#: standard deviation of an unknown motion in spacings of the map. From 1, 2 and 3, two seeds
+UNKNOWN = 2.0
+#: errors across the heading as a share of those along it, and of the heading in rad as one of those in spacings
+ASIDE = 0.1
+#: how many times as far as an unknown motion particles spread that stop, turn back or drive much faster, or turn a
+#: corner; and the largest factor by which odometry may be wrong
+FURTHER = 4.0
+#: one particle in this many stops or drives faster where there is a pace, and one turns a corner. Until 2026-11 one in 6
+#: and one in 4, with no certain difference (lab/localization.md)
+ONE_IN = 5
+
+# -- what is remembered of a drive, and verdicts ----------------------------------------------------------------------
+
+#: number of images, or displacements, needed for a verdict; after as many, half of a change of appearance is removed
+FEW = 5
+#: number of past images that weigh a restart, and of displacements that make up a pace. Without a window the tower is
+#: found in 63 and 51 % instead of 85 and 81: ``changed_walks seeds=8``, "without window"
+WINDOW = 10
+#: number of images that a verdict is about; an error of odometry is corrected over as many spacings. From 10, 20 and
+#: 30; a gain of 1/10 costs a point where odometry is right
+RECENT = 20
+#: a belief that foresees images less than this is lost. From 0.6 to 0.75, with two seeds of Gardens Point and of the
+#: railway
+FORESEEN = 0.65
+#: images without odometry that are recognised less than this are not of the map ("does the map show this place at all?")
+RECOGNISED = 0.4
+#: images differ more than this share of any two images of the map where a robot moves. At a station 0.02 at most, with
+#: noise and compression 0.18, on walks 0.32 and more ("Odometry of zeros from a moving camera is not believed")
+ALIKE = 0.2
