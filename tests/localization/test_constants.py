@@ -10,7 +10,7 @@ from sextant.localization import constants
 LIBRARY = Path(sextant.localization.__file__).parent
 CHAPTER = LIBRARY.parent / "chapters" / "localization"
 #: what limits computing, rounding or the fit of a kernel, by module and name or function; none changes an estimate
-#: beyond noise. The quantiles of ``evidence_scale`` are published, those of ``constant_velocity`` a normal distribution's
+#: beyond noise. The quantiles of ``evidence_scale`` are published, those of ``constant_velocity`` are a normal one's
 LIMITS = {
     "adaptation": {"COMPARED": [600], "start": [5]},
     "constant_velocity": {"MOST": [100], "NORMAL": [1.349], "_agreed": [0.25, 0.75]},

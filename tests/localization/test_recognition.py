@@ -19,7 +19,7 @@ from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.cached_local_gp import CachedLocalGP
 from sextant.localization.pose_kernel import PoseKernel
-from sextant.localization.recognition import MapRecognition
+from sextant.localization.recognition import EvenSample, MapRecognition
 
 LINE, LOOP, AREA, CROSSING = "a line", "a loop", "an area", "four headings"
 
@@ -137,3 +137,28 @@ def test_ties_count_half():
     known = MapRecognition.of(DescriptorMap.of(torch.from_numpy(poses), here.see(poses, 0)))
     same = replace(known, unknown=known._numbers(*[known.map.descriptors[:1]] * 2, None).repeat(1, 20))
     assert same.share(*[known.map.descriptors[:1]] * 2).item() == pytest.approx(0.5)
+
+
+def test_a_drive_as_a_whole_is_told_from_one_elsewhere_whatever_its_motion():
+    poses = layout(LINE, 40)
+    made = localizer(poses, World(0).see(poses, 0))
+    for motion in (None, (2.0, 0.0, 0.0)):
+        drive(made, World(0).see(poses + 0.3, 1)[:4], motion)
+        assert math.isnan(made.recognised)
+        drive(made, World(0).see(poses + 0.3, 1, noise=0.3), motion)
+        here = made.recognised
+        drive(made, World(1).see(poses + 0.3, 1), motion)
+        assert made.recognised < RECOGNISED < 0.6 < here
+    made.reset()
+    assert math.isnan(made.recognised)
+
+
+def test_a_long_drive_keeps_an_even_sample():
+    sample = EvenSample()
+    for step in range(10_000):
+        sample.add(torch.tensor([float(step)]))
+    kept = torch.cat(sample.images)
+    assert len(kept) <= 256
+    assert kept[0] == 0
+    assert len(kept.diff().unique()) == 1
+    assert 9_999 - kept[-1] < kept.diff()[0]

@@ -293,11 +293,11 @@ class Adaptation:
     def _recognised(self, learned: Learned, images: Tensor, new: Tensor, unknown: Tensor) -> Learned:
         """The recognition of recent images, including these, in runs without odometry."""
         asked = unknown & (new > 0)
-        if not bool(asked.any()) or self._recognition is None:
+        if not bool(asked.any()) or self.recognition is None:
             return learned
         images, new = images[asked], new[asked]
         drive = some_of(learned.drive, asked).updated(images, new)
-        share = self._recognition.share(images, drive.centred(images, self.model.map.mean))
+        share = self.recognition.share(images, drive.centred(images, self.model.map.mean))
         found = some_of(learned.recognition, asked).updated(share, new)
         return replace(
             learned,
@@ -334,7 +334,8 @@ class Adaptation:
         return images_near(self.model.map.poses)
 
     @cached_property
-    def _recognition(self) -> MapRecognition | None:
+    def recognition(self) -> MapRecognition | None:
+        """What images of unknown places look like in the map; None if its images are of too few places."""
         return MapRecognition.of(self.model.map)
 
     @cached_property

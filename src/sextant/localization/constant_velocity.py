@@ -13,7 +13,7 @@ root of the posterior mean of a variance that has been seen to be 1 in five disp
 
 .. math:: q^2 = \min\!\Big(1,\; \frac{n_0 + n\, (I / 1.349\, \sigma_0)^2}{n_0 + n}\Big), \qquad n_0 = 5 :
 
-0.58 where ten displacements agree. With q = 1 throughout, one image that looks like another place takes the robot there.
+0.58 where ten displacements agree. With q = 1, one image that looks like another place takes the robot there.
 """
 
 from dataclasses import dataclass

@@ -52,8 +52,8 @@ HAZARD = 1e-3
 
 # -- motion -----------------------------------------------------------------------------------------------------------
 
-#: standard deviation of odometry after one spacing of the map, in spacings. From 0.1, 0.2 and 0.3, two seeds; wheels err
-#: by a tenth, but alike in each step: with a tenth the tower is found in 25 and 16 %: ``changed_walks seeds=8
+#: standard deviation of odometry after one spacing of the map, in spacings. From 0.1, 0.2 and 0.3, two seeds. Wheels
+#: err by a tenth, but alike in each step: with a tenth the tower is found in 25 and 16 %: ``changed_walks seeds=8
 #: odometry=true``
 ODOMETRY = 0.3
 #: standard deviation of an unknown motion in spacings of the map. From 1, 2 and 3, two seeds
@@ -63,8 +63,8 @@ ASIDE = 0.1
 #: how many times as far as an unknown motion particles spread that stop, turn back or drive much faster, or turn a
 #: corner; and the largest factor by which odometry may be wrong
 FURTHER = 4.0
-#: one particle in this many stops or drives faster where there is a pace, and one turns a corner. Until 2026-11 one in 6
-#: and one in 4, with no certain difference (lab/localization.md)
+#: one particle in this many stops or drives faster where there is a pace, and one turns a corner. One in 6
+#: and one in 4 were no better (lab/localization.md)
 ONE_IN = 5
 
 # -- what is remembered of a drive, and verdicts ----------------------------------------------------------------------
@@ -80,7 +80,7 @@ RECENT = 20
 #: a belief that foresees images less than this is lost. From 0.6 to 0.75, with two seeds of Gardens Point and of the
 #: railway
 FORESEEN = 0.65
-#: images without odometry that are recognised less than this are not of the map ("does the map show this place at all?")
+#: images that are recognised less than this are not of the map ("does the map show this place at all?")
 RECOGNISED = 0.4
 #: images differ more than this share of any two images of the map where a robot moves. At a station 0.02 at most, with
 #: noise and compression 0.18, on walks 0.32 and more ("Odometry of zeros from a moving camera is not believed")

@@ -16,7 +16,6 @@ covariance is taken over the particles of that mode and those nearest to it, unt
 particles that a restart puts elsewhere count once they hold more than a hundredth.
 """
 
-import math
 from dataclasses import dataclass
 
 import torch
@@ -101,6 +100,7 @@ def mean_over_all(belief: Belief) -> tuple[Float64[Tensor, "r 3"], Float64[Tenso
     r"""Mean and covariance over all particles, with the mean heading :math:`\arg \sum_i W_i e^{i\theta_i}`.
 
     Example:
+        >>> import math
         >>> poses = torch.tensor([[[0.0, 0, 0.3], [4, 0, 2 * math.pi - 0.1]]], dtype=torch.float64)
         >>> mean, covariance = mean_over_all(Belief.uniform(poses))
         >>> mean.round(decimals=4).tolist()  # headings of 0.3 and -0.1

@@ -18,13 +18,17 @@ over the three, of the share of the map's own images with a lower value in the m
 one more image of an unknown place, more for a known place, and less in a world that is less similar to the map than the
 map's places are to each other.
 
+The mean over all images of a drive tells whether the drive as a whole shows this map's place
+(:meth:`MapRecognition.of_drive`).
+
 It needs no motion, so it applies where :mod:`~sextant.localization.innovation_test` does not: to photos and videos
 without odometry. Ranks of an image in a sample of the null hypothesis, as shares, are p-values of a conformal test (V.
 Vovk, A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2). The constants were chosen
 on the walks of results/localization_change.md, "When it is lost".
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -93,6 +97,26 @@ class MapRecognition:
         mean = sides.double().mean(0) / (2 * self.unknown.shape[1])
         return torch.where(found.isfinite().all(0), mean, torch.nan)
 
+    def of_drive(self, descriptors: Float32[Tensor, "r d"]) -> float:
+        """The mean recognition of all images of a drive; nan for fewer than five.
+
+        Args:
+            descriptors: their descriptors z, in any order.
+
+        Example:
+            >>> poses = torch.tensor([[float(x), 0.0, 0.0] for x in range(40)], dtype=torch.float64)
+            >>> world = torch.randn(120, 16, generator=torch.Generator().manual_seed(0))
+            >>> places = MapRecognition.of(DescriptorMap.of(poses, world[:40]))
+            >>> again, elsewhere = world[:40] + 0.2, 3 * world[40:]
+            >>> round(places.of_drive(again), 2), round(places.of_drive(elsewhere), 2)
+            (0.85, 0.37)
+        """
+        count = len(descriptors)
+        if count < FEW:
+            return math.nan
+        changed = count / (count + FEW) * (descriptors.mean(0) - self.map.mean)  # as an AppearanceChange after them
+        return float(self.share(descriptors, descriptors - changed).nanmean())
+
     def _beyond(self, rows: Tensor) -> Bool[Tensor, "r n"]:
         """Which images show other places than those in the given rows of the map."""
         positions = self.map.poses[:, :2]
@@ -115,3 +139,27 @@ class MapRecognition:
         spread = (positions[rows] - positions[rows[:, :1]]).norm(dim=2).median(1).values
         spread = spread.masked_fill(~best.isfinite().all(1), torch.nan)
         return torch.stack([-apart.amin(1).double(), (best[:, 0] - other).double(), -spread])
+
+
+@dataclass
+class EvenSample:
+    """At most 256 evenly spaced images of a drive whose length is not known before.
+
+    >>> sample = EvenSample()
+    >>> for step in range(1000):
+    ...     sample.add(torch.tensor([float(step)]))
+    >>> len(sample.images), [int(image) for image in sample.images[:4]]
+    (250, [0, 4, 8, 12])
+    """
+
+    images: list[Float32[Tensor, " d"]] = field(default_factory=list)
+    every: int = 1
+    seen: int = 0
+
+    def add(self, image: Float32[Tensor, " d"]) -> None:
+        """Keep one more image if it is its turn; once there are too many, every second is left."""
+        if self.seen % self.every == 0:
+            self.images.append(image)
+        self.seen += 1
+        if len(self.images) > MOST:
+            self.images, self.every = self.images[::2], 2 * self.every

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -89,7 +89,9 @@ def localize_drive(
             drive.remarks.append(f"interrupted after {len(rows):,} of {len(drive):,} images")
     if all(row.problem for row in rows):
         raise nothing_usable(f"none of {len(rows):,} images can be used", {row.name: row.problem for row in rows})
-    drive.remarks.extend(_doubts(localizer, rows))
+    if elsewhere := localizer.recognised < RECOGNISED:
+        rows = [replace(row, told=replace(row.told, lost=True)) for row in rows]
+    drive.remarks.extend(_doubts(localizer, rows, elsewhere))
     positions, times = localizer.model.map.poses[:, :2].numpy(), drive.times_of(len(rows))
     with telling_write_errors(output):
         write_poses(rows, times, output)
@@ -105,8 +107,15 @@ def localize_drive(
     return LocalizedDrive(rows, written, interrupted)
 
 
-def _doubts(localizer: Localizer, rows: list[Row]) -> Iterator[str]:
-    """Remarks where images contradict odometry or the map."""
+def _doubts(localizer: Localizer, rows: list[Row], elsewhere: bool) -> Iterator[str]:
+    """Remarks where images contradict odometry or the map; only one if the drive is of another map."""
+    if elsewhere:
+        yield (
+            f"not in this map: the drive as a whole was recognised by {localizer.recognised:.2f}, where images of a "
+            f"place that the map lacks have 0.5 and less than {RECOGNISED} is another world, or one that has changed too "
+            "much; all poses are marked as lost"
+        )
+        return
     if abs(math.log(scale := localizer.odometry_scale)) > math.log(MISTAKEN):
         told = "short" if scale > 1 else "long"
         yield f"the distances of odometry are too {told}: in the end they were multiplied by {scale:.2f}"
@@ -115,9 +124,9 @@ def _doubts(localizer: Localizer, rows: list[Row]) -> Iterator[str]:
             f"at {disbelieved:,} images odometry reported a standstill while the images showed motion: there the "
             "motion was treated as unknown"
         )
-    if elsewhere := sum(row.told.recognised < RECOGNISED for row in rows):
+    if unknown := sum(row.told.recognised < RECOGNISED for row in rows):
         yield (
-            f"{elsewhere:,} of {len(rows):,} images resemble the map less than its own places resemble each other: "
+            f"{unknown:,} of {len(rows):,} images resemble the map less than its own places resemble each other: "
             "they probably show another place, or it has changed too much"
         )
     if unforeseen := sum(row.told.foreseen < FORESEEN for row in rows):

@@ -49,6 +49,7 @@ from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Camera
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.localization.recognition import EvenSample
 from sextant.localization.recovery import Recovery
 from sextant.localization.smoothing import smoothed
 from sextant.reporter import Advance
@@ -200,6 +201,7 @@ class Localizer:
         self._generator = torch.Generator().manual_seed(self.seed)
         self._now: Localized | None = None
         self._past: list[Localized] = []
+        self._sample = EvenSample()
 
     @torch.no_grad()
     def step(
@@ -222,6 +224,8 @@ class Localizer:
                 has no descriptor for images.
         """
         row = self._seen(image, descriptor)
+        if row is not None:
+            self._sample.add(row)
         moved, seen = _motion(motion)[None], torch.tensor([row is not None])
         shown = np.zeros((1, self.model.map.dimension), np.float32) if row is None else row[None].numpy()
         camera, filter = Camera(self.model, self.likelihood, shown), self.filter
@@ -235,6 +239,16 @@ class Localizer:
         """The learned factor of odometry since the last reset; 1 for a localizer that does not adapt."""
         learned = None if self._now is None else self._now.learned
         return 1.0 if learned is None else float(learned.odometry.factor[0])
+
+    @property
+    def recognised(self) -> float:
+        """The mean recognition of the images since the last reset, whether motion is known or not.
+
+        As :attr:`LocalizedPose.recognised`, but of the drive as a whole: below 0.4 it was not taken in this map. nan
+        before the fifth image, and in a map of too few places.
+        """
+        known, images = self._adaptation.recognition, self._sample.images
+        return math.nan if known is None or not images else known.of_drive(torch.stack(images))
 
     def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
         """Smoothed poses of the last ``lag`` steps and the current one, given all images so far; the oldest first.
