@@ -111,9 +111,9 @@ def _doubts(localizer: Localizer, rows: list[Row], elsewhere: bool) -> Iterator[
     """Remarks where images contradict odometry or the map; only one if the drive is of another map."""
     if elsewhere:
         yield (
-            f"not in this map: the drive as a whole was recognised by {localizer.recognised:.2f}, where images of a "
-            f"place that the map lacks have 0.5 and less than {RECOGNISED} is another world, or one that has changed too "
-            "much; all poses are marked as lost"
+            f"not in this map: the drive as a whole was recognised by {localizer.recognised:.2f}. Images of a place "
+            f"that the map lacks have 0.5; less than {RECOGNISED} is another world, or one that has changed too much. "
+            "All poses are marked as lost"
         )
         return
     if abs(math.log(scale := localizer.odometry_scale)) > math.log(MISTAKEN):
