@@ -2,9 +2,9 @@
 
 Maps of real places, and drives through each of them, described by ``zoo:places`` in one size, and by whitened principal
 components where another season of one railway is the drive. Each is compared with each by the mean recognition of its
-images (``Localizer.recognised``); a drive below the threshold is *not in this map*. Floors of one tower are compared with
-themselves and with other sets, but not with each other, which look alike. A drive is judged as a whole and in stretches
-of 20 images.
+images (``Localizer.recognised``); a drive below the threshold is *not in this map*. Floors of one tower are compared
+with themselves and with other sets, but not with each other, which look alike. A drive is judged as a whole and in
+stretches of 20 images.
 """
 
 import csv
@@ -80,7 +80,7 @@ def pairs(data: Path) -> Iterator[tuple[str, str, bool, MapRecognition, torch.Te
     for name, (mapped, *_) in described.items():
         known = MapRecognition.of(DescriptorMap.of(torch.from_numpy(line(len(mapped))), mapped))
         for other, (_, *drives) in described.items():
-            if known is None or name != other and name.split()[0].strip(",") == other.split()[0].strip(","):
+            if known is None or (name != other and name.split()[0].strip(",") == other.split()[0].strip(",")):
                 continue
             for number, seen in enumerate(drives or described[other][:1]):
                 yield name, f"{other}, drive {number + 1}", name == other, known, seen
