@@ -89,7 +89,8 @@ def localize_drive(
             drive.remarks.append(f"interrupted after {len(rows):,} of {len(drive):,} images")
     if all(row.problem for row in rows):
         raise nothing_usable(f"none of {len(rows):,} images can be used", {row.name: row.problem for row in rows})
-    if elsewhere := localizer.recognised < RECOGNISED:
+    foreseen = sum(row.told.foreseen >= FORESEEN for row in rows)  # by odometry: then they are of the map
+    if elsewhere := localizer.recognised < RECOGNISED and 2 * foreseen < len(rows):
         rows = [replace(row, told=replace(row.told, lost=True)) for row in rows]
     drive.remarks.extend(_doubts(localizer, rows, elsewhere))
     positions, times = localizer.model.map.poses[:, :2].numpy(), drive.times_of(len(rows))
