@@ -22,8 +22,9 @@ TEMPERING = 0.125
 #: many images is biased low. With 1 regions without odometry hold the truth in 82, not 92 % (lab/localization.md)
 EXCESS = 2.0
 #: factor of the fitted kernel's lengths, and its largest noise as a share of the signal's variance: what tells places
-#: apart looks like noise to a kernel fitted to one traverse. From 24 combinations. Without either of the two 40 and 39 %
-#: of the railway's first steps are found instead of 100 (lab/localization.md), without both 50: ``changed_walks seeds=8``
+#: apart looks like noise to a kernel fitted to one traverse. From 24 combinations. Of the railway's first stretch 40 and
+#: 39 % are found without either of the two (lab/localization.md), without both 50, with them 100: ``changed_walks
+#: seeds=8``
 SHARPER, LEFT_NOISE = 0.5, 1e-3
 
 # -- support of the map, and restarts ---------------------------------------------------------------------------------
