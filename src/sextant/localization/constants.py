@@ -22,8 +22,8 @@ TEMPERING = 0.125
 #: many images is biased low. With 1 regions without odometry hold the truth in 82, not 92 % (lab/localization.md)
 EXCESS = 2.0
 #: factor of the fitted kernel's lengths, and its largest noise as a share of the signal's variance: what tells places
-#: apart looks like noise to a kernel fitted to one traverse. From 24 combinations. Of the railway's first stretch 40 and
-#: 39 % are found without either of the two (lab/localization.md), without both 50, with them 100: ``changed_walks
+#: apart looks like noise to a kernel fitted to one traverse. From 24 combinations. Of the railway's first stretch 40
+#: and 39 % are found without either of the two (lab/localization.md), without both 50, with them 100: ``changed_walks
 #: seeds=8``
 SHARPER, LEFT_NOISE = 0.5, 1e-3
 
@@ -38,9 +38,9 @@ HEADING_REACH = math.radians(10)
 #: how far images of a dense map represent poses beside them, in lengths of its kernel. NLL of the office's poses -1.7,
 #: without it -0.1 ("A map reaches half its spacing")
 LENGTHS = 1.5
-#: size of a place in spacings of the map: radius of the mode that is reported; an estimate farther from the expected
-#: pose is at another place; images of two places are twice as far apart; and a map is dense if its kernel is longer. In
-#: a town with an image every 3 m and a kernel of 1.5 spacings, ``LENGTHS`` would reach into the houses
+#: size of a place in spacings of the map: radius of the mode that is reported; images of two places are about twice as
+#: far apart; and a map is dense if its kernel is longer. In a town with an image every 3 m and a kernel of 1.5 spacings,
+#: ``LENGTHS`` would reach into the houses
 PLACE = 2.5
 #: radius of the mode that is reported, in heading
 MODE_HEADING = math.radians(30)
@@ -57,7 +57,8 @@ HAZARD = 1e-3
 #: err by a tenth, but alike in each step: with a tenth the tower is found in 25 and 16 %: ``changed_walks seeds=8
 #: odometry=true``
 ODOMETRY = 0.3
-#: standard deviation of an unknown motion in spacings of the map. From 1, 2 and 3, two seeds
+#: standard deviation of an unknown motion in spacings of the map; an estimate that errs by more is at another place,
+#: and teaches nothing about odometry. From 1, 2 and 3, two seeds
 UNKNOWN = 2.0
 #: errors across the heading as a share of those along it, and of the heading in rad as one of those in spacings
 ASIDE = 0.1

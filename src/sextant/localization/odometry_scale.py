@@ -13,7 +13,7 @@ estimates move as far as scaled odometry. A. Martinelli, N. Tomatis, R. Siegwart
 odometry self calibration for mobile robot", Autonomous Robots 22, 2007, estimate such errors as part of the state
 instead; particles would then need another dimension.
 
-κ is 1/20. Estimates farther than 2.5 spacings from the expected pose are at another place, and teach nothing
+κ is 1/20. Estimates farther than two spacings from the expected pose are at another place, and teach nothing
 (results/localization_change.md, "When odometry is wrong").
 """
 
@@ -25,7 +25,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from sextant.geometry.planar import se2_compose, se2_inverse
-from sextant.localization.constants import FURTHER, PLACE, RECENT
+from sextant.localization.constants import FURTHER, RECENT, UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -74,5 +74,5 @@ class OdometryScale:
         left = se2_compose(se2_inverse(before), after)[:, :2] - way
         error = (left * way).sum(1) / (length * length.clamp(min=spacing))
         factor = (self.factor * (1 + error.clamp(-1.0, 1.0) / RECENT)).clamp(1 / FURTHER, FURTHER)
-        near = (length > 0) & (left.norm(dim=1) < PLACE * spacing)  # nan is not
+        near = (length > 0) & (left.norm(dim=1) < UNKNOWN * spacing)  # nan is not
         return type(self)(torch.where(near, factor, self.factor))
