@@ -39,8 +39,8 @@ HEADING_REACH = math.radians(10)
 #: without it -0.1 ("A map reaches half its spacing")
 LENGTHS = 1.5
 #: size of a place in spacings of the map: radius of the mode that is reported; images of two places are about twice as
-#: far apart; and a map is dense if its kernel is longer. In a town with an image every 3 m and a kernel of 1.5 spacings,
-#: ``LENGTHS`` would reach into the houses
+#: far apart; and a map is dense if its kernel is longer. In a town with an image every 3 m and a kernel of 1.5
+#: spacings, ``LENGTHS`` would reach into the houses
 PLACE = 2.5
 #: radius of the mode that is reported, in heading
 MODE_HEADING = math.radians(30)
