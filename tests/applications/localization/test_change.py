@@ -76,6 +76,8 @@ def test_an_image_counts_by_the_way_since_the_last_that_did(street, localizer):
     assert way == pytest.approx(0.5, rel=1e-3)
     assert localizer._now.learned.change.images.item() == pytest.approx(1 + way)
     localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 10))  # and stands still
+    assert localizer._now.learned.change.images.item() == pytest.approx(1 + way)
+    way += localizer.odometry_scale / 8
     localizer.step((street.step / 8, 0.0, 0.0), street.at(street.summer, 10))
     assert localizer._now.learned.change.images.item() == pytest.approx(1 + way)
     localizer.step((street.step / 4, 0.0, 0.0), street.at(street.summer, 10))  # the way adds up
