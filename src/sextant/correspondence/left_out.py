@@ -95,7 +95,7 @@ def pose_errors(errors: Float64[ndarray, "n 6"], covariances: Float64[ndarray, "
 
 
 def _squared(errors: ndarray, covariances: ndarray) -> Float64[ndarray, "n"]:
-    return np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[..., None])[..., 0])
+    return np.asarray((errors * np.linalg.solve(covariances, errors[..., None])[..., 0]).sum(1))
 
 
 def _factor(squared: Float64[ndarray, "n"]) -> float:

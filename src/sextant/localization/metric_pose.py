@@ -128,17 +128,17 @@ class MetricErrors:
                 some = alarms <= limit
                 if some.sum() >= LEAST_FITTED:
                     found = replace(cls.fitted(errors[some], covariances[some], volume), limit=limit)
-                    told = torch.from_numpy(errors[some])[:, None], torch.from_numpy(covariances[some])
-                    total = float(found.log_likelihood(*told).sum())
+                    of, stated = torch.from_numpy(errors[some])[:, None], torch.from_numpy(covariances[some])
+                    total = float(found.log_likelihood(of, stated).sum())
                     best, most = (found, total) if total > most else (best, most)
             return best
         scale, dof, wrong = UNFITTED
         if len(errors) < LEAST_FITTED:
             return cls(scale, dof, wrong, volume)
-        of, told = torch.from_numpy(errors)[:, None], torch.from_numpy(covariances)
+        of, stated = torch.from_numpy(errors)[:, None], torch.from_numpy(covariances)
 
         def loss(values: ndarray) -> float:
-            return -float(cls._of(values, volume).log_likelihood(of, told).mean())
+            return -float(cls._of(values, volume).log_likelihood(of, stated).mean())
 
         start = np.array([math.log(scale), math.log(dof), math.log(wrong / (1 - wrong))])
         bounds = [

@@ -326,8 +326,9 @@ class Localization(pl.LightningModule):
             errors.append(pose_errors(driven.poses, poses))
             covariances.append(stated)
             alarms.append(chance)
-        told = (np.concatenate(each) for each in (errors, covariances))
-        found = MetricErrors.fitted(*told, pose_volume(where.poses), np.concatenate(alarms))
+        found = MetricErrors.fitted(
+            np.concatenate(errors), np.concatenate(covariances), pose_volume(where.poses), np.concatenate(alarms)
+        )
         self.metric_errors.copy_(self.metric_errors.new_tensor(astuple(found)))
 
     def sensor_measures(self, data: LocalizationDataModule) -> dict[str, float]:
