@@ -15,6 +15,8 @@ CLAIMS = {
     "the ratio loss": "places_ratio_loss",
     "mining": "places_mining",
     "compact and quick": "places_compact_quick",
+    "re-ranking finds more places": "places_reranking",
+    "correspondences localize finer": "localization_correspondences",
     "any pose": "localization_any_pose",
     "fewer particles than a laser": "localization_fewer_particles",
     "better starts": "localization_start",

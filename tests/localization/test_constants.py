@@ -54,7 +54,14 @@ ALTERNATIVES = {
         "STEPS_IF_UNKNOWN": [20.0], "per_step": [0.025, 0.01, 0.015], "alphas": [0.2] * 4, "least_translation": [0.01],
         "unknown": [0.2, 0.2],
     },
+    "metric_pose": {
+        "LEAST_FITTED": [20], "UNFITTED": [3.0, 0.1], "LIMITS": [100.0, 50.0, 30.0, 20.0, 10.0, 5.0], "NORMAL": [50.0],
+        "planar_pose": [6, 1e-12], "fitted": [0.1, 100, 7.0, 0.001, 1e-5], "log_density": [1.5],
+        "_inverse_gamma": [1e-300],
+    },
+    "motion_density": {"PAIRS": [2_000_000], "_summed": [1.5]},
     "recovery.augmented": {"alpha_slow": [0.001], "alpha_fast": [0.1]},
+    "recovery.metric_proposal": {"share": [0.1], "log_prior": [1.5]},
     "recovery.recovery": {"share": [0.05]},
     "recovery.top_k": {"share": [0.05], "top": [10]},
     "topological_filter": {
@@ -111,9 +118,9 @@ def test_they_are_few_and_each_has_its_reason():
 
 
 def test_each_is_used():
-    code = "".join(path.read_text() for _, path in modules())
-    for name in (name for name in vars(constants) if name.isupper()):
-        assert name in code, name
+    nodes = [node for _, path in modules() for node in ast.walk(ast.parse(path.read_text()))]
+    read = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+    assert {name for name in vars(constants) if name.isupper()} <= read
 
 
 def test_there_are_no_others():

@@ -120,6 +120,9 @@ def test_what_cannot_adapt_is_refused(overrides, told):
         (["filter.metric=both", "filter=interpolated"], "filter.best=2 averages poses without a filter"),
         (["filter.metric=both", "descriptor=files", "descriptor.folder=x"], "descriptor=files has no images"),
         (["filter.metric=some"], "filter.metric"),
+        (["filter.metric=both", "recovery=sequence_restart"], "recovery.window=10 weighs restarts by several images"),
+        (["filter.metric=both", "filter.adapts=true"], "density is known, which filter.adapts=true has not"),
+        (["filter.metric=proposal", "motion=identity"], "which motion=IdentityMotion has not"),
     ],
 )
 def test_located_poses_are_refused_where_they_do_not_fit(overrides, message):

@@ -29,6 +29,7 @@ from sextant.geometry.planar import se2_compose
 from sextant.localization.appearance_change import AppearanceChange
 from sextant.localization.belief import Belief
 from sextant.localization.constant_velocity import ConstantVelocity
+from sextant.localization.constants import ALIKE
 from sextant.localization.estimate import Estimate
 from sextant.localization.evidence_scale import EvidenceScale, ScaledEvidence
 from sextant.localization.innovation_test import InnovationTest, drawn_evenly, foreseen
@@ -184,7 +185,7 @@ class Adaptation:
         known = moved.isfinite().all(1)
         way = learned.way + self._steps_of_map(moved, support)
         new = self._newness(images, learned.counted, way).where(looked, 0.0)
-        counts = new > 0
+        counts = new >= ALIKE
         counted = torch.where(counts[:, None], images, learned.counted)
         learned = replace(learned, counted=counted, way=way.masked_fill(counts, 0.0))
         used, found = looked & counts if self.learns else looked, None

@@ -84,6 +84,7 @@ RECENT = 20
 FORESEEN = 0.65
 #: images that are recognised less than this are not of the map ("does the map show this place at all?")
 RECOGNISED = 0.4
-#: images differ more than this share of any two images of the map where a robot moves. At a station 0.02 at most, with
+#: images differ more than this share of any two images of the map where a robot moves; those that differ less, and were
+#: taken within this share of its spacing, repeat the last one and do not count. At a station 0.02 at most, with
 #: noise and compression 0.18, on walks 0.32 and more ("Odometry of zeros from a moving camera is not believed")
 ALIKE = 0.2

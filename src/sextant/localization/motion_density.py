@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from torch import Tensor
 
 from sextant.geometry.planar import se2_compose, wrap_angle
@@ -52,9 +52,11 @@ class Predicted:
     support: MapSupport | None = None
 
     @property
-    def known(self) -> bool:
-        """Whether the motion has a density: the model is exponential, with noise in every coordinate."""
-        return isinstance(self.model, ExponentialMotion) and bool((self._sigmas > 0).all())
+    def known(self) -> Bool[Tensor, "r"]:
+        """Whether the motion of each run has a density: the model is exponential, with noise in every coordinate."""
+        if not isinstance(self.model, ExponentialMotion):
+            return torch.zeros(len(self.motion), dtype=torch.bool, device=self.motion.device)
+        return (self._sigmas > 0).all(1)
 
     @property
     def _sigmas(self) -> Float64[Tensor, "r 3"]:
@@ -68,19 +70,19 @@ class Predicted:
         return torch.where(self.motion.isfinite().all(1, keepdim=True), self.motion, 0.0)
 
     def log_density(self, poses: Float64[Tensor, "r m 3"]) -> Float64[Tensor, "r m"]:
-        """The log density of each run's poses.
-
-        Raises:
-            ValueError: the motion has none.
-        """
-        if not self.known:
-            raise ValueError("this motion has no density")
+        """The log density of each run's poses; -inf in runs whose motion has none."""
+        known = self.known
+        if not bool(known.any()):
+            return torch.full_like(poses[..., 0], -torch.inf)
         ahead = se2_compose(self.before.poses, self._motion[:, None])
         weights, sigmas = self.before.log_weights, self._sigmas
         if self.support is not None:
             weights = weights - self.support.log_prior(self.before.poses)
         rows = []
         for run in range(len(poses)):
+            if not known[run]:
+                rows.append(torch.full_like(poses[run, :, 0], -torch.inf))
+                continue
             size = max(1, PAIRS // ahead.shape[1])
             rows.append(torch.cat([_summed(ahead[run], weights[run], p, sigmas[run]) for p in poses[run].split(size)]))
         found = torch.stack(rows)

@@ -1,5 +1,7 @@
 """The focal length by matches between photos of one camera, as evidence beside their lines and the network."""
 
+from typing import get_args, get_type_hints
+
 import numpy as np
 import pytest
 from cli.photo_calibration.fakes import Fake
@@ -9,7 +11,8 @@ from correspondence.test_shared_focal import around, photos, points
 
 import sextant.correspondence
 from sextant.applications import PhotoCalibrator
-from sextant.correspondence import Pinhole
+from sextant.chapters.calibration.matched_focal import WHY
+from sextant.correspondence import Pinhole, SharedFocalLength
 
 FOCAL = 520.0
 UNSURE = (0.02, 0.01, 0.15, 0.05)
@@ -110,3 +113,7 @@ def test_features_are_found_only_where_they_are_used(by):
     for number in range(40):
         matches.see(str(number), np.full((480, 640, 3), number, np.uint8))
     assert extractor.asked == [*range(5), *range(17, 22), *range(35, 40)]
+
+
+def test_each_verdict_without_an_answer_has_its_reason():
+    assert {*WHY, "known"} == {*get_args(get_type_hints(SharedFocalLength)["verdict"])}

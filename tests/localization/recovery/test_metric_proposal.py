@@ -6,6 +6,7 @@ import pytest
 import torch
 from small_worlds import Told, generator
 
+from sextant.errors import UserError
 from sextant.localization.belief import Belief
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.map_support import EvidenceOnMap, MapSupport
@@ -151,7 +152,22 @@ def test_before_the_first_motion_only_restarts_are_drawn_around_a_pose():
 
 def test_a_motion_without_density_is_not_foreseen():
     before = Belief.uniform(BEFORE[None])
-    assert not Predicted(before, IdentityMotion(), MOVED).known
-    assert not Predicted(before, ExponentialMotion((0.1, 0.0, 0.1)), MOVED).known
-    with pytest.raises(ValueError, match="no density"):
-        Predicted(before, IdentityMotion(), MOVED).log_density(BEFORE[None])
+    for model in (IdentityMotion(), ExponentialMotion((0.1, 0.0, 0.1))):
+        predicted = Predicted(before, model, MOVED)
+        assert not predicted.known.any()
+        assert (predicted.log_density(BEFORE[None]) == -math.inf).all()
+
+
+def test_a_run_that_stands_takes_nothing_from_those_that_move():
+    moves = ExponentialMotion((0.0, 0.0, 0.0), per_metre=(0.1, 0.1, 0.1))
+    alone = Predicted(Belief.uniform(BEFORE[None]), moves, MOVED)
+    both = Predicted(Belief.uniform(BEFORE.expand(2, -1, -1)), moves, torch.cat([MOVED, 0 * MOVED]))
+    assert both.known.tolist() == [True, False]
+    density = both.log_density(BEFORE.expand(2, -1, -1))
+    assert torch.equal(density[:1], alone.log_density(BEFORE[None]))
+    assert (density[1] == -math.inf).all()
+
+
+def test_restarts_weighed_by_several_images_are_refused():
+    with pytest.raises(UserError, match="window=10 weighs them by several images"):
+        MetricProposal(BayesRestart(HAZARD, 0.2, window=10))

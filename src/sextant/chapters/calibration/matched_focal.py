@@ -32,6 +32,7 @@ UNUSED, FEW = "matches between the photos were not used", "it takes six differen
 WHY = {
     "no common scene": "too few agree",
     "undetermined": "they agree with many focal lengths",
+    "moving scene": "something in the scene moves",
     "unchecked": "only two photos of a group show one scene",
 }
 #: numbers of features, and the longer side of the pictures that they are found in, of that benchmark

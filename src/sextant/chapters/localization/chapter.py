@@ -171,6 +171,7 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         drives = data.drives
         if config.filter.metric is not None:
             check_camera(drives, config)
+            metric_map(config, data)  # a mistake in the features is said before training
         check_validation(drives)
         check_runs(drives, _faults(config), test_settings(config, data))
         if "folder" in config.plain["descriptor"]:  # read vector files now, before a mistake in them costs time

@@ -224,13 +224,14 @@ class Localizer:
                 has no descriptor for images.
         """
         row = self._seen(image, descriptor)
-        if row is not None:
-            self._sample.add(row)
         moved, seen = _motion(motion)[None], torch.tensor([row is not None])
         shown = np.zeros((1, self.model.map.dimension), np.float32) if row is None else row[None].numpy()
         camera, filter = Camera(self.model, self.likelihood, shown), self.filter
         steps = Steps(filter, self._begins, self.particles, self.radius, self._adaptation)
-        self._now = now = steps.step(self._now, moved, camera, np.zeros(1, np.int64), seen, self._generator)
+        now = steps.step(self._now, moved, camera, np.zeros(1, np.int64), seen, self._generator)
+        before, self._now = self._now, now
+        if row is not None and not _repeats(before, now):
+            self._sample.add(row)
         self._past = [*self._past[-self.lag :], now] if self.lag else []
         return self._told(now, now.belief, now.found)
 
@@ -244,8 +245,8 @@ class Localizer:
     def recognised(self) -> float:
         """The mean recognition of the images since the last reset, whether motion is known or not.
 
-        As :attr:`LocalizedPose.recognised`, but of the drive as a whole: below 0.4 it was not taken in this map. nan
-        before the fifth image, and in a map of too few places.
+        As :attr:`LocalizedPose.recognised`, but of all images that do not repeat one before: below 0.4 the drive was
+        not taken in this map. nan before the fifth of them, and in a map of too few places.
         """
         known, images = self._adaptation.recognition, self._sample.images
         return math.nan if known is None or not images else known.of_drive(torch.stack(images))
@@ -467,6 +468,15 @@ class Localizer:
             seed=seed,
             lag=lag,
         )
+
+
+def _repeats(before: Localized | None, now: Localized) -> bool:
+    """Whether the image of a step repeats the last that counted."""
+    if before is None:
+        return False
+    assert before.learned is not None
+    assert now.learned is not None
+    return torch.equal(before.learned.counted, now.learned.counted)
 
 
 def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:

@@ -32,16 +32,30 @@ def check_metric(config: LocalizationConfig) -> None:
     if kind not in ("NoRecovery", "BayesRestart"):
         raise UserError(
             f"{told}: located poses are weighted by Bayes' rule, which recovery={kind} does not follow",
-            "recovery=bayes_restart, sequence_restart or none",
+            "recovery=bayes_restart or none",
         )
     if recovery.get("weigh_jitter") is False:
         raise UserError(f"{told}: restarts must be weighted at their own poses", "recovery.weigh_jitter=true")
+    if metric != "likelihood":
+        if recovery.get("window"):
+            raise UserError(
+                f"{told}: recovery.window={recovery['window']} weighs restarts by several images, without what located "
+                "poses found",
+                "recovery=bayes_restart, or filter.metric=likelihood",
+            )
+        motion = config.plain["motion"]["_target_"].rsplit(".", 1)[-1]
+        if config.filter.adapts or motion not in ("ExponentialMotion", "motion_of_spacing"):
+            named = "filter.adapts=true" if config.filter.adapts else f"motion={motion}"
+            raise UserError(
+                f"{told}: poses are drawn from a motion whose density is known, which {named} has not",
+                "motion=exponential and filter.adapts=false, or filter.metric=likelihood",
+            )
     if config.task.save_map:
         raise UserError(f"{told}: a saved map keeps no local features", "task.save_map=false")
 
 
 def check_camera(drives: "LocalizationData", config: LocalizationConfig) -> None:
-    """Raise a ``UserError`` if the camera of a dataset is unknown, or its features cannot be extracted."""
+    """Raise a ``UserError`` if the camera of a dataset is unknown."""
     if drives.camera is None or drives.unit != "m":
         raise UserError(
             f"filter.metric={config.filter.metric}: the camera of this dataset is not known",

@@ -25,10 +25,11 @@ import torch
 from jaxtyping import Bool, Float64
 from torch import Tensor
 
+from sextant.errors import ArgumentError
 from sextant.geometry.planar import se2_between, wrap_angle
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.metric_pose import EvidenceWithPose, MetricPoses
-from sextant.localization.recovery.bayes_restart import BayesRestart, Trail
+from sextant.localization.recovery.bayes_restart import BayesRestart
 from sextant.localization.recovery.recovery import Injection, Memory, NoRecovery, Recovery, whole_number
 from sextant.localization.weighted_belief import WeightedBelief
 from sextant.ranges import Share, checked
@@ -44,11 +45,19 @@ class MetricProposal(Recovery):
         share: :math:`\lambda`, and m as a share of the particles.
 
     Raises:
-        UserError: the share is not between 0 and 1.
+        ArgumentError: the share is not between 0 and 1, or restarts are weighed by several images.
     """
 
     restarts: BayesRestart | NoRecovery = field(default_factory=NoRecovery)
     share: Share = 0.1
+
+    def __post_init__(self) -> None:
+        if isinstance(self.restarts, BayesRestart) and self.restarts.window > 0:
+            raise ArgumentError(
+                f"restarts: window={self.restarts.window} weighs them by several images, without what located poses "
+                "found",
+                "For example BayesRestart()",
+            )
 
     def memory(self, runs: int, device: torch.device | None = None) -> Memory:
         """That of the restarts."""
@@ -64,12 +73,13 @@ class MetricProposal(Recovery):
         """Restart, and draw particles around located poses."""
         restarted, after = self.restarts.inject(weighed, prior, memory, generator)
         evidence, predicted = weighed.evidence, weighed.predicted
-        foreseen, restarts = predicted is not None and predicted.known, self._hazard > 0 and min(prior.sigmas) > 0
-        if not isinstance(evidence, EvidenceWithPose) or not (foreseen or restarts):
+        foreseen = torch.zeros_like(weighed.seen) if predicted is None else predicted.known
+        restarts = self._hazard > 0 and min(prior.sigmas) > 0
+        if not isinstance(evidence, EvidenceWithPose):
             return restarted, after
         measured = evidence.measured
         count = whole_number(self.share, weighed.particles, generator)
-        count = torch.where(weighed.seen & measured.located, count, 0)
+        count = torch.where(weighed.seen & measured.located & (foreseen | restarts), count, 0)
         taken = torch.zeros_like(count) if restarted is None else torch.where(weighed.seen, restarted.count, 0)
         count = count.minimum(weighed.particles - 1 - taken).clamp(min=0)
         most = int(count.max())
@@ -77,11 +87,10 @@ class MetricProposal(Recovery):
             return restarted, after
         poses, log_q = _around(measured, prior, most, generator)
         log_pi = torch.full_like(log_q, -torch.inf)
-        if foreseen:
-            assert predicted is not None
+        if predicted is not None:
             log_pi = predicted.log_density(poses) + math.log1p(-self._hazard)
         if restarts:
-            log_pi = torch.logaddexp(log_pi, math.log(self._hazard) + self._log_restarts(poses, prior, memory))
+            log_pi = torch.logaddexp(log_pi, math.log(self._hazard) + log_prior(prior, poses))
         log_weights = log_pi + evidence_of(weighed, poses) - log_q
         log_weights = log_weights + (math.log(self.share) - count.clamp(min=1).double().log())[:, None]
         drawn = Injection(poses, log_weights, count, poses.new_zeros(len(count)))
@@ -90,16 +99,6 @@ class MetricProposal(Recovery):
     @property
     def _hazard(self) -> float:
         return self.restarts.hazard if isinstance(self.restarts, BayesRestart) else 0.0
-
-    def _log_restarts(self, poses: Float64[Tensor, "r m 3"], prior: MapPrior, trail: Trail) -> Float64[Tensor, "r m"]:
-        r""":math:`\log p_0`, with the worth of the last images in a window of them."""
-        told, restarts = log_prior(prior, poses), self.restarts
-        if not isinstance(restarts, BayesRestart) or restarts.window == 0:
-            return told
-        parts = told.new_full((len(told),), math.log(restarts.window + 1))
-        if trail.unknown is not None:
-            parts = parts.masked_fill(trail.unknown, 0.0)
-        return told + trail.log_worth(poses) - parts[:, None]
 
 
 def evidence_of(weighed: WeightedBelief, poses: Float64[Tensor, "r m 3"]) -> Float64[Tensor, "r m"]:
@@ -144,12 +143,13 @@ def _around(
     return poses, torch.logaddexp(*densities) - math.log(2)
 
 
-def _together(restarted: Injection | None, drawn: Injection, log_rest: float, foreseen: bool) -> Injection:
+def _together(restarted: Injection | None, drawn: Injection, log_rest: float, foreseen: Bool[Tensor, "r"]) -> Injection:
     """Restarts and particles around located poses, side by side; the former, and the kept, share the rest."""
     some: Bool[Tensor, "r"] = drawn.count > 0
     rest = torch.where(some, log_rest, drawn.log_kept)
+    shared = torch.where(foreseen, rest, drawn.log_kept)
     if restarted is None:
-        return Injection(drawn.poses, drawn.log_weights, drawn.count, rest if foreseen else drawn.log_kept)
+        return Injection(drawn.poses, drawn.log_weights, drawn.count, shared)
     count = restarted.count + drawn.count
     at = torch.arange(int(count.max()), device=count.device)[None].expand(len(count), -1)
     first = at < restarted.count[:, None]
@@ -159,7 +159,7 @@ def _together(restarted: Injection | None, drawn: Injection, log_rest: float, fo
     weights = restarted.log_weights + rest[:, None]
     log_weights = torch.where(first, weights.gather(1, before), drawn.log_weights.gather(1, later))
     kept = torch.where(restarted.count > 0, restarted.log_kept, 0.0)
-    return Injection(poses, log_weights, count, kept + rest if foreseen else kept)
+    return Injection(poses, log_weights, count, kept + shared)
 
 
 def _rows(poses: Float64[Tensor, "r m 3"], rows: Tensor) -> Float64[Tensor, "r k 3"]:
