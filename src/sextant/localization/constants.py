@@ -84,7 +84,8 @@ RECENT = 20
 FORESEEN = 0.65
 #: images that are recognised less than this are not of the map ("does the map show this place at all?")
 RECOGNISED = 0.4
-#: images differ more than this share of any two images of the map where a robot moves; those that differ less, and were
-#: taken within this share of its spacing, repeat the last one and do not count. At a station 0.02 at most, with
-#: noise and compression 0.18, on walks 0.32 and more ("Odometry of zeros from a moving camera is not believed")
+#: squared distances between images of a robot that moves exceed this share of those between any two images of the map:
+#: at a station 0.02 at most, with noise and compression 0.18, on walks 0.32 and more ("Odometry of zeros from a moving
+#: camera is not believed"). The same share of the step between neighbouring images, in distance and in squared change,
+#: is what an image must be new by to count; it replaces 1/4
 ALIKE = 0.2

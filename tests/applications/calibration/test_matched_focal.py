@@ -73,7 +73,7 @@ def test_matches_tell_the_focal_length_that_pictures_do_not(by, method):
 
 def test_a_zoom_between_the_photos_is_told_and_its_focal_length_not_used(by):
     found = by(scene(6, cameras=(FOCAL, 1.4 * FOCAL)))
-    assert found.matches.startswith("the camera zoomed, or a scene misleads: matches tell")
+    assert found.matches.startswith("the camera zoomed, or a scene misleads: matches give")
     assert found.matches in found.doubts
     assert any("zoomed" in reason for reason in found.cameras[0].reasons)
     low, high = found.cameras[0].interval_68.focal_px

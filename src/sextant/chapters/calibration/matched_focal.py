@@ -41,17 +41,17 @@ KEYPOINTS, SIDE = 4096, 1024
 
 @dataclass(frozen=True)
 class MatchedFocal:
-    """What the matches of photos of one camera tell about its focal length.
+    """What the matches of photos of one camera say about its focal length.
 
     Attributes:
-        told: in words: the focal length, or why there is none.
+        summary: in words: the focal length, or why there is none.
         focal: focal length over the longer side of a photo; nan if unknown.
         sigma: its relative standard deviation; infinite if unknown.
         zoomed: the photos of a group have another focal length than those of another, or a scene misleads.
         photos: the number of photos that were matched.
     """
 
-    told: str
+    summary: str
     focal: float = math.nan
     sigma: float = math.inf
     zoomed: bool = False
@@ -106,7 +106,7 @@ class PhotoMatches:
         self._seen += 1
 
     def focal(self, names: Sequence[str]) -> MatchedFocal:
-        """What the matches of these photos tell, in their order."""
+        """What the matches of these photos say, in their order."""
         if self._missing:
             return MatchedFocal(f"{UNUSED}: {self._missing}")
         seen = [name for name in names if name in self.features]
@@ -139,8 +139,8 @@ def combined(found: "Mapping[tuple[str, ...], SharedFocalLength]", side: int) ->
     >>> from sextant.correspondence import SharedFocalLength
     >>> one = SharedFocalLength("known", 1000.0, 0.01, photos=[0, 1, 2])
     >>> other = SharedFocalLength("known", 1400.0, 0.01, photos=[0, 1, 2])
-    >>> combined({("a", "b", "c"): one, ("d", "e", "f"): other}, 1000).told
-    'the camera zoomed, or a scene misleads: matches tell 1000 ± 10 px in a to c, 1400 ± 14 px in d to f'
+    >>> combined({("a", "b", "c"): one, ("d", "e", "f"): other}, 1000).summary
+    'the camera zoomed, or a scene misleads: matches give 1000 ± 10 px in a to c, 1400 ± 14 px in d to f'
     """
     from sextant.correspondence.shared_focal import MODEL
 
@@ -153,11 +153,13 @@ def combined(found: "Mapping[tuple[str, ...], SharedFocalLength]", side: int) ->
     fused = fuse(np.array(logs), np.array(sigmas), correlation=common)
     photos = sum(len(each.photos) for each in found.values())
     if not fused.consistent or not fused.kept.all():
-        told = ", ".join(
+        each_group = ", ".join(
             f"{each.focal_px:.0f} ± {each.focal_px * sigma:.0f} px in {Path(names[0]).name} to {Path(names[-1]).name}"
             for (names, each), (sigma,) in zip(found.items(), sigmas, strict=True)
         )
-        return MatchedFocal(f"the camera zoomed, or a scene misleads: matches tell {told}", zoomed=True, photos=photos)
+        return MatchedFocal(
+            f"the camera zoomed, or a scene misleads: matches give {each_group}", zoomed=True, photos=photos
+        )
     focal, sigma = math.exp(fused.values[0]), float(fused.sigmas[0])
-    told = f"{photos} photos match: focal length {focal * side:.0f} ± {focal * side * sigma:.0f} px"
-    return MatchedFocal(told, focal, sigma, photos=photos)
+    summary = f"{photos} photos match: focal length {focal * side:.0f} ± {focal * side * sigma:.0f} px"
+    return MatchedFocal(summary, focal, sigma, photos=photos)

@@ -36,7 +36,7 @@ class OneCamera:
         fusion: fusion of the log of the focal length and of k1 / f², f in longer sides of a photo; it states which
             photos were kept and whether they agree.
         doubts: reasons against the result.
-        matches: what the photos' matches tell about the focal length, in words.
+        matches: what the photos' matches say about the focal length, in words.
     """
 
     photos: tuple[PhotoCamera | FailedPhoto, ...]
@@ -128,7 +128,7 @@ def fuse_as_one_camera(
         doubts.append(f"{resized}: they are treated as resized photos of one camera")
         fused = [finding.doubted(0, doubts[-1]) for finding in fused]
     used = np.array([i == first and kept[first] for i, first in enumerate(firsts)])
-    return fused, replace(fusion, kept=used), tuple(doubts), matched.told
+    return fused, replace(fusion, kept=used), tuple(doubts), matched.summary
 
 
 def _with_matches(
@@ -140,14 +140,14 @@ def _with_matches(
     product, and the test of whether the photos agree that without it, since all photos share it.
     """
     if matched.zoomed:
-        return fusion, [matched.told]
+        return fusion, [matched.summary]
     if not math.isfinite(matched.focal):
         return fusion, []
     prior = Prior(math.log(matched.focal), matched.sigma)
     known = with_prior(fusion, 0, prior)
     if abs(known.prior_z) > PRIOR_DISAGREES:
         z = abs(known.prior_z)
-        return fusion, [f"{matched.told}; the pictures disagree by {z:.1f} standard errors: it was not used"]
+        return fusion, [f"{matched.summary}; the pictures disagree by {z:.1f} standard errors: it was not used"]
     if any(finding.network is None for finding in findings):
         return replace(known, prior_z=fusion.prior_z), []
     joint = []

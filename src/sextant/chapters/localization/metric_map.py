@@ -24,6 +24,7 @@ from sextant.geometry import level_camera_pose
 from sextant.kept_array import keep_array, open_kept
 from sextant.localization.metric_pose import planar_pose
 from sextant.reporter import Advance
+from sextant.retrieval import nearest_neighbours
 
 #: images whose features are detected at a time
 BATCH = 32
@@ -83,7 +84,8 @@ class MetricMap:
         (drive, descriptors), (there, theirs) = driven, mapped
         rows = np.zeros((len(drive), COLUMNS))
         rows[:, 0], rows[:, 4:] = np.inf, np.eye(3).ravel()
-        posed, nearest = self._map(mapped), _nearest(descriptors, theirs, min(CANDIDATES, len(there)))
+        posed, count = self._map(mapped), min(CANDIDATES, len(there))
+        nearest = nearest_neighbours(theirs, descriptors, count, "euclidean")
         assert drive.images is not None
         for start in range(0, len(drive), BATCH):
             for frame, query in enumerate(self._detected(drive, start, start + BATCH), start):
@@ -121,9 +123,3 @@ class MetricMap:
             for start in range(0, len(drive), 256):
                 hashed.update(np.ascontiguousarray(drive.images[start : start + 256]).tobytes())
         return hashed.hexdigest()[:16]
-
-
-def _nearest(queries: Float32[ndarray, "n d"], rows: Float32[ndarray, "m d"], count: int) -> ndarray:
-    """The rows nearest to each query, the nearest first."""
-    apart = np.square(rows).sum(1)[None] - 2 * np.asarray(queries) @ np.asarray(rows).T
-    return np.argsort(apart, axis=1, kind="stable")[:, :count]
