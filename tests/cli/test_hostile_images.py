@@ -74,6 +74,7 @@ class Nowhere:
     """A localizer that always is at the origin."""
 
     descriptor, image_size, unit, odometry_scale = SimpleNamespace(describer=True), (16, 24, 3), "m", 1.0
+    recognised = 1.0
     model = SimpleNamespace(map=SimpleNamespace(poses=torch.zeros(2, 3)))
 
     def step(self, motion, image):

@@ -28,6 +28,8 @@ SWEEPS = {
     "city": "localization_city",
     "cifar": "pushpull_cifar",
     "cifar_60": "pushpull_cifar",
+    "descriptors": "localization_descriptors",
+    "features": "localization_features",
     "gp_approximation_support": "gp_approximation",
     "gp_approximation_fresh": "gp_approximation_fresh",
     "lenet_19": "pushpull_lenet_19",

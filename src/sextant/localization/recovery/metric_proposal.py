@@ -46,6 +46,24 @@ class MetricProposal(Recovery):
 
     Raises:
         ArgumentError: the share is not between 0 and 1, or restarts are weighed by several images.
+
+    Example:
+        >>> from sextant.localization.belief import Belief
+        >>> from sextant.localization.metric_pose import MetricErrors
+        >>> from sextant.localization.observation import Evidence
+        >>> class Alike(Evidence):  # all images look like this one
+        ...     log_likelihood = lambda self, poses: torch.zeros_like(poses[..., 0])
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> errors = MetricErrors(scale=1.0, dof=3.0, wrong=0.1, volume=100.0)
+        >>> at_ten = MetricPoses(line[10:11], 0.01 * torch.eye(3, dtype=torch.float64)[None], torch.tensor([True]), errors)
+        >>> belief = Belief.uniform(line[:1].repeat(1, 100, 1))  # all are at 0 m
+        >>> weighed = WeightedBelief.of(belief, EvidenceWithPose(Alike(), at_ten), None)
+        >>> recovery = MetricProposal(BayesRestart(), share=0.1)
+        >>> injection, _ = recovery.inject(weighed, MapPrior(line, 0.1, 0.1), recovery.memory(1), torch.Generator())
+        >>> heaviest = injection.log_weights.argmax()  # of particles around the located pose and restarts
+        >>> float(injection.poses[0, heaviest, 0].round())
+        10.0
     """
 
     restarts: BayesRestart | NoRecovery = field(default_factory=NoRecovery)
