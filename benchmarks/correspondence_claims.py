@@ -15,8 +15,6 @@ Each writes ``recorded.csv``, ``replicates.csv`` and ``dates.csv``, of which ``s
 
 import os
 import sys
-from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -24,13 +22,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import torch
 from numpy import ndarray
-from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from benchmarks import posed_office, reranking
 from benchmarks.machine import describe_machine
 from benchmarks.place_sets import ImageSet, image_sets, interval
 from benchmarks.posed_photos import PARTS, scenes
+from benchmarks.replicates import Row, now, over_worlds, store
 from sextant import PlaceMap, PoseMap
 from sextant.applications.pixels import as_pixels
 from sextant.chapters.localization.pose_map import _described
@@ -59,14 +57,13 @@ SIZE = (320, 240)
 SPARSE = 24
 #: points of recall by which a set is harmed
 HARMED = 1.0
-Row = list[str]
 
 
 def main(arguments: list[str]) -> None:
     given = parse_arguments(arguments, KEYS, USAGE)
     torch.set_num_threads(1)
     print(describe_machine(), flush=True)
-    begun, data = _now(), Path(os.environ["SEXTANT_DATA"])
+    begun, data = now(), Path(os.environ["SEXTANT_DATA"])
     if given["claim"] == "places":
         output = Path(given.get("output", "results/places/reranking"))
         replicates, rows = places(data, Path(given["keep"]) if "keep" in given else None)
@@ -74,27 +71,7 @@ def main(arguments: list[str]) -> None:
         output = Path(given.get("output", "results/localization/correspondences"))
         first = int(given.get("first", "513"))
         replicates, rows = poses(data / "strecha_posed", range(first, first + int(given.get("offices", "4"))))
-    recorded = TextTable(["name", "seeds", "replicate", "mean", "low", "high", "against", "source"], rows)
-    output.mkdir(parents=True, exist_ok=True)
-    for name, table in (
-        ("replicates", replicates),
-        ("recorded", recorded),
-        ("dates", TextTable(["first_run", "last_run"], [[begun, _now()]])),
-    ):
-        (output / f"{name}.csv").write_text(table.csv(), encoding="utf-8")
-    print(recorded.markdown())
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def _over(name: str, values: Sequence[float], source: str) -> Row:
-    """The mean over replicates with its interval by Student's t."""
-    array = np.array(values, float)
-    half = stats.t.ppf(0.975, len(array) - 1) * array.std(ddof=1) / np.sqrt(len(array))
-    ends = (f"{value:.2f}" for value in (array.mean(), array.mean() - half, array.mean() + half))
-    return [name, str(len(array)), "worlds", *ends, "0", source]
+    store(output, replicates, rows, begun, now())
 
 
 # -- poses -------------------------------------------------------------------------------------------------------------
@@ -121,7 +98,7 @@ def poses(folder: Path, seeds: range) -> tuple[TextTable, list[Row]]:
     source = "replicates.csv: 100 (1 - correspondences / descriptors), in degrees their difference"
     heads = ["replicate", "queries", "number", "located"]
     heads += [f"{by}_{unit}" for unit in ("m", "deg") for by in ("correspondences", "nearest", "mean_of_three")]
-    return TextTable(heads, table), [_over(name, values, source) for name, values in saved.items()]
+    return TextTable(heads, table), [over_worlds(name, values, source) for name, values in saved.items()]
 
 
 def compared(built: PoseMap, photo: object, pose: ndarray, camera: object) -> list[float]:
@@ -177,8 +154,8 @@ def places(data: Path, kept: Path | None) -> tuple[TextTable, list[Row]]:
     every_set = [gain for of_family in gains.values() for gain in of_family]
     harmed = str(sum(gain < -HARMED for gain in every_set))
     rows = [
-        _over("reranking/gain", every_set, source),
-        _over("reranking/gain_of_families", [float(np.mean(each)) for each in gains.values()], source),
+        over_worlds("reranking/gain", every_set, source),
+        over_worlds("reranking/gain_of_families", [float(np.mean(each)) for each in gains.values()], source),
         ["reranking/sets_harmed", "counted", "", harmed, "", "", "0", source],
     ]
     heads = ["set", "family", "queries", "recall", "reranked", "gain", "low", "high", "won", "lost", "cpu_s_a_query"]
