@@ -45,7 +45,7 @@ STORED = {
     "places_trained": "results/places/trained_worlds",
     "localization_any_pose": "results/localization/recovery_worlds",
 }
-UNLEARNED = ("pixels", "patch-normalised", "HOG", "untrained")
+UNLEARNED = ("pixels", "patch-normalised", "HOG", "untrained network")
 LINEAR = ("LDA", "CCA")
 CONDITIONS = ("autumn_rain", "winter_noon", "winter_dusk", "night_clear")
 #: maps drawn anew, of which the distance to the nearest pose is the mean
@@ -97,12 +97,12 @@ def world_of(run: RunDirectory) -> int:
 def trained(runs: Sequence[RunDirectory]) -> tuple[TextTable, list[Row]]:
     """Recall@1 in per cent by world, condition and method, and the gains that the claim rests on."""
     table, gains = [], dict[str, list[float]]()
-    methods = ("network", *UNLEARNED, *LINEAR)
+    methods = ("network", *UNLEARNED, "whitened PCA", *LINEAR)
     for run in sorted(runs, key=world_of):
         with np.load(run.arrays) as arrays:
             for condition in CONDITIONS:
-                start = f"R@1_{condition}_"
-                name = {key.split("/")[1]: key for key in arrays if key.startswith(start)}
+                keys = (key for key in arrays if key.startswith("R@1_") and f"_{condition}_to_" in key)
+                name = {key.split("/")[1]: key for key in keys if "sequence" not in key and "reranked" not in key}
                 recall = {method: 100 * float(arrays[name[method]].mean()) for method in methods}
                 table.append([str(world_of(run)), condition, *(f"{recall[method]:.3f}" for method in methods)])
                 for kind, others in (("trained", UNLEARNED), ("trained_linear", LINEAR)):
