@@ -11,7 +11,7 @@ from numpy import ndarray
 from scipy.special import stdtrit
 from torch import Tensor
 
-from sextant.baselines.calibration import CameraBelief, GravityBelief, LineEvidence
+from sextant.baselines.calibration import CameraBelief, GravityBelief, JointEstimate, LineEvidence
 from sextant.data.photos import NetworkView, Photo
 from sextant.geometry import CameraParameters, K2Family, focal_from_vfov, k2_of_k1, vfov_from_focal
 
@@ -42,6 +42,7 @@ class Finding:
         alone: half-widths of the intervals from this photo alone, if ``half`` is fused with others.
         gravity: gravity that contributes to ``camera`` besides the picture.
         of_others: whether the network is one of others, whose half-widths are :data:`STUDENT` of its standard errors.
+        joint: the joint estimate of this photo by itself, without other beliefs about its camera.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Finding:
     alone: Mapping[str, Float64[ndarray, "4"]] | None = None
     gravity: GravityBelief | None = None
     of_others: bool = False
+    joint: JointEstimate | None = None
 
     def doubted(self, verdict: int, *reasons: str) -> Self:
         """The same finding with further doubts."""

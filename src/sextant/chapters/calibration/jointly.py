@@ -62,7 +62,8 @@ def jointly(finding: Finding, more: Sequence[Term] = ()) -> Finding:
         beliefs = [network := network_belief(said), PhotoPrior(longer, _held(network))]
     down = [said.gravity] if said.gravity else []
     found = joint_estimate(said.lines, [*beliefs, *down, *more])
-    joint = _adopted(said, found, longer)
+    alone = said.trusts_network and not (said.of_others or down or more)
+    joint = replace(_adopted(said, found, longer), joint=found if alone else None)
     if found.ends:
         joint = joint.doubted(
             1, f"at an end of the search range: {', '.join(found.ends)}; the true value may lie beyond"
