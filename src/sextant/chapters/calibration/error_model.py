@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float64
 from numpy import ndarray
-from scipy.special import gammaln, logsumexp, stdtr
+from scipy.special import digamma, gammaln, logsumexp, stdtr
 
 #: what z consists of, with the centre and spread that each is standardised by: the share of segments' length that a
 #: frame explains, log(1 + long segments along the second axis), log(1 + standard errors between network and joint
@@ -126,15 +126,20 @@ def fit_error_model(
         raise ValueError("no error is known")
     _, owner, counts = np.unique(np.array(sources, dtype=str)[known], return_inverse=True, return_counts=True)
     order = np.argsort(owner, kind="stable")
-    errors, sigma, covariates = errors[known][order], sigma[known][order], covariates[known][order]
-    starts, share = np.concatenate([[0], np.cumsum(counts)[:-1]]), (counts[owner] ** -0.5)[order]
+    errors, sigma, covariates, owner = errors[known][order], sigma[known][order], covariates[known][order], owner[order]
+    starts, share = np.concatenate([[0], np.cumsum(counts)[:-1]]), counts[owner] ** -0.5
 
-    def cost(vector: Float64[ndarray, "p"]) -> float:
-        each = share[:, None] * _log_student(vector, errors, sigma, covariates)
-        evidence = logsumexp(np.add.reduceat(each, starts) + LOG_WEIGHTS, axis=1).sum()
-        return float(0.5 * np.square((vector - PRIORS[:, 0]) / PRIORS[:, 1]).sum() - evidence)
+    def cost(vector: Float64[ndarray, "p"]) -> tuple[float, Float64[ndarray, "p"]]:
+        each = np.add.reduceat(share[:, None] * _log_student(vector, errors, sigma, covariates), starts) + LOG_WEIGHTS
+        evidence = logsumexp(each, axis=1, keepdims=True)
+        posterior = share[:, None] * np.exp(each - evidence)[owner]  # of each node, given the source's photos
+        slopes = _slopes(vector, errors, sigma, covariates)
+        off = (vector - PRIORS[:, 0]) / PRIORS[:, 1]
+        gradient = off / PRIORS[:, 1] - np.einsum("nk,pnk->p", posterior, slopes)
+        return float(0.5 * np.square(off).sum() - evidence.sum()), gradient
 
-    offset, slope, *weights, log_nu, log_spread = minimize(cost, PRIORS[:, 0], method="L-BFGS-B").x.tolist()
+    found = minimize(cost, PRIORS[:, 0], jac=True, method="L-BFGS-B").x.tolist()
+    offset, slope, *weights, log_nu, log_spread = found
     return ErrorModel(offset, slope, tuple(weights), math.exp(log_nu), math.exp(log_spread))
 
 
@@ -156,6 +161,25 @@ def _log_student(
     norm = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi)
     squares = np.square(errors)[:, None] * np.exp(-2 * log_scale)
     return np.asarray(norm - log_scale - (nu + 1) / 2 * np.log1p(squares / nu))
+
+
+def _slopes(
+    vector: Float64[ndarray, "p"],
+    errors: Float64[ndarray, "n"],
+    sigma: Float64[ndarray, "n"],
+    covariates: Float64[ndarray, "n k"],
+) -> Float64[ndarray, "p n nodes"]:
+    """Derivatives of :func:`_log_student` by the fitted numbers."""
+    nu, spread = np.exp(vector[-2:])
+    log_scale = _log_scale(vector, sigma, covariates)[:, None] + spread * NODES
+    squares = np.square(errors)[:, None] * np.exp(-2 * log_scale)
+    by_scale = (nu + 1) * squares / (nu + squares) - 1
+    by_nu = (
+        0.5 * (digamma((nu + 1) / 2) - digamma(nu / 2) - 1 / nu - np.log1p(squares / nu))
+        + (nu + 1) / 2 * squares / (nu * (nu + squares))
+    )
+    columns = np.column_stack([np.ones(len(errors)), np.log(np.maximum(sigma, LEAST)), covariates]).T
+    return np.concatenate([columns[:, :, None] * by_scale, [nu * by_nu, by_scale * spread * NODES]])
 
 
 def likely_right(

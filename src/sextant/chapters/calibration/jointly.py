@@ -69,8 +69,8 @@ def jointly(finding: Finding, more: Sequence[Term] = ()) -> Finding:
             1, f"at an end of the search range: {', '.join(found.ends)}; the true value may lie beyond"
         )
     if not more:  # otherwise the lens is known, and does not depend on the lines
-        joint = joint.doubted(1, *_little(found))
-    return joint.doubted(1, *_disagreements(said, joint)) if said.trusts_network else joint
+        joint = joint.doubted(1, *_little(found), modelled=True)
+    return joint.doubted(1, *_disagreements(said, joint), modelled=True) if said.trusts_network else joint
 
 
 def _held(network: CameraBelief) -> tuple[float, float, float]:

@@ -29,7 +29,9 @@ def predict_calibrations(
     """
     make_output(output)
     photos = Counted("calibrating", "photos", paths)
-    written = write_cameras(calibrator, photos, output, **options.model_dump(exclude={"method", "network", "scale", "every"}))
+    written = write_cameras(
+        calibrator, photos, output, **options.model_dump(exclude={"method", "network", "scale", "every"})
+    )
     tell(written, skipped_of(written.rows, f"none of {len(paths):,} photos could be calibrated"))
     return written.rows
 

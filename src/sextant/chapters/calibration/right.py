@@ -44,6 +44,11 @@ class Verdicts:
         columns = zip(self.models, limits, sigma.T, covariates.swapaxes(0, 1), strict=True)
         return np.stack([model.within(limit, own, others) for model, limit, own, others in columns], axis=1)
 
+    def of(self, finding: Finding, limits: tuple[float, float, float]) -> Float64[ndarray, "3"]:
+        """Probabilities that the errors of a joint camera of one photo by itself are within the limits."""
+        sigma, covariates = evidence_on_errors(finding)
+        return np.asarray(self.within(limits, sigma[None], covariates[None])[0])
+
     def row(self) -> dict[str, Any]:
         """The fitted numbers by name."""
         return {"good": self.good, **{n: model.row() for n, model in zip(NUMBERS, self.models, strict=True)}}
