@@ -5,7 +5,7 @@ The error of a number - tilt, roll or log focal length - has Student's t distrib
 .. math:: \log s = a + b \log \sigma + w^\top z + u_j, \qquad u_j \sim N(0, \tau^2),
 
 where :math:`\sigma` is the standard error from the curvature of the joint cost, z what else tells of the error
-(:data:`COVARIATES`), and :math:`u_j` is shared by all photos of the source j. The eight numbers
+(:data:`COVARIATES`), and :math:`u_j` is shared by all photos of the source j. The nine numbers
 :math:`(a, b, w, \log \nu, \log \tau)` maximise the posterior under weak priors. The integral over :math:`u_j` is by
 Gauss-Hermite quadrature, and the log densities of n photos of a source are divided by the root of n, as their errors
 are not independent. A new photo is of an unknown source: its error is a mixture over u.
@@ -26,8 +26,14 @@ from scipy.special import digamma, gammaln, logsumexp, stdtr
 
 #: what z consists of, with the centre and spread that each is standardised by: the share of segments' length that a
 #: frame explains, log(1 + long segments along the second axis), log(1 + standard errors between network and joint
-#: camera), and the log of the network's own standard error (radians)
-COVARIATES = {"explained": (0.5, 0.2), "support": (2.5, 1.0), "disagreement": (0.7, 0.5), "network": (-2.5, 0.5)}
+#: camera), the log of the network's own standard error (radians), and log(0.02 + |k1 / f²|), f in longer sides
+COVARIATES = {
+    "explained": (0.5, 0.2),
+    "support": (2.5, 1.0),
+    "disagreement": (0.7, 0.5),
+    "network": (-2.5, 0.5),
+    "distortion": (-2.5, 0.8),
+}
 #: means and standard deviations of the priors of a, b, each w, log nu and log tau
 PRIORS = np.array([(0.0, 2.0), (1.0, 0.5), *((0.0, 0.5),) * len(COVARIATES), (math.log(4), 0.5), (math.log(0.3), 0.5)])
 #: nodes of the quadrature over u, in standard deviations, and their weights
@@ -48,8 +54,8 @@ class ErrorModel:
         spread: tau, the standard deviation of the log scale between sources.
 
     Example:
-        >>> model = ErrorModel(offset=0.0, slope=1.0, weights=(0.0,) * 4, nu=3.0, spread=1e-9)
-        >>> sigma, usual = np.array([0.1, 1.0]), np.zeros((2, 4))
+        >>> model = ErrorModel(offset=0.0, slope=1.0, weights=(0.0,) * 5, nu=3.0, spread=1e-9)
+        >>> sigma, usual = np.array([0.1, 1.0]), np.zeros((2, 5))
         >>> model.within(0.1, sigma, usual).round(2).tolist()  # Student's t within 1 and within 0.1 of its scale
         [0.61, 0.07]
     """
@@ -115,8 +121,8 @@ def fit_error_model(
     Example:
         >>> rng = np.random.default_rng(0)
         >>> errors = 0.2 * rng.standard_t(4, 2000)  # twice what the curvature says
-        >>> model = fit_error_model(errors, np.full(2000, 0.1), np.zeros((2000, 4)), [str(i % 40) for i in range(2000)])
-        >>> 0.8 < float(model.within(0.2, np.array([0.1]), np.zeros((1, 4)))[0]) / 0.626 < 1.2
+        >>> model = fit_error_model(errors, np.full(2000, 0.1), np.zeros((2000, 5)), [str(i % 40) for i in range(2000)])
+        >>> 0.8 < float(model.within(0.2, np.array([0.1]), np.zeros((1, 5)))[0]) / 0.626 < 1.2
         True
     """
     from scipy.optimize import minimize
@@ -174,10 +180,9 @@ def _slopes(
     log_scale = _log_scale(vector, sigma, covariates)[:, None] + spread * NODES
     squares = np.square(errors)[:, None] * np.exp(-2 * log_scale)
     by_scale = (nu + 1) * squares / (nu + squares) - 1
-    by_nu = (
-        0.5 * (digamma((nu + 1) / 2) - digamma(nu / 2) - 1 / nu - np.log1p(squares / nu))
-        + (nu + 1) / 2 * squares / (nu * (nu + squares))
-    )
+    by_nu = 0.5 * (digamma((nu + 1) / 2) - digamma(nu / 2) - 1 / nu - np.log1p(squares / nu)) + (
+        nu + 1
+    ) / 2 * squares / (nu * (nu + squares))
     columns = np.column_stack([np.ones(len(errors)), np.log(np.maximum(sigma, LEAST)), covariates]).T
     return np.concatenate([columns[:, :, None] * by_scale, [nu * by_nu, by_scale * spread * NODES]])
 

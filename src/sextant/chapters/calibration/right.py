@@ -84,11 +84,13 @@ def evidence_on_errors(finding: Finding) -> tuple[Float64[ndarray, "3"], Float64
         float(finding.camera.roll - said.camera.roll),
         2 * (math.atan(0.5 / focal) - math.atan(0.5 / network)),
     ]
+    bent = float(finding.camera.k1) / focal**2 * (finding.side / finding.view.height) ** 2
     values = {
         "explained": np.full(3, lines.explained),
         "support": np.full(3, math.log1p(sorted(joint.support)[1])),
         "disagreement": np.log1p(np.abs(off) / theirs),
         "network": np.log(theirs),
+        "distortion": np.full(3, math.log(0.02 + abs(bent))),
     }
     assert values.keys() == COVARIATES.keys()
     return sigma, standardised(values)
