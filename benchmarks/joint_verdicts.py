@@ -170,7 +170,8 @@ def main() -> None:
     fitted = Verdicts(whole.models, of.threshold({}))
     print(fitted.row())
     if given.get("write") == "true":
-        write_json(FITTED, fitted.row())
+        about = {"network": "zoo:calibration", "photos": len(of.wrong), "sources": len(set(of.sources))}
+        write_json(FITTED, {**about, **fitted.row()})
 
 
 if __name__ == "__main__":

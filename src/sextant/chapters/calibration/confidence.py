@@ -210,6 +210,7 @@ def photo_camera(finding: Finding, network: CameraNetwork | OtherNetwork) -> Pho
         reasons=reasons,
         width_over_training_spread=widths,
         seen=(view.left, view.top, view.width, view.height),
+        probability_right=None if finding.joint is None else float(fitted_verdicts().of(finding, RIGHT).prod()),
     )
 
 
