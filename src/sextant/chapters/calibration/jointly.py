@@ -119,13 +119,17 @@ def _adopted(said: Finding, found: JointEstimate, longer: float) -> Finding:
 
 
 def _little(found: JointEstimate) -> list[str]:
-    """Doubts where the lens rests on too few lines, or where two cameras are nearly as likely."""
+    """Doubts where the lens rests on too few lines or no axes, or where two cameras are nearly as likely."""
     doubts = []
     if found.support.sum() < FEW or (found.support >= AN_AXIS).sum() < 2:
         doubts.append(
             f"few lines constrain the lens: {'+'.join(map(str, found.support))} long segments along the three axes, "
             f"fewer than {FEW} in all or too few along two of them"
         )
+    if (found.support < AN_AXIS).all():
+        doubts.append(f"no frame: along none of three axes are there {AN_AXIS} long segments")
+    elif not found.support[1]:
+        doubts.append("no vertical axis: no long segment points up or down")
     if found.rivals > RIVALS:
         doubts.append(f"another camera fits the photo nearly as well, with a probability of {found.rivals:.0%}")
     return doubts
