@@ -29,7 +29,7 @@ from sextant.chapters.calibration.inference import find_cameras
 from sextant.chapters.calibration.jointly import by_method
 from sextant.chapters.calibration.metrics.photo_benchmark import WRONG as WRONG_ERRORS
 from sextant.chapters.calibration.metrics.photo_benchmark import Truth
-from sextant.chapters.calibration.right import FITTED, RIGHT, WRONG, Verdicts, evidence_on_errors
+from sextant.chapters.calibration.verdict_probabilities import FITTED, RIGHT, WRONG, Verdicts, evidence_on_errors
 from sextant.composing.compose import compose, to_plain
 from sextant.config.building import build_part
 from sextant.console.arguments import parse_arguments
@@ -52,7 +52,7 @@ class Judged:
 
     Attributes:
         errors: of tilt, roll (radians) and log focal length; nan where unknown.
-        sigma, covariates: as :func:`~sextant.chapters.calibration.right.evidence_on_errors` gives them.
+        sigma, covariates: as :func:`~sextant.chapters.calibration.verdict_probabilities.evidence_on_errors` gives them.
         wrong: whether an error is above its limit.
         allowed: best verdict that all else allows.
         sources: source of each photo.

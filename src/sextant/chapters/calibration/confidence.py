@@ -13,8 +13,8 @@ from sextant.chapters.calibration.finding import Doubt, Finding
 from sextant.chapters.calibration.network import CameraNetwork
 from sextant.chapters.calibration.other_networks import OtherNetwork
 from sextant.chapters.calibration.photo_camera import Intervals, PhotoCamera, Verdict
-from sextant.chapters.calibration.right import NUMBERS as RATED
-from sextant.chapters.calibration.right import RIGHT, WRONG, fitted_verdicts
+from sextant.chapters.calibration.verdict_probabilities import NUMBERS as RATED
+from sextant.chapters.calibration.verdict_probabilities import RIGHT, WRONG, fitted_verdicts
 from sextant.geometry import CameraParameters, focal_from_vfov, vfov_from_focal
 
 GOOD, TRUSTWORTHY = 0.5, 1.0  # half-width of a 68 % interval, in half-widths of the central 68 % of training cameras
@@ -40,7 +40,7 @@ def confidence(
     """A verdict, its reasons, and the widths of the 68 % intervals over the spread of the training cameras.
 
     For the joint camera of one photo by itself, the verdict is by the fitted probabilities that the camera is right and
-    that it is wrong (:mod:`~sextant.chapters.calibration.right`). Otherwise it is the worst of those by the widths of
+    that it is wrong (:mod:`~sextant.chapters.calibration.verdict_probabilities`). Otherwise it is the worst of those by the widths of
     the intervals. For the network alone, an interval as wide as the spread of the training cameras is uninformative,
     so widths are relative to that spread. For all evidence, and for a network of others, they are absolute. Doubts and
     the training range limit it, unless the probabilities account for them.

@@ -13,7 +13,13 @@ from sextant.chapters.calibration.confidence import beside_probabilities, confid
 from sextant.chapters.calibration.error_model import COVARIATES, ErrorModel
 from sextant.chapters.calibration.inference import find_cameras
 from sextant.chapters.calibration.jointly import by_method, jointly
-from sextant.chapters.calibration.right import RIGHT, WRONG, Verdicts, evidence_on_errors, fitted_verdicts
+from sextant.chapters.calibration.verdict_probabilities import (
+    RIGHT,
+    WRONG,
+    Verdicts,
+    evidence_on_errors,
+    fitted_verdicts,
+)
 
 
 @pytest.fixture(scope="module")
