@@ -40,10 +40,10 @@ def confidence(
     """A verdict, its reasons, and the widths of the 68 % intervals over the spread of the training cameras.
 
     For the joint camera of one photo by itself, the verdict is by the fitted probabilities that the camera is right and
-    that it is wrong (:mod:`~sextant.chapters.calibration.verdict_probabilities`). Otherwise it is the worst of those by the widths of
-    the intervals. For the network alone, an interval as wide as the spread of the training cameras is uninformative,
-    so widths are relative to that spread. For all evidence, and for a network of others, they are absolute. Doubts and
-    the training range limit it, unless the probabilities account for them.
+    that it is wrong (:mod:`~sextant.chapters.calibration.verdict_probabilities`). Otherwise it is the worst of those by
+    the widths of the intervals. For the network alone, an interval as wide as the spread of the training cameras is
+    uninformative, so widths are relative to that spread. For all evidence, and for a network of others, they are
+    absolute. Doubts and the training range limit it, unless the probabilities account for them.
     """
     modelled = finding.joint is not None
     worst, reasons = _by_probabilities(finding) if modelled else (0, [])
