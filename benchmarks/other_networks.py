@@ -90,7 +90,8 @@ class AsOthers:
             raise found.error
         zoom = found.zoom
         tilt, roll, focal, k1 = map(float, found.camera)
-        half = found.half["68"] / [1, 1, 1, zoom**2]
+        seen, whole = (4 * each / (4 * each**2 + 1) for each in (focal, focal * zoom))  # |d vfov / d ln f|
+        half = found.half["68"] * [1, 1, whole / seen, zoom**-2]
         return CameraBelief(tilt, roll, focal * zoom, k1 / (focal * zoom) ** 2, tuple(map(float, half)))  # type: ignore[arg-type]
 
 

@@ -32,7 +32,8 @@ class SharedOptions(Options):
     task: str | None = None
     """cosfire: detect the pattern of one example, with or without features of run=; else run= sets the task"""
     input: str | None = None
-    """an image, a folder to search for images, or a pattern such as 'photos/*.jpg'; for localization also a video"""
+    """an image, a folder to search for images, a pattern such as 'photos/*.jpg', or for calibration and
+    localization a video"""
     output: str | None = None
     """folder for the results: tables (CSV, JSON) and pictures (default: calibrated without run=, matches with map=,
     localization for localization)"""

@@ -109,10 +109,17 @@ def _misfits(network: nn.Module, state: Mapping[str, Any]) -> list[str]:
 
 
 def why_unread(error: Exception) -> str:
-    """The reason why torch refused a file of weights, in one line, without its advice on how to execute the content."""
-    lines = str(error).splitlines() or [type(error).__name__]
-    if not isinstance(error, pickle.UnpicklingError):
-        return lines[0]
-    if (named := re.search(r"GLOBAL (\S+)", str(error))) is not None:
-        return f"it would call {named[1]}"
-    return "it holds more than tensors and plain containers"
+    """The reason why torch refused a file of weights, in one line, without its advice on how to execute the content.
+
+    >>> why_unread(EOFError()), why_unread(KeyError(101))  # an empty file, a text
+    ('it is no file that torch.save writes', 'it is no file that torch.save writes')
+    """
+    said = str(error)
+    no_opcode = "Unsupported operand" in said or (isinstance(error, KeyError) and isinstance(error.args[0], int))
+    if isinstance(error, EOFError) or no_opcode:
+        return "it is no file that torch.save writes"
+    if isinstance(error, pickle.UnpicklingError):
+        if (named := re.search(r"GLOBAL (\S+)", said)) is not None:
+            return f"it would call {named[1]}"
+        return "it holds more than tensors and plain containers"
+    return next(filter(None, map(str.strip, said.splitlines())), type(error).__name__)

@@ -20,7 +20,7 @@ SURE = (0.02, 0.01, math.radians(5) / 1.38, 0.05)
         (Fake(), (80, 60), "good", None),
         (Fake(scale=(0.12, 0.01, 0.03, 0.05)), (80, 60), "weak", "tilt: 68 % interval"),
         (Fake(scale=(0.02, 0.01, 0.03, 0.5)), (80, 60), "not trustworthy", "apparent distortion: 68 % interval"),
-        (Fake(scores=1), (80, 60), "not trustworthy", "field of view: 68 % interval ±inf"),
+        (Fake(scores=1), (80, 60), "not trustworthy", "field of view: the 68 % interval is unbounded"),
         (Fake(scale=(float("nan"), 0.01, 0.03, 0.05)), (80, 60), "not trustworthy", "tilt"),
         (Fake(), (400, 60), "weak", "covers only 20% of the photo"),
         (Fake(), (32, 32), "good", None),

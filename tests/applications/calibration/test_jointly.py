@@ -180,12 +180,18 @@ def test_a_width_that_is_no_number_is_not_good(finding):
         ((5, 9, 3), 0.1, None),
         ((3, 3, 3), 0.0, "few lines constrain the lens: 3+3+3 long segments"),
         ((2, 40, 2), 0.0, "few lines constrain the lens"),
+        ((9, 0, 9), 0.0, "no vertical axis: no long segment points up or down"),
         ((5, 9, 3), RIVALS + 0.1, "another camera fits the photo nearly as well, with a probability of 30%"),
     ],
 )
 def test_a_lens_by_few_lines_or_with_a_rival_is_doubted(support, rivals, says):
     doubts = _little(JointEstimate(np.zeros(4), np.eye(4), np.array(support), rivals, ()))
     assert (says in doubts[0]) if says else doubts == []
+
+
+def test_a_picture_without_a_frame_is_told():
+    _, frame = _little(JointEstimate(np.zeros(4), np.eye(4), np.array([2, 0, 1]), 0.0, ()))
+    assert frame == "no frame: along none of three axes are there 3 long segments"
 
 
 def test_people_hold_cameras_as_level_as_ever_where_a_network_knows_nothing(finding):

@@ -1,5 +1,6 @@
 """The focal length by matches between photos of one camera, as evidence beside their lines and the network."""
 
+from dataclasses import replace
 from typing import get_args, get_type_hints
 
 import numpy as np
@@ -86,6 +87,16 @@ def test_one_group_alone_is_not_used(by):
     ]
     found = by([*scene(3, cameras=(FOCAL,)), *others])
     assert "only one group of photos determines it, and none confirms it; too few agree" in found.matches
+    assert found.doubts == ()
+
+
+def test_a_camera_that_does_not_move_tells_nothing_and_zooms_nowhere(by):
+    rng, (view, *_) = np.random.default_rng(0), scene(4)
+    views = [
+        replace(view, points=view.points + rng.normal(0, 0.2, (len(view), 2)).astype(np.float32)) for _ in range(8)
+    ]
+    found = by(views)
+    assert "it takes six different photos" in found.matches
     assert found.doubts == ()
 
 

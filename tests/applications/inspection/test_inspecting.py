@@ -203,7 +203,7 @@ def test_the_libraries_say_nothing_of_videos_that_do_not_open(tmp_path):
     """In a process of its own, as the first use of FFmpeg in a process decides what it prints."""
     for k, suffix in product(range(len(VIDEOS)), (".mp4", ".AVI", ".mkv", ".mpg")):
         (tmp_path / f"{k}{suffix}").write_bytes(VIDEOS[k])
-    code = "import sys; from sextant.chapters.localization.data.frames import open_video, Path\n"
+    code = "import sys; from sextant.data.videos import open_video, Path\n"
     code += "print(sum(open_video(Path(each)).read()[0] for each in sys.argv[1:]))"
     files = sorted(map(str, tmp_path.iterdir()))
     said = subprocess.run([sys.executable, "-c", code, *files], capture_output=True, text=True, check=True)

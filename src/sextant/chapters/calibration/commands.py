@@ -1,4 +1,4 @@
-"""Calibration of photos in ``predict.py``. Imports nothing heavy."""
+"""Calibration of photos, and of the frames of a video, in ``predict.py``. Imports nothing heavy."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,6 +7,7 @@ from sextant.applications.arguments import check_apart
 from sextant.chapters.calibration.options import CalibrationOptions
 from sextant.console.written import make_output
 from sextant.data.photo_files import find_photos
+from sextant.data.videos import is_video
 from sextant.errors import UserError
 from sextant.kit.handler import Handler, Trained
 
@@ -16,7 +17,7 @@ class Calibration(Handler):
 
     task = "calibration"
     topic = "calibration"
-    usage = "sextant predict network=geocalib:<file> input=<image, folder or pattern> [output=calibrated]"
+    usage = "sextant predict network=geocalib:<file> input=<image, folder, pattern or video> [output=calibrated]"
     keys = CalibrationOptions.meanings()
     needs = ("input",)
     shared = ("input", "output")
@@ -41,7 +42,7 @@ class Calibration(Handler):
         make_output(output)
         from sextant.chapters.calibration.predict import calibrator_of_others, predict_calibrations
 
-        options = CalibrationOptions.of(given)
+        paths, options = _of_clip(given, paths, output)
         predict_calibrations(calibrator_of_others(options, options.method), paths, output, options)
 
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
@@ -49,9 +50,23 @@ class Calibration(Handler):
         from sextant.applications import PhotoCalibrator
         from sextant.chapters.calibration.predict import predict_calibrations
 
-        options, content = CalibrationOptions.of(given), trained.content
+        content = trained.content
+        paths, options = _of_clip(given, paths, output)
         calibrator = PhotoCalibrator.of(content, trained.found.checkpoint, trust=trained.trust, method=options.method)
         predict_calibrations(calibrator, paths, output, options)
+
+
+def _of_clip(given: Mapping[str, str], paths: list[Path], output: Path) -> tuple[list[Path], CalibrationOptions]:
+    """The photos and the options; for a video, its frames, which are of one camera unless ``camera=each``."""
+    options = CalibrationOptions.of(given)
+    if not is_video(Path(given["input"]).expanduser()):
+        if options.every is not None:
+            raise UserError(f"every={options.every} applies to a video; input={given['input']} is not one")
+        return paths, options
+    from sextant.chapters.calibration.predict import video_frames
+
+    camera = options.camera if "camera" in given else "one"
+    return video_frames(paths[0], output, options.every), options.model_copy(update={"camera": camera})
 
 
 HANDLERS = (Calibration,)

@@ -1,7 +1,7 @@
 """Verdicts on estimated cameras, with their reasons."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import get_args
 
 import numpy as np
@@ -9,10 +9,12 @@ import torch
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.chapters.calibration.finding import Finding
+from sextant.chapters.calibration.finding import Doubt, Finding
 from sextant.chapters.calibration.network import CameraNetwork
 from sextant.chapters.calibration.other_networks import OtherNetwork
 from sextant.chapters.calibration.photo_camera import Intervals, PhotoCamera, Verdict
+from sextant.chapters.calibration.verdict_probabilities import NUMBERS as RATED
+from sextant.chapters.calibration.verdict_probabilities import RIGHT, WRONG, fitted_verdicts
 from sextant.geometry import CameraParameters, focal_from_vfov, vfov_from_focal
 
 GOOD, TRUSTWORTHY = 0.5, 1.0  # half-width of a 68 % interval, in half-widths of the central 68 % of training cameras
@@ -22,6 +24,8 @@ JOINTLY_GOOD = (math.radians(3), math.radians(2), 0.1, 0.18)
 JOINTLY_TRUSTWORTHY = (math.radians(10), math.radians(6), 0.25, 0.53)
 #: share of the network's own interval above which an interval from all evidence is taken to rest on the network
 LEANS = 0.5
+#: probability of not being wrong below which a camera is not trustworthy: it is more likely wrong than not
+UNLIKELY = 0.5
 NAMES = ("tilt", "roll", "field of view", "apparent distortion")
 #: shares at each end of a range that raise doubts; the training cameras end at :data:`ENDS`, since a range is slightly
 #: wider than their spread
@@ -35,30 +39,82 @@ def confidence(
 ) -> tuple[Verdict, tuple[str, ...], Mapping[str, float]]:
     """A verdict, its reasons, and the widths of the 68 % intervals over the spread of the training cameras.
 
-    The verdict is the worst of those by the widths, the finding's doubts and the training range. For the network alone,
-    an interval as wide as the spread of the training cameras is uninformative, so widths are relative to that spread.
-    For all evidence, and for a network of others, they are absolute.
+    For the joint camera of one photo by itself, the verdict is by the fitted probabilities that the camera is right and
+    that it is wrong (:mod:`~sextant.chapters.calibration.verdict_probabilities`). Otherwise it is the worst of those by
+    the widths of the intervals. For the network alone, an interval as wide as the spread of the training cameras is
+    uninformative, so widths are relative to that spread. For all evidence, and for a network of others, they are
+    absolute. Doubts and the training range limit it, unless the probabilities account for them.
     """
-    half, worst, reasons = finding.half["68"], 0, []
+    modelled = finding.joint is not None
+    worst, reasons = _by_probabilities(finding) if modelled else (0, [])
     spread = None if isinstance(network, OtherNetwork) else network.spec.spread
-    for i, (name, good, most) in enumerate(zip(NAMES, *_allowed(finding, network), strict=True)):
-        if not half[i] <= good:  # true for nan too
-            worst = max(worst, 1 if half[i] <= most else 2)
-            turn, unit = (180 / math.pi, "°") if i < 3 else (1.0, "")
-            limit, of = (good if half[i] <= most else most), ""
-            if finding.network is None and spread is not None:
-                limit, of = spread[i], " of all cameras trained on"
-            width, wider = _distinct(half[i] * turn, limit * turn)
-            part = "" if not of else "half of the " if half[i] <= most else "the "
-            reasons.append(f"{name}: 68 % interval ±{width}{unit}, wider than {part}±{wider}{unit}{of}")
-    against_network = list(finding.network_doubts) if finding.trusts_network else []
-    if finding.trusts_network and not isinstance(network, OtherNetwork):
-        against_network += _range_doubts(finding, network)
-    for allowed, text in (*finding.doubts, *against_network):
-        worst = max(worst, allowed)
-        reasons.append(text)
+    besides, told = beside_probabilities(finding, network) if modelled else _by_widths(finding, network, NAMES)
+    doubts = _doubts(finding, network)
+    if not modelled:
+        besides = max([besides, *(doubt.allows for doubt in doubts)])
+    half = finding.half["68"]
     ratios = {} if spread is None else dict(zip(NAMES, (half / np.asarray(spread)).tolist(), strict=True))
-    return get_args(Verdict)[worst], tuple(reasons), ratios
+    said = (*reasons, *told, *(doubt.reason for doubt in doubts))
+    return get_args(Verdict)[max(worst, besides)], said, ratios
+
+
+def beside_probabilities(finding: Finding, network: CameraNetwork | OtherNetwork) -> tuple[int, list[str]]:
+    """The best verdict allowed by what the fitted probabilities do not account for, and a distortion that is too wide.
+
+    This is 0 for good, 1 for weak, 2 for not trustworthy.
+    """
+    worst, reasons = _by_widths(finding, network, NAMES[3:])
+    return max([worst, *(doubt.allows for doubt in _doubts(finding, network) if not doubt.modelled)]), reasons
+
+
+def _doubts(finding: Finding, network: CameraNetwork | OtherNetwork) -> list[Doubt]:
+    doubts = list(finding.doubts)
+    if finding.trusts_network:
+        doubts += finding.network_doubts
+        doubts += [] if isinstance(network, OtherNetwork) else _range_doubts(finding, network)
+    return doubts
+
+
+def _by_probabilities(finding: Finding) -> tuple[int, list[str]]:
+    """The verdict by the fitted model of errors, and what it rests on if it is not the best."""
+    model = fitted_verdicts()
+    right, possible = model.of(finding, RIGHT), model.of(finding, WRONG)
+    if possible.prod() < UNLIKELY:
+        chances, limits, verdict = possible, WRONG, 2
+    elif right.prod() < model.good:
+        chances, limits, verdict = right, RIGHT, 1
+    else:
+        return 0, []
+    most = max(UNLIKELY if verdict == 2 else model.good, chances.min())
+    within = [
+        f"{math.degrees(limits[0]):.0f}°",
+        f"{math.degrees(limits[1]):.0f}°",
+        f"{100 * math.expm1(limits[2]):.0f} %",
+    ]
+    told = zip(RATED, within, chances, strict=True)
+    return verdict, [f"{name}: within {limit} with a probability of {p:.0%}" for name, limit, p in told if p <= most]
+
+
+def _by_widths(finding: Finding, network: CameraNetwork | OtherNetwork, names: Sequence[str]) -> tuple[int, list[str]]:
+    """The verdict by the widths of the 68 % intervals of the named numbers, and those that are too wide."""
+    spread = None if isinstance(network, OtherNetwork) else network.spec.spread
+    half, worst, reasons = finding.half["68"], 0, []
+    for i, (name, good, most) in enumerate(zip(NAMES, *_allowed(finding, network), strict=True)):
+        if name not in names or half[i] <= good:
+            continue
+        if not math.isfinite(half[i]):
+            worst = 2
+            reasons.append(f"{name}: the 68 % interval is unbounded")
+            continue
+        worst = max(worst, 1 if half[i] <= most else 2)
+        turn, unit = (180 / math.pi, "°") if i < 3 else (1.0, "")
+        limit, of = (good if half[i] <= most else most), ""
+        if finding.network is None and spread is not None:
+            limit, of = spread[i], " of all cameras trained on"
+        width, wider = _distinct(half[i] * turn, limit * turn)
+        part = "" if not of else "half of the " if half[i] <= most else "the "
+        reasons.append(f"{name}: 68 % interval ±{width}{unit}, wider than {part}±{wider}{unit}{of}")
+    return worst, reasons
 
 
 def _distinct(a: float, b: float) -> tuple[str, str]:
@@ -80,7 +136,7 @@ def _allowed(
     return np.asarray(JOINTLY_GOOD) * units, np.asarray(JOINTLY_TRUSTWORTHY) * units
 
 
-def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, str]]:
+def _range_doubts(finding: Finding, network: CameraNetwork) -> list[Doubt]:
     """Doubts about a camera at the end of the training range, or too near it for its interval.
 
     A network predicts only within its training range. A camera beyond an end is predicted just inside it, and the
@@ -96,7 +152,8 @@ def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, s
     placed = zip(NUMBERS, position, leaning, strict=True)
     if at := [name for name, p, leans in placed if leans and not EDGE <= p <= 1 - EDGE]:
         names = ", ".join(at)
-        doubts.append((1, f"at the end of the network's training range: {names}; the true value may lie beyond it"))
+        at_end = f"at the end of the network's training range: {names}; the true value may lie beyond it"
+        doubts.append(Doubt(1, at_end, modelled=True))
     ends = network.position(_interval_ends(said), aspect).double()
     reached = [
         name
@@ -107,7 +164,8 @@ def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, s
     ]
     if reached:
         names = ", ".join(reached)
-        doubts.append((1, f"the 95 % interval extends beyond the network's training range: {names}"))
+        beyond = f"the 95 % interval extends beyond the network's training range: {names}"
+        doubts.append(Doubt(1, beyond, modelled=True))
     return doubts
 
 
@@ -152,6 +210,7 @@ def photo_camera(finding: Finding, network: CameraNetwork | OtherNetwork) -> Pho
         reasons=reasons,
         width_over_training_spread=widths,
         seen=(view.left, view.top, view.width, view.height),
+        probability_right=None if finding.joint is None else float(fitted_verdicts().of(finding, RIGHT).prod()),
     )
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import torch
 from jaxtyping import Float64
@@ -11,13 +11,27 @@ from numpy import ndarray
 from scipy.special import stdtrit
 from torch import Tensor
 
-from sextant.baselines.calibration import CameraBelief, GravityBelief, LineEvidence
+from sextant.baselines.calibration import CameraBelief, GravityBelief, JointEstimate, LineEvidence
 from sextant.data.photos import NetworkView, Photo
 from sextant.geometry import CameraParameters, K2Family, focal_from_vfov, k2_of_k1, vfov_from_focal
 
 LEVELS = {"68": (0.68, 1.0), "95": (0.95, 1.96)}  # name: share of photos, and multiple of a normal standard error
 #: by level, the multiple of a belief's standard error by the loss that it has among all evidence, Student's t
 STUDENT = {level: float(stdtrit(CameraBelief.nu, (1 + share) / 2)) for level, (share, _) in LEVELS.items()}
+
+
+class Doubt(NamedTuple):
+    """A reason against a camera.
+
+    Attributes:
+        allows: best verdict that it allows: 0 good, 1 weak, 2 not trustworthy.
+        reason: in words.
+        modelled: whether the fitted model of errors accounts for it, so that it limits no verdict by that model.
+    """
+
+    allows: int
+    reason: str
+    modelled: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +45,7 @@ class Finding:
         camera: tilt, roll, focal and k1, float64 scalars.
         half: by level, half-widths of the intervals of tilt, roll, vfov (radians) and k1_hat.
         family: family of the lens.
-        doubts: reasons against the camera, each with the best verdict that it allows: 0 good, 1 weak, 2 not
-            trustworthy.
+        doubts: reasons against the camera.
         basis: how the intervals were obtained.
         lines: lines of the photo; None if they are not used.
         network: the finding of the network alone, if ``camera`` uses other evidence too.
@@ -42,6 +55,7 @@ class Finding:
         alone: half-widths of the intervals from this photo alone, if ``half`` is fused with others.
         gravity: gravity that contributes to ``camera`` besides the picture.
         of_others: whether the network is one of others, whose half-widths are :data:`STUDENT` of its standard errors.
+        joint: the joint estimate of this photo by itself, without other beliefs about its camera.
     """
 
     name: str
@@ -50,20 +64,21 @@ class Finding:
     camera: CameraParameters
     half: Mapping[str, Float64[ndarray, "4"]]
     family: K2Family
-    doubts: tuple[tuple[int, str], ...] = ()
+    doubts: tuple[Doubt, ...] = ()
     basis: str = "conformal"
     lines: LineEvidence | None = None
     network: Self | None = None
     trusts_network: bool = True
     strangeness: float = 0.0
-    network_doubts: tuple[tuple[int, str], ...] = ()
+    network_doubts: tuple[Doubt, ...] = ()
     alone: Mapping[str, Float64[ndarray, "4"]] | None = None
     gravity: GravityBelief | None = None
     of_others: bool = False
+    joint: JointEstimate | None = None
 
-    def doubted(self, verdict: int, *reasons: str) -> Self:
+    def doubted(self, allows: int, *reasons: str, modelled: bool = False) -> Self:
         """The same finding with further doubts."""
-        return replace(self, doubts=(*self.doubts, *((verdict, reason) for reason in reasons)))
+        return replace(self, doubts=(*self.doubts, *(Doubt(allows, reason, modelled) for reason in reasons)))
 
     @property
     def k2(self) -> Tensor:

@@ -78,7 +78,9 @@ def adopt(finding: Finding, fusion: Fusion, basis: str) -> Finding:
         fused = fusion.sigmas * multiples[name] * np.array([per_log_focal, zoom**-2])
         half[name] = np.concatenate([pose[name][:2], fused])
     alone = None if math.isfinite(fusion.prior_z) else finding.half
-    return replace(finding, camera=CameraParameters(tilt, roll, focal, k1), half=half, basis=basis, alone=alone)
+    return replace(
+        finding, camera=CameraParameters(tilt, roll, focal, k1), half=half, basis=basis, alone=alone, joint=None
+    )
 
 
 def _lens(focal: float, k1: float, finding: Finding) -> CameraBelief:

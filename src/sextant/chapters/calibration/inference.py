@@ -15,7 +15,7 @@ from torch import Tensor
 
 from sextant.applications.failures import FailedPhoto, attempted
 from sextant.baselines.calibration import CameraBelief, LineEvidence
-from sextant.chapters.calibration.finding import LEVELS, STUDENT, Finding
+from sextant.chapters.calibration.finding import LEVELS, STUDENT, Doubt, Finding
 from sextant.chapters.calibration.network import CameraNetwork
 from sextant.chapters.calibration.other_networks import OtherNetwork
 from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
@@ -46,7 +46,7 @@ class _Seen:
     photo: Photo
     view: NetworkView
     lines: LineEvidence | None
-    doubts: tuple[tuple[int, str], ...]
+    doubts: tuple[Doubt, ...]
     believed: CameraBelief | None = None
 
 
@@ -94,14 +94,13 @@ def _seen(
         spec = network.spec
         view = network_view(read, spec.aspects, spec.width, spec.height, canvas=spec.canvas)
     lines = LineEvidence.of(np.ascontiguousarray(read.image)) if look_at_lines else None
-    doubts = list[tuple[int, str]]()
+    doubts = list[Doubt]()
     if look_at_lines:
-        doubts += [(2, odd)] if (odd := odd_picture(read.image)) else []
-        doubts += [(1, MAYBE_PANORAMA)] if closed_around(read.image) else []
+        doubts += [Doubt(2, odd)] if (odd := odd_picture(read.image)) else []
+        doubts += [Doubt(1, MAYBE_PANORAMA)] if closed_around(read.image) else []
     if read.cropped:
-        doubts.append(
-            (1, "its shape differs from that in EXIF: if it was cropped, the optical axis may not be at its centre")
-        )
+        cropped = "its shape differs from that in EXIF: if it was cropped, the optical axis may not be at its centre"
+        doubts.append(Doubt(1, cropped))
     if see is not None:
         see(name, read.image)
     return _Seen(name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view, lines, tuple(doubts), believed)
@@ -163,21 +162,21 @@ def _finding(
     if not (numbers.isfinite().all() and camera.focal > 0 and camera.tilt.abs() < math.pi / 2):
         said = ", ".join(f"{n}={v:.3g}" for n, v in zip(camera._fields, numbers.tolist(), strict=True))
         return FailedPhoto(name, UserError(f"{name}: the network's prediction is not a valid camera ({said})"))
-    doubts = []
+    doubts = list[Doubt]()
     if view.share < LITTLE_SEEN:
-        doubts.append(f"the network's input covers only {view.share:.0%} of the photo, whose shape is unusual")
+        covers = f"the network's input covers only {view.share:.0%} of the photo, whose shape is unusual"
+        doubts.append(Doubt(1, covers, modelled=True))
     if view.width < spec.width or view.height < spec.height:
-        doubts.append(
-            f"of {photo.width}x{photo.height} pixels the network used {view.width:.0f}x{view.height:.0f}, fewer than "
-            f"the {spec.width}x{spec.height} of its input"
-        )
+        used = f"of {photo.width}x{photo.height} pixels the network used {view.width:.0f}x{view.height:.0f}"
+        doubts.append(Doubt(1, f"{used}, fewer than the {spec.width}x{spec.height} of its input"))
     if strangeness > 1:
-        doubts.append(
+        strange = (
             f"it does not resemble the network's training images: its distance from them is {strangeness:.1f} times "
             "the 95 % quantile of the validation images"
         )
+        doubts.append(Doubt(1, strange, modelled=True))
     family = network.parameterization.k2_of_k1
     return Finding(
         name, photo, view, camera, half, family, seen.doubts, lines=seen.lines, strangeness=strangeness,
-        network_doubts=tuple((1, doubt) for doubt in doubts),
+        network_doubts=tuple(doubts),
     )  # fmt: skip

@@ -62,14 +62,15 @@ def jointly(finding: Finding, more: Sequence[Term] = ()) -> Finding:
         beliefs = [network := network_belief(said), PhotoPrior(longer, _held(network))]
     down = [said.gravity] if said.gravity else []
     found = joint_estimate(said.lines, [*beliefs, *down, *more])
-    joint = _adopted(said, found, longer)
+    alone = said.trusts_network and not (said.of_others or down or more)
+    joint = replace(_adopted(said, found, longer), joint=found if alone else None)
     if found.ends:
         joint = joint.doubted(
             1, f"at an end of the search range: {', '.join(found.ends)}; the true value may lie beyond"
         )
     if not more:  # otherwise the lens is known, and does not depend on the lines
-        joint = joint.doubted(1, *_little(found))
-    return joint.doubted(1, *_disagreements(said, joint)) if said.trusts_network else joint
+        joint = joint.doubted(1, *_little(found), modelled=True)
+    return joint.doubted(1, *_disagreements(said, joint), modelled=True) if said.trusts_network else joint
 
 
 def _held(network: CameraBelief) -> tuple[float, float, float]:
@@ -118,13 +119,17 @@ def _adopted(said: Finding, found: JointEstimate, longer: float) -> Finding:
 
 
 def _little(found: JointEstimate) -> list[str]:
-    """Doubts where the lens rests on too few lines, or where two cameras are nearly as likely."""
+    """Doubts where the lens rests on too few lines or no axes, or where two cameras are nearly as likely."""
     doubts = []
     if found.support.sum() < FEW or (found.support >= AN_AXIS).sum() < 2:
         doubts.append(
             f"few lines constrain the lens: {'+'.join(map(str, found.support))} long segments along the three axes, "
             f"fewer than {FEW} in all or too few along two of them"
         )
+    if (found.support < AN_AXIS).all():
+        doubts.append(f"no frame: along none of three axes are there {AN_AXIS} long segments")
+    elif not found.support[1]:
+        doubts.append("no vertical axis: no long segment points up or down")
     if found.rivals > RIVALS:
         doubts.append(f"another camera fits the photo nearly as well, with a probability of {found.rivals:.0%}")
     return doubts

@@ -37,6 +37,9 @@ WHY = {
 }
 #: numbers of features, and the longer side of the pictures that they are found in, of that benchmark
 KEYPOINTS, SIDE = 4096, 1024
+#: number of strongest features by which a photo is compared with the one before, and the share of these that another
+#: within a pixel makes a view from the same place: noise would pass for motion in such photos
+COMPARED, STILL = 1000, 0.3
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,10 @@ class PhotoMatches:
         """What the matches of these photos say, in their order."""
         if self._missing:
             return MatchedFocal(f"{UNUSED}: {self._missing}")
-        seen = [name for name in names if name in self.features]
+        seen = list[str]()
+        for name in names:
+            if name in self.features and not (seen and still(self.features[seen[-1]], self.features[name])):
+                seen.append(name)
         if len(seen) < CONFIRMED * LEAST:
             return MatchedFocal(f"{UNUSED}: {FEW}")
         from sextant.correspondence import shared_focal_length
@@ -131,6 +137,24 @@ class PhotoMatches:
             alone = ["only one group of photos determines it, and none confirms it"] * len(found)
             return MatchedFocal(f"{UNUSED}: {'; '.join(dict.fromkeys([*alone, *reasons]))}")
         return combined(found, sides[seen[0]])
+
+
+def still(one: "LocalFeatures", other: "LocalFeatures") -> bool:
+    """Whether the camera did not move between two photos: many of their strongest features are at the same place.
+
+    >>> from sextant.correspondence import LocalFeatures
+    >>> points = np.random.default_rng(0).uniform(0, 500, (200, 2)).astype(np.float32)
+    >>> noise, descriptors = np.float32(0.1), np.ones((200, 1), np.float16)
+    >>> photos = [LocalFeatures(points + off, descriptors, 500, 500) for off in (0, noise, 40 * noise)]
+    >>> still(photos[0], photos[1]), still(photos[0], photos[2])
+    (True, False)
+    """
+    from scipy.spatial import cKDTree
+
+    if not (len(one) and len(other)):
+        return False
+    apart, _ = cKDTree(one.points[:COMPARED]).query(other.points[:COMPARED])
+    return bool(np.mean(apart < max(one.pixel, other.pixel)) >= STILL)
 
 
 def combined(found: "Mapping[tuple[str, ...], SharedFocalLength]", side: int) -> MatchedFocal:

@@ -40,7 +40,9 @@ class CalibrationOptions(NetworkOptions, FocalOptions):
     undistort: Undistort = Field("crop", examples=["all"])
     """crop (default: no borders), all (keep every pixel, with borders) or none (no straightened photos)"""
     camera: Literal["each", "one"] = Field("each", examples=["one"])
-    """each (default), or one: all photos share one camera and lens setting, and their estimates are fused"""
+    """each (default for photos), or one (for a video): all share one camera and lens setting, and are fused"""
+    every: int | None = Field(None, ge=1, examples=[10])
+    """use every n-th frame of a video (default: such that there are at most 30)"""
     gravity_prior: Annotated[Literal["exif"] | None, NONE] = Field(None, title="none or exif", examples=["exif"])
     """none (default), or exif: gravity from the phone's accelerometer, for photos that contain it"""
     colmap: bool = Field(False, examples=["true"])

@@ -59,6 +59,8 @@ class PhotoCamera:
         width_over_training_spread: half the 68 % intervals of tilt, roll, field of view and apparent distortion,
             divided by the same over all training cameras; empty for a network of others.
         seen: left, top, width and height of the part given to the network, pixels.
+        probability_right: that tilt, roll and focal length are within 3°, 2° and 10 % of the truth, for the camera of
+            one photo by itself from all evidence; otherwise None.
     """
 
     name: str
@@ -78,6 +80,7 @@ class PhotoCamera:
     reasons: tuple[str, ...]
     width_over_training_spread: Mapping[str, float]
     seen: tuple[float, float, float, float]
+    probability_right: float | None = None
 
     @property
     def vfov_deg(self) -> float:
@@ -176,6 +179,7 @@ class PhotoCamera:
             "exif_focal_px": self.exif_focal_px,
             "confidence": {
                 "verdict": self.verdict,
+                "probability_right": self.probability_right,
                 "width_over_training_spread": dict(self.width_over_training_spread),
                 "reasons": list(self.reasons),
             },

@@ -6,14 +6,16 @@ from pathlib import Path
 from typing import Any
 
 from sextant.chapters.calibration.calibrator import PhotoCalibrator
+from sextant.chapters.calibration.clip import chosen_frames, write_frames
 from sextant.chapters.calibration.jointly import Method
 from sextant.chapters.calibration.network_scale import read_scale
 from sextant.chapters.calibration.options import CalibrationOptions, NetworkOptions
 from sextant.chapters.calibration.other_networks import card_text, open_network
 from sextant.chapters.calibration.written_cameras import WrittenCameras, write_cameras
 from sextant.console.console import console, rows_table
-from sextant.console.work_progress import Counted
+from sextant.console.work_progress import Counted, work_progress
 from sextant.console.written import make_output, skipped_of, tell_skipped, tell_written
+from sextant.data.photo_files import nothing_usable
 from sextant.tables import counted
 
 
@@ -27,9 +29,32 @@ def predict_calibrations(
     """
     make_output(output)
     photos = Counted("calibrating", "photos", paths)
-    written = write_cameras(calibrator, photos, output, **options.model_dump(exclude={"method", "network", "scale"}))
+    written = write_cameras(
+        calibrator, photos, output, **options.model_dump(exclude={"method", "network", "scale", "every"})
+    )
     tell(written, skipped_of(written.rows, f"none of {len(paths):,} photos could be calibrated"))
     return written.rows
+
+
+def video_frames(path: Path, output: Path, every: int | None) -> list[Path]:
+    """Frames of a video as photos, written below ``output``; tells how many there are, and which cannot be decoded.
+
+    Raises:
+        UserError: it is no video, none of its frames can be decoded, or the disk is full.
+    """
+    make_output(output)
+    video = chosen_frames(path, every)
+    with work_progress("reading", "frames") as advance:
+        frames = list[tuple[Path, str]]()
+        for frame in write_frames(video, output):
+            frames.append(frame)
+            advance(len(frames), len(video))
+    failed = {file.name: problem for file, problem in frames if problem}
+    if len(failed) == len(frames):
+        raise nothing_usable(f"input={path}: none of {len(frames):,} frames can be used", failed, "Give another video.")
+    tell_skipped(failed)
+    console.print(f"{path.name}: {len(frames) - len(failed):,} of {video.frames:,} frames, every {video.every}")
+    return [file for file, problem in frames if not problem]
 
 
 def calibrator_of_others(options: NetworkOptions, method: Method = "joint") -> PhotoCalibrator:

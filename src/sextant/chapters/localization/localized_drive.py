@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 
 from sextant.applications.write_errors import telling_write_errors
-from sextant.chapters.localization.data.frames import Frame
 from sextant.chapters.localization.data.own_drive import OwnDrive
 from sextant.chapters.localization.data.pose_formats import write_tum
 from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.written_poses import Moment, Replay, Row, draw_trajectory, write_poses
 from sextant.data.photo_files import nothing_usable
+from sextant.data.videos import Frame
 from sextant.errors import UserError
 from sextant.localization.constants import FORESEEN, RECOGNISED
 from sextant.reporter import SILENT, Progress

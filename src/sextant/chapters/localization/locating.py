@@ -10,7 +10,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from sextant.atomic_files import write_atomically, write_csv
-from sextant.chapters.localization.data.frames import Photos, Video
+from sextant.chapters.localization.data.frames import Photos
 from sextant.chapters.localization.data.rosbag import Bag
 from sextant.chapters.localization.pose_map import LocatedPhoto, PoseMap
 from sextant.chapters.localization.pose_map_files import FORMAT
@@ -18,6 +18,7 @@ from sextant.chapters.places.describing import upright_size
 from sextant.data.file_kinds import is_hidden
 from sextant.data.image_files import decode_image
 from sextant.data.photo_files import reason_alone
+from sextant.data.videos import Video
 from sextant.errors import ArgumentError, UserError
 
 Advance = Callable[[int, int], None]

@@ -4,12 +4,12 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from sextant.chapters.localization.data.frames import VIDEOS, open_video
 from sextant.chapters.localization.data.rosbag import MAGIC, METADATA
 from sextant.data.file_kinds import RAW, not_decoded
 from sextant.data.image_files import natural_key
 from sextant.data.photo_files import FOUND_IN_FOLDERS, FolderWalk, walk_folder
 from sextant.data.photos.header import PhotoHeader
+from sextant.data.videos import VIDEOS, open_video
 from sextant.tools.inspection.photos import CameraGroup
 from sextant.tools.inspection.poses import FoundPoses
 from sextant.tools.inspection.times import FolderOfPhotos

@@ -16,7 +16,7 @@ from sextant.applications.arguments import check_apart
 from sextant.applications.write_errors import telling_write_errors
 from sextant.chapters.calibration.calibrator import PhotoCalibrator
 from sextant.chapters.calibration.priors import FocalPrior
-from sextant.chapters.localization.data.frames import Frame, Photos
+from sextant.chapters.localization.data.frames import Photos
 from sextant.chapters.localization.data.own_drive import OwnDrive, open_drive
 from sextant.chapters.localization.found_map import find_map
 from sextant.chapters.localization.localized_drive import ReplayKind, localize_drive
@@ -25,6 +25,7 @@ from sextant.chapters.localization.localizer_folder import check_descriptor
 from sextant.chapters.localization.written_poses import refuse_to_replace_poses
 from sextant.chapters.places.saved_descriptor import Describes
 from sextant.data.photos import Pinhole, read_photo
+from sextant.data.videos import Frame
 from sextant.errors import ArgumentError, UserError
 from sextant.reporter import SILENT, Progress
 from sextant.runs.outputs_folder import default_outputs

@@ -33,7 +33,7 @@ PUBLISHED = (
 )
 PUBLISHED_BY = "A. Veicht et al., GeoCalib, ECCV 2024 (github.com/cvg/GeoCalib, README)"
 Table = tuple[list[str], list[list[str]]]
-#: errors above which an answer is wrong: twice the largest half-widths of a good camera's 68 % intervals
+#: errors above which an answer is wrong: twice those within which it is right
 WRONG = {"tilt_deg": 6.0, "roll_deg": 4.0, "focal_percent": 20.0}
 
 

@@ -11,8 +11,8 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray
 from PIL import Image
 
-from sextant.chapters.localization.data.frames import Frame, Size
 from sextant.data.image_files import picture_bytes
+from sextant.data.videos import Frame, Size
 from sextant.errors import UserError
 
 PREFIX = "camera:"

@@ -1,45 +1,25 @@
 """The images to localize, one by one: photos of a folder, or frames of a video."""
 
-import math
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float64
 from numpy import ndarray
-from PIL import Image
 
 from sextant.chapters.localization.data.pose_times import check_rising, times_of_names
-from sextant.data.image_files import decode_image, natural_key, picture_bytes
+from sextant.data.image_files import decode_image, natural_key
 from sextant.data.name_matching import match_names
 from sextant.data.photo_files import find_photos, reason_alone
 from sextant.data.photos import read_photo
 from sextant.data.picture_files import UnreadableImageError
 from sextant.data.pixel_values import WhiteLevels
+from sextant.data.videos import Frame, Size, Video, is_video
 from sextant.errors import UserError
 
-VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
 #: files written into the output folder, which may be the folder of the photos
 WRITTEN = ("trajectory.png", "from_above.png")
-Size = tuple[int, int, int]
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One image.
-
-    Attributes:
-        name: of its file, or its number in the video.
-        image: bytes of the requested size; None if there is no image.
-        problem: why there is no image.
-    """
-
-    name: str
-    image: UInt8[ndarray, "h w c"] | None
-    problem: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,50 +73,6 @@ class Photos:
         return Photos(self.folder, tuple(order), times)
 
 
-@dataclass(frozen=True, eq=False)
-class Video:
-    """Every ``every``-th frame of a video."""
-
-    path: Path
-    every: int
-    frames: int
-    per_second: float
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Numbers of the frames."""
-        return tuple(f"frame {number}" for number in range(0, self.frames, self.every))
-
-    @property
-    def times_s(self) -> Float64[ndarray, "n"]:
-        """Seconds from the start."""
-        return np.arange(0, self.frames, self.every) / self.per_second
-
-    def __len__(self) -> int:
-        return math.ceil(self.frames / self.every)
-
-    def read(self, size: Size | None) -> Iterator[Frame]:
-        """Yield the frames, stretched to a size or as they are; those that cannot be decoded are reported."""
-
-        video = open_video(self.path)
-        try:
-            for number in range(self.frames):
-                if not video.grab():
-                    if number % self.every == 0:
-                        yield Frame(f"frame {number}", None, "cannot be decoded")
-                    continue
-                if number % self.every:
-                    continue
-                fine, pixels = video.retrieve()
-                if not fine:
-                    yield Frame(f"frame {number}", None, "cannot be decoded")
-                    continue
-                picture = Image.fromarray(np.ascontiguousarray(pixels[..., ::-1]))
-                yield Frame(f"frame {number}", picture_bytes(picture, *(size or (picture.height, picture.width, 3))))
-        finally:
-            video.release()
-
-
 def find_frames(given: str, output: Path, every: int) -> Photos | Video:
     """The photos or the video that ``input=`` names.
 
@@ -145,8 +81,8 @@ def find_frames(given: str, output: Path, every: int) -> Photos | Video:
             photos.
     """
     path = Path(given).expanduser()
-    if path.is_file() and path.suffix.lower() in VIDEOS:
-        return _video(path, every)
+    if is_video(path):
+        return Video.open(path, every)
     if every != 1:
         raise UserError(f"every={every} applies to a video; input={given} is not one", "Leave out every=.")
     folder = path if path.is_dir() else path.parent
@@ -174,34 +110,3 @@ def _is_written(photo: Path, output: Path) -> bool:
 
 def _of_localizing(folder: Path, output: Path) -> bool:
     return folder.resolve() == output or (folder / "poses.csv").is_file()
-
-
-def open_video(path: Path) -> Any:
-    """OpenCV's reader of a video, which prints nothing: what is wrong with the file is reported by the caller."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    import cv2
-
-    ffmpeg = cv2.videoio_registry.hasBackend(cv2.CAP_FFMPEG)  # other readers of AVI print their warnings
-    set_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel  # of OpenCV 4, of OpenCV 5
-    level = set_level(0)
-    try:
-        return cv2.VideoCapture(str(path), cv2.CAP_FFMPEG if ffmpeg else cv2.CAP_ANY)
-    finally:
-        set_level(level)
-
-
-def _video(path: Path, every: int) -> Video:
-    import cv2
-
-    video = open_video(path)
-    try:
-        frames = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
-        per_second = float(video.get(cv2.CAP_PROP_FPS))
-    finally:
-        video.release()
-    if frames <= 0:
-        raise UserError(
-            f"input={path} cannot be read as a video ({path.stat().st_size:,} bytes)",
-            "Extract its frames as photos, for example: ffmpeg -i video.mp4 frames/%06d.png",
-        )
-    return Video(path, every, frames, per_second if per_second > 0 else 25.0)

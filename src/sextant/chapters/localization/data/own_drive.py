@@ -10,11 +10,12 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.chapters.localization.data.camera import Camera, find_camera
-from sextant.chapters.localization.data.frames import VIDEOS, Frame, Photos, Video, find_frames
+from sextant.chapters.localization.data.frames import Photos, find_frames
 from sextant.chapters.localization.data.odometry_file import motions_of, read_odometry
 from sextant.chapters.localization.data.rosbag import Bag, is_rosbag, open_rosbag
 from sextant.data.file_kinds import is_hidden
 from sextant.data.photo_files import FOUND_IN_FOLDERS, images_below
+from sextant.data.videos import VIDEOS, Frame, Video
 from sextant.errors import ArgumentError, UserError
 
 NO_ODOMETRY = "no odometry= was given: the motion between images is unknown"

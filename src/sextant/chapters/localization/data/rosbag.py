@@ -20,12 +20,12 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.chapters.localization.data.frames import Frame, Size
 from sextant.chapters.localization.data.odometry_file import OdometryFile
 from sextant.chapters.localization.data.pose_formats import LENGTH_TOLERANCE, pose_matrices, to_plane
 from sextant.chapters.localization.data.ros_messages import RosCamera, camera_of, picture_of
 from sextant.data.image_files import picture_bytes
 from sextant.data.pixel_values import WhiteLevels
+from sextant.data.videos import Frame, Size
 from sextant.errors import ArgumentError, UserError, how_to_install
 
 #: suffix of a ROS 1 bag, the file that makes a folder a ROS 2 bag, and suffixes of what it holds

@@ -1,0 +1,58 @@
+"""The frames of a video as photos of one camera."""
+
+import io
+import math
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import IO
+
+from PIL import Image
+
+from sextant.applications.write_errors import telling_write_errors
+from sextant.atomic_files import write_atomically
+from sextant.data.videos import Video
+
+#: frames that are calibrated unless ``every`` says otherwise, evenly spaced
+FRAMES = 30
+#: folder of the frames within the output
+FOLDER = "frames"
+
+
+def chosen_frames(path: Path, every: int | None = None) -> Video:
+    """A video reduced to every n-th frame; by default, to at most :data:`FRAMES`.
+
+    Raises:
+        UserError: it cannot be read as a video.
+    """
+    return Video.open(path, every or max(1, math.ceil(Video.open(path, 1).frames / FRAMES)))
+
+
+def write_frames(video: Video, output: Path) -> Iterator[tuple[Path, str]]:
+    """Write frames as JPEG files named by their numbers into ``frames`` below ``output``, an existing folder.
+
+    Frames that were written there before are removed.
+
+    Yields:
+        The file of each frame, and why it was not written; "" if it was.
+
+    Raises:
+        UserError: the disk is full, or the folder cannot be written to.
+    """
+    folder, stem = output / FOLDER, video.path.stem
+    with telling_write_errors(output):
+        folder.mkdir(exist_ok=True)
+        for old in folder.glob("*_frame_*.jpg"):
+            old.unlink()
+    for number, frame in zip(range(0, video.frames, video.every), video.read(None), strict=True):
+        path = folder / f"{stem}_frame_{number:06d}.jpg"
+        if frame.image is not None:
+            buffer = io.BytesIO()
+            Image.fromarray(frame.image).save(buffer, "JPEG", quality=95, subsampling=0)
+            with telling_write_errors(output):
+                write_atomically(path, partial(_copy, buffer))
+        yield path, frame.problem
+
+
+def _copy(buffer: io.BytesIO, file: IO[bytes]) -> None:
+    file.write(buffer.getbuffer())

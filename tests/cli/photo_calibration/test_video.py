@@ -1,0 +1,69 @@
+import json
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from cli.photo_calibration.fakes import Fake, photo
+
+from sextant.applications import PhotoCalibrator
+from sextant.chapters.calibration.clip import FRAMES
+from sextant.chapters.calibration.commands import Calibration
+from sextant.errors import UserError
+
+
+@pytest.fixture
+def predict(monkeypatch):
+    """Calibrate by a network that says what is written into a picture."""
+    monkeypatch.setattr(PhotoCalibrator, "of", lambda *args, **options: PhotoCalibrator(Fake(), "network"))
+    trained = SimpleNamespace(content={}, found=SimpleNamespace(checkpoint=None), trust=False)
+
+    def run(path, output, **given):
+        Calibration().predict_photos({"input": str(path), **given}, trained, [path], output)
+        return json.loads((output / "calibrations.json").read_text())
+
+    return run
+
+
+def clip(path, greys):
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 5.0, (80, 60))
+    for grey in greys:
+        video.write(np.full((60, 80, 3), grey, np.uint8))
+    video.release()
+    return path
+
+
+def test_the_frames_of_a_video_are_of_one_camera(predict, tmp_path, capsys):
+    found = predict(clip(tmp_path / "clip.avi", [70, 71, 70, 71]), tmp_path)
+    assert [row["file"] for row in found["photos"]] == [
+        str(tmp_path / "frames" / f"clip_frame_{number:06d}.jpg") for number in range(4)
+    ]
+    assert len({round(row["focal_px"], 6) for row in found["photos"]}) == 1
+    assert found["camera"]["photos"] == 4
+    assert "clip.avi: 4 of 4 frames, every 1" in capsys.readouterr().out
+
+
+def test_every_nth_frame_by_itself(predict, tmp_path):
+    path = clip(tmp_path / "clip.avi", [60, 10, 80, 10, 60])
+    found = predict(path, tmp_path, camera="each", every="2", undistort="none")
+    assert [row["focal_px"] for row in found["photos"]] == pytest.approx([36, 48, 36], rel=0.04)
+    assert found["camera"] is None
+
+
+def test_a_long_video_is_thinned_and_a_second_leaves_no_frame_of_the_first(predict, tmp_path):
+    options = {"camera": "each", "undistort": "none"}
+    long = clip(tmp_path / "long.avi", [70] * (2 * FRAMES + 1))
+    assert len(predict(long, tmp_path, **options)["photos"]) == len(range(0, 2 * FRAMES + 1, 3))
+    predict(clip(tmp_path / "clip.avi", [70, 70]), tmp_path, **options)
+    assert {path.name for path in (tmp_path / "frames").iterdir()} == {f"clip_frame_{k:06d}.jpg" for k in (0, 1)}
+
+
+def test_a_zoom_within_a_video_is_told(predict, tmp_path):
+    found = predict(clip(tmp_path / "clip.avi", [50, 51, 52, 50, 51, 90, 91, 92]), tmp_path, undistort="none")
+    told = " ".join([*found["camera"]["doubts"], *(r for row in found["photos"] for r in row["confidence"]["reasons"])])
+    assert "disagree" in told
+
+
+def test_every_is_for_videos(predict, tmp_path):
+    with pytest.raises(UserError, match="every=2 applies to a video"):
+        predict(photo(tmp_path / "a.png"), tmp_path, every="2")
