@@ -3,7 +3,7 @@
 A world is a real walk in a changed world (those of ``benchmarks.changed_walks``), a rendered office by day and by night
 (``benchmarks.landmarks``) or a rendered town in winter and by night (``benchmarks.wrong_calibration``, cameras known),
 one of each seed. All drives of a world are runs of one filter of 500 particles, one seed each. ``without=scale`` leaves
-out a part, and ``set=HAZARD=0.01,FEW=6`` changes numbers of ``sextant.localization.constants``; each call adds its rows
+out a part, and ``set=RARE=0.02,FEW=6`` changes numbers of ``sextant.localization.constants``; each call adds its rows
 to the file. ``compare=true`` reads it: means over worlds, and paired differences from the default with t intervals over
 worlds. Frames count from the sixtieth of a walk on, the twentieth of other drives, and the twentieth or fifteenth after
 a kidnapping to the beginning of the drive.
@@ -33,7 +33,7 @@ KEYS = {
     "drives": "those whose names begin with one of these, separated by commas; all by default",
     "count": "number of offices and of towns; 4 by default",
     "without": "scale, sharpening, adaptation, support or window; places: a kernel that tells places apart instead",
-    "set": "numbers of sextant.localization.constants, such as HAZARD=0.01, separated by commas",
+    "set": "numbers of sextant.localization.constants, such as RARE=0.02, separated by commas",
     "csv": "a file to which the results are added",
     "kept": "a folder for descriptors, so that a second call need not work them out",
     "compare": "true: the table of the file; nothing is measured",
@@ -44,9 +44,15 @@ FRAMES, FIRST, COUNTED, STANDS, ELSEWHERE = 130, 20, 60, 50, 80
 #: within, m
 LIMITS = {"walk": 2.0, "office": 0.9, "town": 5.0}
 COLUMNS = ("within", "in region", "lost", "sure and wrong")
-SETTINGS = dict(part.split("=") for word in sys.argv[1:] if word.startswith("set=") for part in word[4:].split(","))
-for _name, _value in SETTINGS.items():  # before the modules that read them
-    setattr(constants, _name, type(getattr(constants, _name))(float(_value)))
+HEADER = ["change", "world", "drive", *COLUMNS]
+
+for _part in (part for word in sys.argv[1:] if word.startswith("set=") for part in word[4:].split(",")):
+    _name, _, _value = _part.partition("=")  # before the modules that read them
+    try:
+        setattr(constants, _name, type(getattr(constants, _name))(float(_value)))
+    except (AttributeError, ValueError):
+        _known = ", ".join(name for name in vars(constants) if name.isupper())
+        sys.exit(f"set={_part} must name a number and its value, such as RARE=0.02; the numbers are {_known}")
 
 
 @dataclass(frozen=True)
@@ -180,7 +186,7 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     from sextant.localization.localize import Localized, Steps
     from sextant.localization.observation.cached_local_gp import CachedLocalGP
     from sextant.localization.observers import Camera
-    from sextant.localization.place_kernel import discriminative_kernel
+    from sextant.localization.place_kernel import NOISE, discriminative_kernel
     from sextant.localization.recovery import BayesRestart
 
     found = DescriptorMap.of(torch.from_numpy(np.asarray(kept["poses"], np.float64)), kept["descriptors"])
@@ -188,7 +194,7 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     if without == "places":
         sharp = discriminative_kernel(kernel, found)
     elif without != "sharpening":
-        sharp = kernel.sharpened(constants.SHARPER, constants.LEFT_NOISE)
+        sharp = kernel.sharpened(constants.SHARPER, NOISE)
     model = CachedLocalGP(min(16, len(found)), map_evidence="mean").fit(found, sharp)
     filter = usual_filter(found.poses, kernel, recovery=BayesRestart() if without == "window" else None)
     filter = replace(filter, support=None) if without == "support" else filter
@@ -264,12 +270,13 @@ def main() -> None:
                 for row in measured(world, found, without, begin):
                     print(change, *row, flush=True)
                     if path is not None:
+                        begun = path.is_file()
                         with path.open("a", newline="") as file:
-                            csv.writer(file).writerow([change, *row])
+                            csv.writer(file).writerows([[change, *row]] if begun else [HEADER, [change, *row]])
     elif path is None:
         sys.exit(f"compare=true needs csv=..., for example {USAGE} compare=true")
     else:
-        Console(width=200).print(table(list(csv.reader(path.open()))))
+        Console(width=200).print(table(list(csv.reader(path.open()))[1:]))
 
 
 if __name__ == "__main__":

@@ -33,7 +33,8 @@ from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.map_support import map_spacing
 from sextant.localization.pose_kernel import PoseKernel
 
-#: noise variance as a share of the signal's, so that covariances of images at one pose can be factorised
+#: noise variance as a share of the signal's, so that covariances of images at one pose can be factorised; a tenth of it
+#: makes no difference (results/localization_change.md, "The numbers that were chosen by hand")
 NOISE = 1e-3
 #: number of images, those nearest to the middle one: a sample of a larger area would have another spacing
 IMAGES = 600
