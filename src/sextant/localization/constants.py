@@ -21,35 +21,28 @@ TEMPERING = 0.125
 #: factor of the appearance variance by which the most similar image of a map exceeds the predicted one: a minimum over
 #: many images is biased low. With 1 regions without odometry hold the truth in 82, not 92 % (lab/localization.md)
 EXCESS = 2.0
-#: factor of the fitted kernel's lengths, and its largest noise as a share of the signal's variance: what tells places
-#: apart looks like noise to a kernel fitted to one traverse. From 24 combinations. Of the railway's first stretch 40
-#: and 39 % are found without either of the two (lab/localization.md), without both 50, with them 100: ``changed_walks
-#: seeds=8``
-SHARPER, LEFT_NOISE = 0.5, 1e-3
+#: factor of the fitted kernel's lengths. What tells places apart looks like noise to a kernel fitted to one traverse,
+#: so noise is as small besides as covariances allow (``place_kernel``). From 24 combinations. Of the railway's first
+#: stretch 40 and 39 % are found without either of the two (lab/localization.md), without both 50, with them 100:
+#: ``changed_walks seeds=8``
+SHARPER = 0.5
 
 # -- support of the map, and restarts ---------------------------------------------------------------------------------
 
-#: probability that is set aside for what the model leaves out: a robot off the map, an image that shows something else
-#: than its place, and the part of the belief that a covariance does not describe. Without support the default finds 0
-#: to 64 %: ``changed_walks seeds=8``, "without support"
+#: probability that is set aside for what the model leaves out: a robot off the map, a kidnapping before an image, an
+#: image that shows something else than its place, and the part of the belief that a covariance does not describe.
+#: Without support the default finds 0 to 64 %: ``changed_walks seeds=8``, "without support"
 RARE = 0.01
 #: how far a camera may be turned from the map's nearest image, in rad, where the map does not show it
 HEADING_REACH = math.radians(10)
 #: how far images of a dense map represent poses beside them, in lengths of its kernel. NLL of the office's poses -1.7,
 #: without it -0.1 ("A map reaches half its spacing")
 LENGTHS = 1.5
-#: size of a place in spacings of the map: radius of the mode that is reported; images of two places are about twice as
-#: far apart; and a map is dense if its kernel is longer. In a town with an image every 3 m and a kernel of 1.5
-#: spacings, ``LENGTHS`` would reach into the houses
+#: size of a place in spacings of the map, and in heading in ``HEADING_REACH``: radius of the mode that is reported;
+#: images of two places are twice as far apart, and none is a neighbour of another that is so many times as far from it
+#: as its nearest; and a map is dense if its kernel is longer. With 2 in place of 2.5 two towns of four, whose kernels
+#: are 2.1 and 2.3 spacings long, count as dense, and ``LENGTHS`` reaches into the houses: ``switch_offs``
 PLACE = 2.5
-#: radius of the mode that is reported, in heading
-MODE_HEADING = math.radians(30)
-#: mass above which a group of particles is counted as a mode
-MODE = 0.05
-#: an image farther from another than this many times its nearest one is not a neighbour of it in a map
-NEIGHBOUR = 4.0
-#: probability of a kidnapping before an image; ten times as much found no more cars (lab/localization.md)
-HAZARD = 1e-3
 
 # -- motion -----------------------------------------------------------------------------------------------------------
 

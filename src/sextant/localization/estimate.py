@@ -24,11 +24,13 @@ from torch import Tensor
 
 from sextant.geometry.planar import wrap_angle
 from sextant.localization.belief import Belief
-from sextant.localization.constants import MODE, MODE_HEADING, RARE
+from sextant.localization.constants import HEADING_REACH, PLACE, RARE
 from sextant.localization.kld_size import PoseBins
 
 #: Mean-shift steps.
 SHIFTS = 2
+#: Mass above which a group is counted as a mode: a 95 % region may leave out less.
+MODE = 1 - 0.95
 #: Mass that a box must hold to be in a group: a mode at the corner of boxes is shared by eight of them.
 BOX_MASS = MODE / 8
 #: Number of boxes considered in each run, the heaviest ones.
@@ -56,7 +58,7 @@ class Estimate:
     modes: Int64[Tensor, "r"]
 
 
-def estimate(belief: Belief, radius: float, heading_radius: float = MODE_HEADING) -> Estimate:
+def estimate(belief: Belief, radius: float, heading_radius: float = PLACE * HEADING_REACH) -> Estimate:
     """The mean of the dominant mode.
 
     Args:

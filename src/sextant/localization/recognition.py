@@ -36,12 +36,12 @@ import torch
 from jaxtyping import Bool, Float32, Float64
 from torch import Tensor
 
-from sextant.localization.constants import FEW, PLACE
+from sextant.localization.constants import FEW, PLACE, WINDOW
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.map_support import map_spacing
 
-#: evenly chosen images of the map for the null distribution; with fewer than ten there is no verdict
-MOST, FEWEST = 256, 10
+#: evenly chosen images of the map for the null distribution; with fewer than ``WINDOW`` there is no verdict
+MOST = 256
 #: similarities held at a time
 BLOCK = 2**24
 
@@ -75,7 +75,7 @@ class MapRecognition:
         """The null distribution of a map; None if its images are of too few places."""
         norms = (found.descriptors - found.mean).norm(dim=1).clamp(min=1e-12)
         empty = cls(found, map_spacing(found.poses), norms, found.poses.new_empty(3, 0))
-        count = min(len(found), max(BLOCK * 4 // len(found), FEWEST * 3), MOST)
+        count = min(len(found), max(BLOCK * 4 // len(found), 3 * WINDOW), MOST)
         rows = torch.from_numpy(np.unique(np.linspace(0, len(found) - 1, count).astype(np.int64)))
         parts = []
         for some in rows.split(max(1, BLOCK // len(found))):
@@ -83,7 +83,7 @@ class MapRecognition:
             parts.append(empty._numbers(own, own, empty._beyond(some)))
         unknown = torch.cat(parts, 1)
         unknown = unknown[:, unknown.isfinite().all(0)].sort(1).values
-        return cls(found, empty.spacing, norms, unknown) if unknown.shape[1] >= FEWEST else None
+        return cls(found, empty.spacing, norms, unknown) if unknown.shape[1] >= WINDOW else None
 
     def share(self, descriptors: Float32[Tensor, "r d"], centred: Float32[Tensor, "r d"]) -> Float64[Tensor, " r"]:
         """The recognition of images, in [0, 1]; nan if one of their statistics is not finite.

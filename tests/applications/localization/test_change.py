@@ -17,8 +17,9 @@ from sextant.chapters.localization.localized_drive import localize_drive
 from sextant.chapters.localization.localizer import fitted_kernel
 from sextant.chapters.localization.saved_filter import filter_of, filter_values
 from sextant.errors import UserError
-from sextant.localization.constants import LEFT_NOISE, RECOGNISED, SHARPER
+from sextant.localization.constants import RECOGNISED, SHARPER
 from sextant.localization.likelihood import Likelihood
+from sextant.localization.place_kernel import NOISE
 
 
 class Street:
@@ -340,7 +341,7 @@ def test_what_is_told_is_as_wide_as_drives_have_asked_for(street, tmp_path):
 def test_the_kernel_of_a_map_is_sharper_than_what_one_traverse_taught(street):
     localizer = Localizer.from_images(street.images, street.poses, steps=3)
     taught = fitted_kernel(localizer.model.map, steps=3)
-    assert localizer.model.kernel == taught.sharpened(SHARPER, LEFT_NOISE)
+    assert localizer.model.kernel == taught.sharpened(SHARPER, NOISE)
     given = Localizer.from_images(street.images, street.poses, kernel=taught, descriptor="Pixels")
     assert given.model.kernel == taught  # a kernel that is given is taken as it is
 

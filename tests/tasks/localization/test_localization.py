@@ -19,6 +19,7 @@ from sextant.lifecycle.execute import execute
 from sextant.localization.map_support import MapSupport
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observers import Camera
+from sextant.localization.place_kernel import discriminative_kernel
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
 
@@ -140,6 +141,20 @@ def test_vecchias_likelihood_trains_a_like_kernel(run, usual):
     for name in ("length_x", "heading_length_rad", "signal_variance"):
         joint, other = (logged(directory, f"train/{name}")[-1] for directory in (usual, found))
         assert 0.5 < other / joint < 2
+
+
+@pytest.mark.slow
+def test_a_kernel_that_tells_places_apart_is_trained_alike_and_kept(run, usual):
+    found = run("task.objective=places", "task.starts=1", "task.horizon=12", "task.save_map=true", *USUAL)
+    assert logged(found, "train/length_x") == logged(usual, "train/length_x")
+    length, noise = load_checkpoint(found.last_checkpoint)["state_dict"]["discriminative"].tolist()
+    localizer = Localizer.load(found.path / "map")
+    used, trained = localizer.model.kernel, logged(usual, "train/length_x")[-1]
+    assert used.length[0] == pytest.approx(length * trained)
+    assert used.noise_variance == pytest.approx(noise * used.signal_variance)
+    assert used == discriminative_kernel(used.sharpened(1 / length, 1.0), localizer.model.map)  # as without training
+    learnt = used.sharpened(1 / length, 1.0)  # how far an image stands for poses beside it, it was learnt to
+    assert localizer.filter.support.reach == pytest.approx(MapSupport.of(localizer.filter.prior.poses, learnt).reach)
 
 
 @pytest.mark.slow

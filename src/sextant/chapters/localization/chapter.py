@@ -157,7 +157,7 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
             describer(config),
             Path(config.paths.cache),
             images=task.images,
-            fixed=task.objective == "joint",
+            fixed=task.objective != "vecchia",
             seed=config.seed,
             merge_duplicates=task.merge_duplicates,
             show=lambda what: self.reporter.progress(what, "images"),

@@ -35,7 +35,7 @@ from torch import Tensor
 
 from sextant.geometry.planar import se2_compose, se2_inverse
 from sextant.localization.appearance_proposal import AppearanceProposal
-from sextant.localization.constants import HAZARD
+from sextant.localization.constants import RARE
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.recovery.recovery import Injection, Recovery, whole_number
@@ -149,7 +149,7 @@ class BayesRestart(Recovery):
         (10, 10.0)
     """
 
-    hazard: Share = HAZARD
+    hazard: Share = RARE
     share: Share = 0.1
     weigh_jitter: bool = True
     window: Annotated[int, Ge(0), Le(1000)] = 0
