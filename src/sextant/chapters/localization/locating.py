@@ -23,7 +23,7 @@ from sextant.errors import ArgumentError, UserError
 Advance = Callable[[int, int], None]
 COLUMNS = (
     *("file", "verdict", "x", "y", "z", "qw", "qx", "qy", "qz", "sigma_position", "sigma_deg", "inliers", "matches"),
-    *("log10_false_alarms", "fx", "fy", "cx", "cy", "nearest", "error"),
+    *("log10_false_alarms", "seen", "fx", "fy", "cx", "cy", "nearest", "error"),
 )
 #: photos whose matches are drawn, and the folder of these pictures
 DRAWN, MATCHES = 12, "matches"
@@ -160,6 +160,7 @@ def _row(frame: LocatedFrame, poses: PoseMap) -> dict[str, object]:
     if found is None:
         return {"file": frame.name, "verdict": "unreadable", "error": reason_alone(frame.name, frame.problem)}
     row: dict[str, object] = {"file": frame.name, "verdict": found.verdict, "matches": found.matches}
+    row["seen"] = f"{found.seen:.3f}"
     if found.verdict != "located" or found.covariance is None:
         return row
     x, y, z, qx, qy, qz, qw = _values(frame)

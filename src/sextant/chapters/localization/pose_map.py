@@ -51,7 +51,7 @@ CANDIDATES = 10
 #: assumes: photos of other places reach -76 in maps that they do not show, photos of the maps stay below -1,800
 #: (python -m benchmarks.posed_photos). A rendered office with the same furniture reaches -163 (sextant data posed).
 LOG10_FALSE_ALARMS = -100.0
-#: The least share of the points of the nearest image that a located photo shows. Photos of the maps of ``strecha_posed``
+#: The least share of the points of the nearest image that a located photo shows. Photos of the scenes of strecha_posed
 #: show 46 % and more, those of an office at night 50 %, those of one with the same furniture at most 20 % (offices 1
 #: and 2 of ``sextant data posed``); set between them before other offices were looked at
 LEAST_SEEN = 0.3
