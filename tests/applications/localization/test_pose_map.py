@@ -19,13 +19,15 @@ pytest.importorskip("poselib")
 
 from sextant import PoseMap, cli
 from sextant.applications.pixels import as_pixels
+from sextant.chapters.localization import locating
 from sextant.chapters.localization.data.own_drive import find_images
 from sextant.chapters.localization.data.posed_photos import PhotoLens, StraightPhotos, posed_photos
+from sextant.chapters.localization.given_cameras import cameras_of
 from sextant.chapters.localization.locating import LocatedFrame, locate_frames, write_located
 from sextant.chapters.localization.pose_map import LocatedPhoto
 from sextant.chapters.localization.pose_map_files import _extractor
 from sextant.chapters.places.photo_features import extractor_of
-from sextant.correspondence import Pinhole, XFeatures, detected
+from sextant.correspondence import LocalFeatures, Pinhole, XFeatures, detected
 from sextant.errors import ArgumentError, UserError
 
 DATA = os.environ.get("SEXTANT_DATA")
@@ -272,6 +274,15 @@ def test_local_features_that_are_an_object_are_given_again(desk, tmp_path):
     assert again.inliers == poses.locate(folder / "photos" / "query.jpg", camera).inliers
 
 
+def test_four_cameras_are_one_of_each_of_four_images():
+    """And not the four numbers of one camera."""
+    lens, sizes = Pinhole.centred(64, 48, 60.0), np.empty((0, 2), np.float32)
+    found = [LocalFeatures(sizes, np.empty((0, 64), np.float16), 64, 48)] * 4
+    assert cameras_of([lens] * 4, found, np.empty(0), XFeatures()) == [lens] * 4
+    for one in ((60, 61, 32, 24), np.array([60.0, 61.0, 32.0, 24.0])):
+        assert cameras_of(one, found, np.empty(0), XFeatures()) == [Pinhole(64, 48, 60.0, 61.0, 32.0, 24.0)] * 4
+
+
 def test_blank_walls_make_no_map():
     poses = np.tile(np.eye(4), (2, 1, 1))
     poses[1, 0, 3] = 1
@@ -335,6 +346,16 @@ def test_a_run_removes_what_a_former_one_wrote_and_nothing_else(tmp_path):
     with pytest.raises(UserError, match=r"did not write, and would replace or add to: .*colmap/points3D.bin\n"):
         again()
     assert files() == before
+
+
+@pytest.mark.parametrize(("points", "told"), [(99, True), (100, False)])
+def test_few_points_are_told(tmp_path, monkeypatch, capsys, points, told):
+    posed = SimpleNamespace(poses=np.tile(np.eye(4), (2, 1, 1)), points=np.zeros((points, 3)))
+    poses = SimpleNamespace(posed=posed, names=["1.jpg", "2.jpg"], locate=lambda *_: LocatedPhoto("not in the map"))
+    monkeypatch.setattr(locating, "map_of_folder", lambda *_: (poses, []))
+    Image.fromarray(np.full((40, 60, 3), 90, np.uint8)).save(tmp_path / "a.png")
+    cli.run("locate", [f"map={tmp_path / 'map'}", f"input={tmp_path / 'a.png'}", f"output={tmp_path / 'out'}"])
+    assert ("or their matches contradict the poses" in " ".join(capsys.readouterr().out.split())) == told
 
 
 @pytest.mark.parametrize("name", ["poses.csv", "from_above.png", "colmap/images.txt", "colmap/database.db"])
