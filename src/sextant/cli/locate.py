@@ -40,7 +40,7 @@ def main(arguments: Sequence[str]) -> None:
     """Make or open the map, locate the images, and print where the results are."""
     options = LocateOptions.parse(arguments, USAGE)
     from sextant.applications.arguments import check_apart
-    from sextant.chapters.localization import locating, pose_map
+    from sextant.chapters.localization import locating
     from sextant.chapters.localization.data.own_drive import find_images
     from sextant.chapters.localization.data.rosbag import Bag
     from sextant.console.console import console
@@ -61,8 +61,6 @@ def main(arguments: Sequence[str]) -> None:
     if options.save is not None:
         poses.save(options.save)
     console.print(f"map: {len(poses.names):,} images, {len(poses.posed.points):,} points")
-    if len(poses.posed.points) < pose_map.FEW_POINTS * len(poses.names):
-        console.print("note: few points: images hardly overlap, or their matches contradict the poses")
     with work_progress("located", "images") as progress:
         results = locating.locate_frames(poses, frames, camera, options.output, paths, progress)
     written = locating.write_located(results, poses, options.output)

@@ -36,13 +36,18 @@ def likely_convention(
     match: Matcher = mutual_matches,
 ) -> str | None:
     """The convention that the poses probably have; None if no other agrees much better than the given one."""
-    given = _share(features, poses, cameras, match)
-    shares = {name: _share(features, other, cameras, match) for name, other in _alternatives(poses).items()}
+    given = agreement(features, poses, cameras, match)
+    shares = {name: agreement(features, other, cameras, match) for name, other in _alternatives(poses).items()}
     best = max(shares, key=lambda name: shares[name])
     return best if shares[best] > max(LEAST_SHARE, 2 * given) else None
 
 
-def _share(features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], match: Matcher) -> float:
+def agreement(
+    features: Sequence[LocalFeatures],
+    poses: Float64[ndarray, "n 4 4"],
+    cameras: Sequence[Pinhole],
+    match: Matcher = mutual_matches,
+) -> float:
     """The share of matches that are points in front of both cameras, of some pairs of neighbours."""
     pairs = neighbouring(poses)
     right, total = 0, 0
