@@ -17,12 +17,14 @@ from sextant.correspondence.triangulation import triangulate
 PAIRS, LEAST_SHARE = 8, 0.25
 _TURNED = np.diag([1.0, -1.0, -1.0, 1.0])
 _LEFT = np.diag([1.0, -1.0, 1.0, 1.0])
+_ROLLED = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def _alternatives(poses: ndarray) -> dict[str, ndarray]:
     inverse = np.linalg.inv(poses)
     return {
         "y up and z back (OpenGL, Blender, nerfstudio)": poses @ _TURNED,
+        "x left and y up (PyTorch3D)": poses @ _ROLLED,
         "camera_from_world (COLMAP's matrices), to be inverted": inverse,
         "camera_from_world with y up and z back, to be inverted": inverse @ _TURNED,
         "y up and z forward, left-handed (Unity)": _LEFT @ poses @ _LEFT,

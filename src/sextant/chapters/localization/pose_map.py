@@ -50,7 +50,7 @@ DESCRIPTOR = "zoo:places"
 CANDIDATES = 10
 #: The largest logarithm of the number of false alarms of a located photo. Matches are not independent, as the equation
 #: assumes: photos of other places reach -76 in maps that they do not show, photos of the maps stay below -1,800
-#: (python -m benchmarks.posed_photos). Buildings that look alike reach -344: see LEAST_SEEN.
+#: (python -m benchmarks.posed_photos). Buildings that look alike reach -389: see LEAST_SEEN.
 LOG10_FALSE_ALARMS = -100.0
 #: The least share of the points of the nearest image that a located photo shows. Photos of the scenes of strecha_posed
 #: show 46 % and more, those of an office at night 50 %, those of one with the same furniture at most 20 % (offices 1
