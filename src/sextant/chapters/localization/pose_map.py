@@ -292,8 +292,12 @@ def _built(
 def _answer(posed: PosedMap, query: LocalFeatures, found: Located) -> LocatedPhoto:
     pose = found.pose
     if pose is None or found.log10_false_alarms > LOG10_FALSE_ALARMS or found.seen < LEAST_SEEN:
-        told = {"log10_false_alarms": found.log10_false_alarms, "seen": found.seen}
-        return LocatedPhoto("not in the map", matches=len(found.points), **told)
+        return LocatedPhoto(
+            "not in the map",
+            matches=len(found.points),
+            log10_false_alarms=found.log10_false_alarms,
+            seen=found.seen,
+        )
     images, rows, points = (each[pose.inliers] for each in (found.images, found.features, found.points))
     nearest = int(np.bincount(images).argmax())
     theirs = {int(point): row for row, point in enumerate(posed.point_of[nearest].tolist()) if point >= 0}
