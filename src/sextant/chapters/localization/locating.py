@@ -86,7 +86,7 @@ def _names_before(table: Path) -> tuple[list[str], list[str]]:
     try:
         with table.open(newline="", encoding="utf-8") as file:
             rows = csv.DictReader(file)
-            if tuple(rows.fieldnames or ()) != COLUMNS:
+            if tuple(rows.fieldnames or ()) not in (COLUMNS, tuple(each for each in COLUMNS if each != "seen")):  # earlier
                 return [], []
             found = [(row["file"], row["verdict"]) for row in rows]
     except (OSError, ValueError, csv.Error):
