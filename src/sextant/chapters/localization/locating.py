@@ -25,6 +25,8 @@ COLUMNS = (
     *("file", "verdict", "x", "y", "z", "qw", "qx", "qy", "qz", "sigma_position", "sigma_deg", "inliers", "matches"),
     *("log10_false_alarms", "seen", "fx", "fy", "cx", "cy", "nearest", "error"),
 )
+#: of tables of earlier versions
+EARLIER = tuple(each for each in COLUMNS if each != "seen")
 #: photos whose matches are drawn, and the folder of these pictures
 DRAWN, MATCHES = 12, "matches"
 #: files of a COLMAP model, and their folder
@@ -86,7 +88,7 @@ def _names_before(table: Path) -> tuple[list[str], list[str]]:
     try:
         with table.open(newline="", encoding="utf-8") as file:
             rows = csv.DictReader(file)
-            if tuple(rows.fieldnames or ()) not in (COLUMNS, tuple(each for each in COLUMNS if each != "seen")):  # earlier
+            if tuple(rows.fieldnames or ()) not in (COLUMNS, EARLIER):
                 return [], []
             found = [(row["file"], row["verdict"]) for row in rows]
     except (OSError, ValueError, csv.Error):
