@@ -85,6 +85,22 @@ def test_a_view_of_another_world_is_no_more_than_chance(world):
     assert found.log10_false_alarms > -3
 
 
+def test_a_thing_that_also_stands_elsewhere_agrees_with_a_pose_but_most_of_the_place_is_missing(world):
+    poses, points = world
+    mapped = views(poses, points)
+    posed = build_map(mapped, poses, [CAMERA] * 6)
+    here = posed.locate(mapped[2], range(6), CAMERA)
+    near = np.linalg.norm(mapped[2].points - mapped[2].points.mean(0), axis=1).argsort()[:50]
+    rng = np.random.default_rng(7)
+    strange = rng.normal(size=mapped[2].descriptors.shape)
+    strange /= np.linalg.norm(strange, axis=1, keepdims=True)
+    strange[near] = mapped[2].descriptors[near]
+    there = posed.locate(replace(mapped[2], descriptors=strange.astype(np.float16)), range(6), CAMERA)
+    assert here.seen > 0.8
+    assert there.pose.inliers.sum() >= 45
+    assert there.seen < 0.3
+
+
 def test_matches_that_contradict_the_poses_make_no_points(world):
     poses, points = world
     wrong = poses.copy()

@@ -67,7 +67,9 @@ def main(arguments: Sequence[str]) -> None:
     if camera is None and isinstance(frames, Bag) and frames.camera is not None:
         console.print(f"note: images were straightened, camera {frames.camera}", markup=False)
     found = sum(each.found is not None and each.found.verdict == "located" for each in results)
-    tell_written(f"{found:,} of {len(results):,} images located", len(results) - found, written, "not in the map")
+    unreadable = sum(each.found is None for each in results)
+    told = f"{found:,} of {len(results):,} images located" + (f", {unreadable:,} unreadable" if unreadable else "")
+    tell_written(told, len(results) - found - unreadable, written, "not in the map")
 
 
 def _camera(given: str | None) -> object:

@@ -6,7 +6,7 @@ camera with distortion are undistorted first. Poses are ``world_from_camera``, x
 
 from sextant.correspondence.absolute_pose import EstimatedPose, absolute_pose
 from sextant.correspondence.aliked_features import AlikedFeatures
-from sextant.correspondence.conventions import likely_convention
+from sextant.correspondence.conventions import agreement, likely_convention
 from sextant.correspondence.features import XFeatures
 from sextant.correspondence.left_out import calibrated
 from sextant.correspondence.local_features import LocalFeatureExtractor, LocalFeatures, detected
@@ -34,6 +34,7 @@ __all__ = [
     "TwoViews",
     "XFeatures",
     "absolute_pose",
+    "agreement",
     "build_map",
     "calibrated",
     "count_inliers",

@@ -17,12 +17,14 @@ from sextant.correspondence.triangulation import triangulate
 PAIRS, LEAST_SHARE = 8, 0.25
 _TURNED = np.diag([1.0, -1.0, -1.0, 1.0])
 _LEFT = np.diag([1.0, -1.0, 1.0, 1.0])
+_ROLLED = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def _alternatives(poses: ndarray) -> dict[str, ndarray]:
     inverse = np.linalg.inv(poses)
     return {
         "y up and z back (OpenGL, Blender, nerfstudio)": poses @ _TURNED,
+        "x left and y up (PyTorch3D)": poses @ _ROLLED,
         "camera_from_world (COLMAP's matrices), to be inverted": inverse,
         "camera_from_world with y up and z back, to be inverted": inverse @ _TURNED,
         "y up and z forward, left-handed (Unity)": _LEFT @ poses @ _LEFT,
@@ -36,13 +38,18 @@ def likely_convention(
     match: Matcher = mutual_matches,
 ) -> str | None:
     """The convention that the poses probably have; None if no other agrees much better than the given one."""
-    given = _share(features, poses, cameras, match)
-    shares = {name: _share(features, other, cameras, match) for name, other in _alternatives(poses).items()}
+    given = agreement(features, poses, cameras, match)
+    shares = {name: agreement(features, other, cameras, match) for name, other in _alternatives(poses).items()}
     best = max(shares, key=lambda name: shares[name])
     return best if shares[best] > max(LEAST_SHARE, 2 * given) else None
 
 
-def _share(features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], match: Matcher) -> float:
+def agreement(
+    features: Sequence[LocalFeatures],
+    poses: Float64[ndarray, "n 4 4"],
+    cameras: Sequence[Pinhole],
+    match: Matcher = mutual_matches,
+) -> float:
     """The share of matches that are points in front of both cameras, of some pairs of neighbours."""
     pairs = neighbouring(poses)
     right, total = 0, 0

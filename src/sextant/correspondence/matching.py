@@ -46,17 +46,20 @@ def mutual_matches(
     if not len(first) or not len(second):
         return np.empty((0, 2), np.int64)
     a, b = (torch.from_numpy(np.ascontiguousarray(each.descriptors)).float() for each in (first, second))
-    columns = b.T.contiguous()
-    best, nearest = torch.empty(len(a)), torch.zeros(len(a), dtype=torch.int64)
-    highest = torch.full((len(b),), -2.0)
+    columns, rows = b.T.contiguous(), np.arange(BLOCK)
+    best, nearest = np.empty(len(a), np.float32), np.empty(len(a), np.int64)
+    highest = np.full(len(b), -2, np.float32)
+    memory = torch.empty(min(BLOCK, len(a)), len(b))
     for start in range(0, len(a), BLOCK):  # a block of similarities stays in the cache
-        similarity = a[start : start + BLOCK] @ columns
-        top = best[start : start + BLOCK] = similarity.amax(1)
-        torch.maximum(highest, similarity.amax(0), out=highest)
-        (enough,) = torch.where(top >= least_cosine)
-        nearest[start + enough] = similarity[enough].argmax(1)
-    (rows,) = torch.where((best >= least_cosine) & (best >= highest[nearest]))
-    pairs = torch.stack([rows, nearest[rows]], 1).numpy()
+        block = slice(start, start + BLOCK)
+        here = memory[: len(a[block])]
+        # products by torch are faster, maxima by NumPy
+        similarity = torch.mm(a[block], columns, out=here).numpy()
+        nearest[block] = similarity.argmax(1)
+        best[block] = similarity[rows[: len(here)], nearest[block]]
+        np.maximum(highest, similarity.max(0), out=highest)
+    (mutual,) = np.nonzero((best >= least_cosine) & (best >= highest[nearest]))
+    pairs = np.column_stack([mutual, nearest[mutual]])
     _, once = np.unique(pairs[:, 1], return_index=True)  # of equal descriptors, the first
     return pairs[np.sort(once)]
 

@@ -10,6 +10,9 @@ of false alarms of a pose is the expected number of poses that are as well suppo
 .. math:: \mathrm{NFA} = 4 (m - 3) \binom{m}{k} \binom{k}{3} p^{k - 3}, \qquad p = \pi r^2 / (w h),
 
 for minimal samples of three points with up to four poses, and inliers within r pixels of an image of w x h.
+
+Chance is not all that agrees with a wrong place: things that look alike do. There, much of what the map shows beside
+them is missing in the query (:func:`share_seen`).
 """
 
 import math
@@ -137,7 +140,8 @@ class PosedMap:
             pose = replace(pose, covariance=wider, focal_sigma=sigma)
         inliers = 0 if pose is None else int(pose.inliers.sum())
         alarms = log_false_alarms(len(rows), inliers, 2 * ERROR_PX * unit, query.width * query.height)
-        return Located(pose, rows, numbers, images, alarms)
+        seen = 0.0 if pose is None else share_seen(self, pose, numbers, images)
+        return Located(pose, rows, numbers, images, alarms, seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +154,7 @@ class Located:
         points: the points that they match.
         images: the images of the map that they were matched in.
         log10_false_alarms: decimal logarithm of the number of false alarms; below 0, more than chance.
+        seen: the share of :func:`share_seen`.
     """
 
     pose: EstimatedPose | None
@@ -157,6 +162,30 @@ class Located:
     points: Int64[ndarray, "m"]
     images: Int64[ndarray, "m"]
     log10_false_alarms: float
+    seen: float = 0.0
+
+
+def share_seen(
+    posed: PosedMap, pose: EstimatedPose, numbers: Int64[ndarray, "m"], images: Int64[ndarray, "m"]
+) -> float:
+    """Of the points of an image of the map that lie within a query by its pose, the share that inliers match.
+
+    The image is that with the most inliers, which sees the scene from nearby, so that little is hidden from the query.
+
+    Args:
+        posed: the map.
+        pose: of the query.
+        numbers, images: of the points that the query's features match, and the images that they were matched in.
+    """
+    if not pose.inliers.any():
+        return 0.0
+    own = posed.point_of[int(np.bincount(images[pose.inliers]).argmax())]
+    own = own[own >= 0]
+    inside = (posed.points[own] - pose.world_from_camera[:3, 3]) @ pose.world_from_camera[:3, :3]
+    pixels = pose.camera.project(inside)
+    size = (pose.camera.width - 1, pose.camera.height - 1)
+    within = (inside[:, 2] > 0) & (pixels >= 0).all(1) & (pixels <= size).all(1)
+    return float(np.isin(own[within], numbers[pose.inliers]).mean()) if within.any() else 0.0
 
 
 def build_map(

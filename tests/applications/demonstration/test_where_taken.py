@@ -60,8 +60,9 @@ def _patch(image, x, y, half=6):
 
 
 @pytest.mark.slow
-def test_another_office_is_not_in_the_map_and_the_map_is_shown_all_the_same(office):
-    found = office.of_sample("elsewhere_0")
+@pytest.mark.parametrize("name", [name for name in SAMPLES if name.startswith("elsewhere")])
+def test_another_office_is_not_in_the_map_and_the_map_is_shown_all_the_same(office, name):
+    found = office.of_sample(name, same_camera=True)
     assert (found["verdict"], found["elsewhere"]) == ("not in the map", True)
     assert (found["quantities"], found["nearest"], found["above"]["found"]) == ([], None, None)
     assert len(found["above"]["images"]) == len(office.poses.names)

@@ -21,11 +21,12 @@ from sextant import PoseMap, cli
 from sextant.applications.pixels import as_pixels
 from sextant.chapters.localization.data.own_drive import find_images
 from sextant.chapters.localization.data.posed_photos import PhotoLens, StraightPhotos, posed_photos
+from sextant.chapters.localization.given_cameras import cameras_of
 from sextant.chapters.localization.locating import LocatedFrame, locate_frames, write_located
 from sextant.chapters.localization.pose_map import LocatedPhoto
 from sextant.chapters.localization.pose_map_files import _extractor
 from sextant.chapters.places.photo_features import extractor_of
-from sextant.correspondence import Pinhole, XFeatures, detected
+from sextant.correspondence import LocalFeatures, Pinhole, XFeatures, detected
 from sextant.errors import ArgumentError, UserError
 
 DATA = os.environ.get("SEXTANT_DATA")
@@ -134,6 +135,8 @@ def test_a_rough_focal_length_is_refined(desk):
     [
         (lambda poses: poses @ np.diag([1.0, -1.0, -1.0, 1.0]), r"y up and z back \(OpenGL"),
         (np.linalg.inv, "camera_from_world"),
+        (lambda poses: poses @ np.diag([-1.0, -1.0, 1.0, 1.0]), "x left and y up"),
+        (lambda poses: poses[[2, 0, 1]], "agree with their poses|camera_from_world|x left|images overlap"),
     ],
 )
 def test_axes_of_another_convention_are_named(changed, named):
@@ -270,6 +273,15 @@ def test_local_features_that_are_an_object_are_given_again(desk, tmp_path):
         PoseMap.open(tmp_path)
     again = PoseMap.open(tmp_path, local=own).locate(folder / "photos" / "query.jpg", camera)
     assert again.inliers == poses.locate(folder / "photos" / "query.jpg", camera).inliers
+
+
+def test_four_cameras_are_one_of_each_of_four_images():
+    """And not the four numbers of one camera."""
+    lens, sizes = Pinhole.centred(64, 48, 60.0), np.empty((0, 2), np.float32)
+    found = [LocalFeatures(sizes, np.empty((0, 64), np.float16), 64, 48)] * 4
+    assert cameras_of([lens] * 4, found, np.empty(0), XFeatures()) == [lens] * 4
+    for one in ((60, 61, 32, 24), np.array([60.0, 61.0, 32.0, 24.0])):
+        assert cameras_of(one, found, np.empty(0), XFeatures()) == [Pinhole(64, 48, 60.0, 61.0, 32.0, 24.0)] * 4
 
 
 def test_blank_walls_make_no_map():

@@ -24,8 +24,10 @@ from sextant.errors import ArgumentError, UserError
 Advance = Callable[[int, int], None]
 COLUMNS = (
     *("file", "verdict", "x", "y", "z", "qw", "qx", "qy", "qz", "sigma_position", "sigma_deg", "inliers", "matches"),
-    *("log10_false_alarms", "fx", "fy", "cx", "cy", "nearest", "error"),
+    *("log10_false_alarms", "seen", "fx", "fy", "cx", "cy", "nearest", "error"),
 )
+#: of tables of earlier versions
+EARLIER = tuple(each for each in COLUMNS if each != "seen")
 #: photos whose matches are drawn, and the folder of these pictures
 DRAWN, MATCHES = 12, "matches"
 #: files of a COLMAP model, and their folder
@@ -87,7 +89,7 @@ def _names_before(table: Path) -> tuple[list[str], list[str]]:
     try:
         with table.open(newline="", encoding="utf-8") as file:
             rows = csv.DictReader(file)
-            if tuple(rows.fieldnames or ()) != COLUMNS:
+            if tuple(rows.fieldnames or ()) not in (COLUMNS, EARLIER):
                 return [], []
             found = [(row["file"], row["verdict"]) for row in rows]
     except (OSError, ValueError, csv.Error):
@@ -161,6 +163,7 @@ def _row(frame: LocatedFrame, poses: PoseMap) -> dict[str, object]:
     if found is None:
         return {"file": frame.name, "verdict": "unreadable", "error": reason_alone(frame.name, frame.problem)}
     row: dict[str, object] = {"file": frame.name, "verdict": found.verdict, "matches": found.matches}
+    row["seen"] = f"{found.seen:.3f}"
     if found.verdict != "located" or found.covariance is None:
         return row
     x, y, z, qx, qy, qz, qw = _values(frame)

@@ -56,8 +56,8 @@ class MetricProposal(Recovery):
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
         >>> errors = MetricErrors(scale=1.0, dof=3.0, wrong=0.1, volume=100.0)
-        >>> near = 0.01 * torch.eye(3, dtype=torch.float64)[None]
-        >>> at_ten = MetricPoses(line[10:11], near, torch.tensor([True]), errors)
+        >>> covariance = 0.01 * torch.eye(3, dtype=torch.float64)[None]
+        >>> at_ten = MetricPoses(line[10:11], covariance, torch.tensor([True]), errors)
         >>> belief = Belief.uniform(line[:1].repeat(1, 100, 1))  # all are at 0 m
         >>> weighed = WeightedBelief.of(belief, EvidenceWithPose(Alike(), at_ten), None)
         >>> recovery = MetricProposal(BayesRestart(), share=0.1)

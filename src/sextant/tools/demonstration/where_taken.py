@@ -12,7 +12,7 @@ from numpy import ndarray
 from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.chapters.localization.data.posed_photos import StraightPhotos, posed_photos
 from sextant.chapters.localization.locating import map_of_folder
-from sextant.chapters.localization.pose_map import LOG10_FALSE_ALARMS, LocatedPhoto, PoseMap
+from sextant.chapters.localization.pose_map import LEAST_SEEN, LOG10_FALSE_ALARMS, LocatedPhoto, PoseMap
 from sextant.correspondence import Pinhole
 from sextant.data.photos import read_photo
 from sextant.errors import ArgumentError, UserError
@@ -115,6 +115,8 @@ class WhereTaken:
             "matches": found.matches,
             "log10_false_alarms": _finite(found.log10_false_alarms),
             "limit": LOG10_FALSE_ALARMS,
+            "seen": found.seen,
+            "least_seen": LEAST_SEEN,
             "quantities": _quantities(found, known=camera is not None),
             **self._matches(found, shown.shape[1] / photo.width),
             "above": self._above(found),
