@@ -97,7 +97,14 @@ def log_place_probability(
 def squared_errors(
     kernel: PoseKernel, poses: Float64[Tensor, "n 3"], residuals: Float64[Tensor, "n d"]
 ) -> Float64[Tensor, "n n"] | None:
-    r""":math:`\lVert y_i - \mu_{-i}(x_j) \rVert^2` for images i and poses j; None if the covariance is singular."""
+    r""":math:`\lVert y_i - \mu_{-i}(x_j) \rVert^2` for images i and poses j; None if the covariance is singular.
+
+    Example:
+        >>> line = torch.tensor([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], dtype=torch.float64)
+        >>> shown = torch.tensor([[1.0], [3.0]], dtype=torch.float64)
+        >>> squared_errors(PoseKernel("rbf", (0.1, 0.1), 1.0, 1.0, 1e-9), line, shown)[0].tolist()  # 0 and 3 are told
+        [1.0, 4.0]
+    """
     noise, eye = kernel.noise_variance, torch.eye(len(poses), dtype=torch.float64)
     factor, failed = torch.linalg.cholesky_ex(kernel(poses, poses) + noise * eye)
     if failed:

@@ -205,9 +205,9 @@ class Localization(pl.LightningModule):
         self.region_scale.fill_(1.0)  # discards the scale of a resumed run
         if self.objective == "places":
             trained = self.kernel.frozen()
-            found = discriminative_kernel(trained, self._map_of(data.drives.fitted))
-            self.discriminative[0] = found.length[0] / trained.length[0]
-            self.discriminative[1] = found.noise_variance / found.signal_variance
+            kernel = discriminative_kernel(trained, self._map_of(data.drives.fitted))
+            self.discriminative[0] = kernel.length[0] / trained.length[0]
+            self.discriminative[1] = kernel.noise_variance / kernel.signal_variance
         model, queries = self._validation(data)
         likelihood = replace(wanted.likelihood, tempering=1.0)
         if wanted.fit_noise:
