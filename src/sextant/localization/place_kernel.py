@@ -102,7 +102,8 @@ def squared_errors(
     Example:
         >>> line = torch.tensor([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], dtype=torch.float64)
         >>> shown = torch.tensor([[1.0], [3.0]], dtype=torch.float64)
-        >>> squared_errors(PoseKernel("rbf", (0.1, 0.1), 1.0, 1.0, 1e-9), line, shown)[0].tolist()  # 0 and 3 are told
+        >>> kernel = PoseKernel("rbf", (0.1, 0.1), 1.0, 1.0, 1e-9)
+        >>> squared_errors(kernel, line, shown)[0].round().tolist()  # 0 is predicted without the image, and 3 beside it
         [1.0, 4.0]
     """
     noise, eye = kernel.noise_variance, torch.eye(len(poses), dtype=torch.float64)
