@@ -13,7 +13,7 @@ distance of the drive from the nearest pose of such a map.
 """
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -66,24 +66,32 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def finished(outputs: Path, task: str) -> Iterator[RunDirectory]:
-    """The finished runs of a task that have a world, one each.
+    """The finished runs of a task of seed 0 that have a world, one each; of localization, those of ``bayes_restart``.
 
     Raises:
-        UserError: there are none, or several in one world of one config.
+        UserError: there are none, or several in one world.
     """
-    seen = dict[Any, Path]()
+    seen = dict[int, Path]()
     for run in all_runs(outputs):
         state = run.state()
-        if state.get("task") != task or state["params"].get("dataset.world") is None or run.results() is None:
+        params = state.get("params", {})
+        if state.get("task") != task or params.get("dataset.world") is None or run.results() is None:
             continue
-        if other := seen.get(state["digest"]):
-            raise UserError(f"{other} and {run.path} are runs of one config", "Leave only the one that counts there.")
-        seen[state["digest"]] = run.path
+        if state["seed"] != 0 or (task == "localization" and not _restarts(params)):
+            continue
+        if other := seen.get(world_of(run)):
+            raise UserError(f"{other} and {run.path} are of one world", "Leave only the one that counts there.")
+        seen[world_of(run)] = run.path
         yield run
     if not seen:
         raise UserError(
             f"{outputs} has no finished run of {task} with dataset.world", "Run what the claim's plan says."
         )
+
+
+def _restarts(params: Mapping[str, Any]) -> bool:
+    restarts = str(params.get("recovery._target_", "")).endswith("BayesRestart")
+    return restarts and params.get("filter.best") is None  # else a baseline without a filter
 
 
 def world_of(run: RunDirectory) -> int:
@@ -121,8 +129,6 @@ def any_pose(runs: Sequence[RunDirectory]) -> tuple[TextTable, list[Row]]:
     """Errors and distances from the map in metres by world and drive, and their differences."""
     table, apart = [], dict[str, list[float]]()
     for run in sorted(runs, key=world_of):
-        if run.state()["params"].get("filter") != "bayes_restart":
-            continue
         results = run.results()
         assert results is not None
         for drive, distance in distances(world_of(run)).items():

@@ -175,6 +175,10 @@ def _described(images: ndarray, poses: ndarray, driven: dict, elsewhere: ndarray
     }  # fmt: skip
 
 
+#: what ``without=`` takes
+PARTS = ("scale", "sharpening", "adaptation", "support", "window", "places")
+
+
 def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> Iterator[list]:
     """The columns of each drive of a world, in per cent."""
     from sextant.chapters.localization.saved_filter import usual_filter, usual_radius
@@ -186,7 +190,7 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     from sextant.localization.localize import Localized, Steps
     from sextant.localization.observation.cached_local_gp import CachedLocalGP
     from sextant.localization.observers import Camera
-    from sextant.localization.place_kernel import NOISE, discriminative_kernel
+    from sextant.localization.place_kernel import discriminative_kernel
     from sextant.localization.recovery import BayesRestart
 
     found = DescriptorMap.of(torch.from_numpy(np.asarray(kept["poses"], np.float64)), kept["descriptors"])
@@ -194,7 +198,7 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     if without == "places":
         sharp = discriminative_kernel(kernel, found)
     elif without != "sharpening":
-        sharp = kernel.sharpened(constants.SHARPER, NOISE)
+        sharp = kernel.sharpened(constants.SHARPER, constants.NOISE)
     model = CachedLocalGP(min(16, len(found)), map_evidence="mean").fit(found, sharp)
     filter = usual_filter(found.poses, kernel, recovery=BayesRestart() if without == "window" else None)
     filter = replace(filter, support=None) if without == "support" else filter
@@ -260,6 +264,8 @@ def main() -> None:
     """Measure, or compare what was measured."""
     given = parse_arguments(sys.argv[1:], KEYS, USAGE)
     path, without = Path(given["csv"]) if "csv" in given else None, given.get("without", "")
+    if without and without not in PARTS:
+        sys.exit(f"without={without} must be {', '.join(PARTS)}")
     change = " ".join(filter(None, (without and f"without {without}", given.get("set", "")))) or "default"
     if given.get("compare") != "true":
         begin = tuple(filter(None, given.get("drives", "").split(",")))

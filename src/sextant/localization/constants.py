@@ -22,10 +22,11 @@ TEMPERING = 0.125
 #: many images is biased low. With 1 regions without odometry hold the truth in 82, not 92 % (lab/localization.md)
 EXCESS = 2.0
 #: factor of the fitted kernel's lengths. What tells places apart looks like noise to a kernel fitted to one traverse,
-#: so noise is as small besides as covariances allow (``place_kernel``). From 24 combinations. Of the railway's first
+#: and its noise variance is capped at a share of the signal's. From 24 combinations. Of the railway's first
 #: stretch 40 and 39 % are found without either of the two (lab/localization.md), without both 50, with them 100:
-#: ``changed_walks seeds=8``
-SHARPER = 0.5
+#: ``changed_walks seeds=8``. With a tenth of the noise no difference was shown in four towns and on seven walks; four
+#: offices are too few: ``switch_offs``
+SHARPER, NOISE = 0.5, 1e-3
 
 # -- support of the map, and restarts ---------------------------------------------------------------------------------
 
@@ -39,8 +40,8 @@ HEADING_REACH = math.radians(10)
 #: without it -0.1 ("A map reaches half its spacing")
 LENGTHS = 1.5
 #: size of a place in spacings of the map, and in heading in ``HEADING_REACH``: radius of the mode that is reported;
-#: images of two places are twice as far apart, and none is a neighbour of another that is so many times as far from it
-#: as its nearest; and a map is dense if its kernel is longer. With 2 in place of 2.5 two towns of four, whose kernels
+#: images of two places are twice as far apart, and one that is that many times as far away as the nearest one is not a
+#: neighbour; and a map is dense if its kernel is longer. With 2 in place of 2.5 two towns of four, whose kernels
 #: are 2.1 and 2.3 spacings long, count as dense, and ``LENGTHS`` reaches into the houses: ``switch_offs``
 PLACE = 2.5
 

@@ -29,13 +29,11 @@ from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from sextant.localization.constants import NOISE
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.map_support import map_spacing
 from sextant.localization.pose_kernel import PoseKernel
 
-#: noise variance as a share of the signal's, so that covariances of images at one pose can be factorised; a tenth of it
-#: makes no difference (results/localization_change.md, "The numbers that were chosen by hand")
-NOISE = 1e-3
 #: number of images, those nearest to the middle one: a sample of a larger area would have another spacing
 IMAGES = 600
 #: lengths that are tried: from a quarter of the map's spacing to four times it, four in each doubling
@@ -45,7 +43,8 @@ RANGE, STEPS = 10.0, 16
 
 
 def discriminative_kernel(kernel: PoseKernel, found: DescriptorMap) -> PoseKernel:
-    """The kernel with the lengths and noise that tell the places of a map apart; itself for fewer than three images.
+    """The kernel with the lengths and noise that tell the places of a map apart; itself for fewer than three images,
+    and for images that are all alike.
 
     Args:
         kernel: the likeliest kernel of the map.
@@ -65,7 +64,9 @@ def discriminative_kernel(kernel: PoseKernel, found: DescriptorMap) -> PoseKerne
     poses, residuals = found.poses[near], (found.descriptors[near] - found.mean).double()
     spacing, shorter = map_spacing(found.poses), min(kernel.length)
     tried = [kernel.sharpened(float(length * spacing / shorter), NOISE) for length in TRIED]
-    return max(tried, key=lambda each: log_place_probability(each, poses, residuals))
+    told = [log_place_probability(each, poses, residuals) for each in tried]
+    best = int(np.argmax(np.nan_to_num(told, nan=-np.inf)))
+    return tried[best] if math.isfinite(told[best]) else kernel
 
 
 def log_place_probability(

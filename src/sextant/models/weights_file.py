@@ -112,12 +112,14 @@ def why_unread(error: Exception) -> str:
     """The reason why torch refused a file of weights, in one line, without its advice on how to execute the content.
 
     >>> why_unread(EOFError()), why_unread(KeyError(101))  # an empty file, a text
-    ('it is no file that torch.save writes', 'it is no file that torch.save writes')
+    ('it was not written by torch.save', 'it was not written by torch.save')
     """
     said = str(error)
-    no_opcode = "Unsupported operand" in said or (isinstance(error, KeyError) and isinstance(error.args[0], int))
+    no_opcode = "Unsupported operand" in said or (
+        isinstance(error, KeyError) and isinstance(next(iter(error.args), None), int)
+    )
     if isinstance(error, EOFError) or no_opcode:
-        return "it is no file that torch.save writes"
+        return "it was not written by torch.save"
     if isinstance(error, pickle.UnpicklingError):
         if (named := re.search(r"GLOBAL (\S+)", said)) is not None:
             return f"it would call {named[1]}"

@@ -60,9 +60,10 @@ def _patch(image, x, y, half=6):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("same_camera", [True, False])
 @pytest.mark.parametrize("name", [name for name in SAMPLES if name.startswith("elsewhere")])
-def test_another_office_is_not_in_the_map_and_the_map_is_shown_all_the_same(office, name):
-    found = office.of_sample(name, same_camera=True)
+def test_another_office_is_not_in_the_map_and_the_map_is_shown_all_the_same(office, name, same_camera):
+    found = office.of_sample(name, same_camera)
     assert (found["verdict"], found["elsewhere"]) == ("not in the map", True)
     assert (found["quantities"], found["nearest"], found["above"]["found"]) == ([], None, None)
     assert len(found["above"]["images"]) == len(office.poses.names)

@@ -1,5 +1,6 @@
 """The frames of a video as photos of one camera."""
 
+import glob
 import io
 import math
 from collections.abc import Iterator
@@ -31,7 +32,7 @@ def chosen_frames(path: Path, every: int | None = None) -> Video:
 def write_frames(video: Video, output: Path) -> Iterator[tuple[Path, str]]:
     """Write frames as JPEG files named by their numbers into ``frames`` below ``output``, an existing folder.
 
-    Frames that were written there before are removed.
+    Frames of this video that were written there before are removed, and no other files.
 
     Yields:
         The file of each frame, and why it was not written; "" if it was.
@@ -42,7 +43,7 @@ def write_frames(video: Video, output: Path) -> Iterator[tuple[Path, str]]:
     folder, stem = output / FOLDER, video.path.stem
     with telling_write_errors(output):
         folder.mkdir(exist_ok=True)
-        for old in folder.glob("*_frame_*.jpg"):
+        for old in folder.glob(f"{glob.escape(stem)}_frame_{'[0-9]' * 6}.jpg"):
             old.unlink()
     for number, frame in zip(range(0, video.frames, video.every), video.read(None), strict=True):
         path = folder / f"{stem}_frame_{number:06d}.jpg"

@@ -70,6 +70,8 @@ def jointly(finding: Finding, more: Sequence[Term] = ()) -> Finding:
         )
     if not more:  # otherwise the lens is known, and does not depend on the lines
         joint = joint.doubted(1, *_little(found), modelled=True)
+    if alone:  # otherwise gravity may be known, and verdicts by widths heed few lines only
+        joint = joint.doubted(1, *_no_axes(found), modelled=True)
     return joint.doubted(1, *_disagreements(said, joint), modelled=True) if said.trusts_network else joint
 
 
@@ -126,13 +128,16 @@ def _little(found: JointEstimate) -> list[str]:
             f"few lines constrain the lens: {'+'.join(map(str, found.support))} long segments along the three axes, "
             f"fewer than {FEW} in all or too few along two of them"
         )
-    if (found.support < AN_AXIS).all():
-        doubts.append(f"no frame: along none of three axes are there {AN_AXIS} long segments")
-    elif not found.support[1]:
-        doubts.append("no vertical axis: no long segment points up or down")
     if found.rivals > RIVALS:
         doubts.append(f"another camera fits the photo nearly as well, with a probability of {found.rivals:.0%}")
     return doubts
+
+
+def _no_axes(found: JointEstimate) -> list[str]:
+    """That the lines have no frame, or nothing vertical."""
+    if (found.support < AN_AXIS).all():
+        return [f"no frame: along none of three axes are there {AN_AXIS} long segments"]
+    return [] if found.support[1] else ["no vertical axis: no long segment points up or down"]
 
 
 def _disagreements(said: Finding, joint: Finding) -> list[str]:

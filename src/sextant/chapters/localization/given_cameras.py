@@ -98,7 +98,9 @@ def cameras_of(
             raise UserError(*without_points(found))
         return [Pinhole.centred(each.width, each.height, focal * max(each.width, each.height)) for each in found]
     try:
-        single = isinstance(cameras, Pinhole) or (np.shape(cameras) == (4,) and np.isscalar(cameras[0]))
+        single = isinstance(cameras, Pinhole) or (
+            np.shape(cameras) == (4,) and not isinstance(cameras[0], Pinhole) and np.ndim(cameras[0]) == 0
+        )
         number = 1 if single else len(cameras)
     except TypeError:
         raise ArgumentError(

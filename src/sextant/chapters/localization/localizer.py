@@ -38,7 +38,7 @@ from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.localization.adaptation import Adaptation
 from sextant.localization.belief import Belief
-from sextant.localization.constants import ODDS, RECOGNISED, SHARPER, TEMPERING
+from sextant.localization.constants import NOISE, ODDS, RECOGNISED, SHARPER, TEMPERING
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import Estimate, estimate
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
@@ -48,7 +48,6 @@ from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Camera
 from sextant.localization.particle_filter import ParticleFilter
-from sextant.localization.place_kernel import NOISE
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recognition import EvenSample
 from sextant.localization.recovery import Recovery

@@ -59,9 +59,10 @@ LEAST_SEEN = 0.3
 #: points an image below which another convention of the poses is looked for; maps of overlapping photos have hundreds,
 #: and 12 images of the office 237 in that order, 125 upside down, 65 with poses exchanged
 FEW_POINTS = 150
-#: Least share of the matches of neighbouring images that agree with the poses of a map of few points: 0.72 of those of
-#: the office, 0.04 with its poses exchanged
-LEAST_AGREEMENT = 0.1
+#: Least share of the matches of neighbouring images that agree with the poses of a map of few points: 0.55 and more of
+#: those of three real scenes and their halves, thirds and quarters, 0.02 to 0.21 with the poses exchanged
+#: (results/localization.md, "Poses that contradict their photos")
+LEAST_AGREEMENT = 0.25
 
 
 @dataclass(frozen=True, eq=False)
