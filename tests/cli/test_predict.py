@@ -149,7 +149,7 @@ def test_every_task_of_a_run_has_a_handler_and_a_key_of_two_tasks_says_both():
     assert set(CHAPTERS) < set(predict.HANDLERS)
     handlers = list({type(each): each for each in predict.HANDLERS.values()}.values())
     own = [key for handler in handlers for key in handler.keys]
-    assert {key for key in own if own.count(key) > 1} == {"colmap"}
+    assert {key for key in own if own.count(key) > 1} == {"colmap", "every"}
     assert all(handler.keys[key] in predict.KEYS[key] for handler in handlers for key in handler.keys)
 
 
@@ -158,7 +158,7 @@ def test_every_task_of_a_run_has_a_handler_and_a_key_of_two_tasks_says_both():
     [
         (["map={folder}", "queries={input}", "every=2"], "every= does not go with map= and queries="),
         (["task=cosfire", "prototype={input}", "map={folder}"], "map= does not go with task=cosfire"),
-        (["input={input}", "every=2"], "every= belongs to localization; this is a model of classification"),
+        (["input={input}", "every=2"], "every= belongs to calibration and localization; this is a model of"),
         (["input={input}", "colmap=true"], "colmap= belongs to calibration and place_recognition; this is a model of"),
         (["map={folder}", "queries={input}"], "map= belongs to place_recognition; this is a model of classification"),
     ],
