@@ -167,13 +167,13 @@ class PoseMap:
         """
         check_several("images", images)
         images = images if hasattr(images, "__len__") else list(images)
-        matrices = checked_poses(poses, len(images))
+        matrices, known = checked_poses(poses, len(images)), _checked_names(names, images)
         described_by = kept_network(resolve_run(str(descriptor), default_outputs(), "descriptor").checkpoint)
         features = extractor_of(local, described_by.describer, keypoints=keypoints, side=side)
         found, descriptors = _features_of(images, features, described_by, progress)
         posed = _built(found, matrices, cameras_of(cameras, found, matrices, features), features)
         named = local if isinstance(local, str) else None
-        return cls(posed, _checked_names(names, images), descriptors, described_by, features, named)
+        return cls(posed, known, descriptors, described_by, features, named)
 
     @classmethod
     def from_folder(cls, folder: Path | str, **options: Any) -> Self:
