@@ -53,7 +53,8 @@ def video_frames(path: Path, output: Path, every: int | None) -> list[Path]:
     if len(failed) == len(frames):
         raise nothing_usable(f"input={path}: none of {len(frames):,} frames can be used", failed, "Give another video.")
     tell_skipped(failed)
-    console.print(f"{path.name}: {len(frames) - len(failed):,} of {video.frames:,} frames, one of every {video.every}")
+    thinned = f", one of every {video.every}" if video.every > 1 else ""
+    console.print(f"{path.name}: {len(frames) - len(failed):,} of {video.frames:,} frames{thinned}")
     return [file for file, problem in frames if not problem]
 
 
