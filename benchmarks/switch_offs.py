@@ -1,12 +1,13 @@
 """Parts and numbers of the default localizer, over worlds and walks: ``python -m benchmarks.switch_offs csv=a.csv``.
 
 A world is a real walk in a changed world (those of ``benchmarks.changed_walks``), a rendered office by day and by night
-(``benchmarks.landmarks``) or a rendered town in winter and by night (``benchmarks.wrong_calibration``, cameras known),
-one of each seed. All drives of a world are runs of one filter of 500 particles, one seed each. ``without=scale`` leaves
-out a part, and ``set=RARE=0.02,FEW=6`` changes numbers of ``sextant.localization.constants``; each call adds its rows
-to the file. ``compare=true`` reads it: means over worlds, and paired differences from the default with t intervals over
-worlds. Frames count from the sixtieth of a walk on, the twentieth of other drives, and the twentieth or fifteenth after
-a kidnapping to the beginning of the drive.
+(``benchmarks.landmarks``), a rendered town in winter and by night (``benchmarks.wrong_calibration``, cameras known), or
+a rendered city in autumn rain and by night, a tenth as large as that of ``dataset=town_city``, one of each seed. All
+drives of a world are runs of one filter of 500 particles, one seed each. ``without=scale`` leaves out a part, and
+``set=RARE=0.02,FEW=6`` changes numbers of ``sextant.localization.constants``; each call adds its rows to the file.
+``compare=true`` reads it: means over worlds, and paired differences from the default with t intervals over worlds.
+Frames count from the sixtieth of a walk on, the twentieth of other drives, and the twentieth or fifteenth after a
+kidnapping to the beginning of the drive.
 """
 
 import csv
@@ -17,6 +18,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -27,11 +29,14 @@ from rich.table import Table
 from sextant.console.arguments import parse_arguments
 from sextant.localization import constants
 
+if TYPE_CHECKING:  # it reads constants
+    from sextant.chapters.localization.data.drive import LocalizationData
+
 USAGE = "python -m benchmarks.switch_offs csv=found.csv"
 KEYS = {
-    "worlds": "those whose names begin with this: walk, office or town; all by default",
+    "worlds": "those whose names begin with this: walk, office, town or city; all by default",
     "drives": "those whose names begin with one of these, separated by commas; all by default",
-    "count": "number of offices and of towns; 4 by default",
+    "count": "number of offices, of towns and of cities; 4 by default",
     "without": "scale, sharpening, adaptation, support or window; places: a kernel that tells places apart instead",
     "set": "numbers of sextant.localization.constants, such as RARE=0.02, separated by commas",
     "csv": "a file to which the results are added",
@@ -42,7 +47,9 @@ PARTICLES, CHI2_95 = 500, 5.991
 #: frames of a walk, its first, those that count, standing ones at its end, and frames of another world
 FRAMES, FIRST, COUNTED, STANDS, ELSEWHERE = 130, 20, 60, 50, 80
 #: within, m
-LIMITS = {"walk": 2.0, "office": 0.9, "town": 5.0}
+LIMITS = {"walk": 2.0, "office": 0.9, "town": 5.0, "city": 5.0}
+#: a city of 0.8 km2 in eight headings, its drives of 200 m after those for validation
+CITY = {"images": 17_200, "headings": 8, "size_m": 933.0, "block_m": 92.0, "query_frames": 167, "query_step_m": 2.0}
 COLUMNS = ("within", "in region", "lost", "sure and wrong")
 HEADER = ["change", "world", "drive", *COLUMNS]
 
@@ -108,12 +115,14 @@ def described_worlds(begins: str, count: int, kept: Path) -> Iterator[tuple[str,
     """Descriptors of the map and the drives of each world, and the map's likeliest kernel."""
     from benchmarks.changed_walks import WALKS
 
-    names = [f"walk {name}" for name in WALKS] + [f"{kind} {k}" for kind in ("office", "town") for k in range(count)]
+    names = [f"walk {name}" for name in WALKS] + [
+        f"{kind} {k}" for kind in ("office", "town", "city") for k in range(count)
+    ]
     for name in (name for name in names if name.startswith(begins)):
         path = kept / f"{name}.pkl"
         if not path.is_file():
             kind, _, which = name.partition(" ")
-            made = {"walk": _walk, "office": _office, "town": _town}[kind](which)
+            made = {"walk": _walk, "office": _office, "town": _town, "city": _city}[kind](which)
             path.write_bytes(pickle.dumps(made))
         yield name, pickle.loads(path.read_bytes())
 
@@ -136,13 +145,29 @@ def _office(seed: str) -> dict:
     from benchmarks.landmarks import office
 
     with tempfile.TemporaryDirectory() as folder:
-        data = office(int(seed), Path(folder))
-        images = np.asarray(data.map.images[np.arange(len(data.map))])
-        driven = {
-            each.condition: (each.images[np.arange(len(each))], {"motion": each.motion, "truth": each.poses})
-            for each in data.test
-        }
-        return _described(images, data.map.poses, driven)
+        return _rendered(office(int(seed), Path(folder)))
+
+
+def _rendered(data: "LocalizationData") -> dict:
+    images = np.asarray(data.map.images[np.arange(len(data.map))])
+    driven = {
+        each.condition: (each.images[np.arange(len(each))], {"motion": each.motion, "truth": each.poses})
+        for each in data.test
+    }
+    return _described(images, data.map.poses, driven)
+
+
+def _city(seed: str) -> dict:
+    from sextant.chapters.localization.data import as_localization_source
+    from sextant.data.worlds import TownCity
+
+    conditions = ["summer_noon", "autumn_rain", "night_clear"]
+    with tempfile.TemporaryDirectory() as folder:
+        dataset = TownCity(
+            roots=(Path(folder),), width=96, height=64, vfov_deg=55.0, samples=1, streets=None, conditions=conditions,
+            seed=int(seed), **CITY,
+        )  # fmt: skip
+        return _rendered(as_localization_source(dataset).read())
 
 
 def _town(seed: str) -> dict:

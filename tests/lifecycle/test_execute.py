@@ -51,6 +51,10 @@ def test_the_checkpoint_is_plain_and_carries_the_config(finished):
     assert content[KEY]["spec"]["classes"] == list("0123456789")
 
 
+def test_new_tensors_are_not_filled_before_they_are_written(finished):
+    assert not torch.utils.deterministic.fill_uninitialized_memory
+
+
 def test_the_same_again_returns_the_finished_run(finished):
     raw, outcome = finished
     before = RunDirectory(outcome.directory).metrics.stat().st_mtime_ns
