@@ -59,7 +59,7 @@ def main(arguments: Sequence[str]) -> None:
         raise UserError(f"claim={claim} must be {' or '.join(STORED)}", f"For example claim={next(iter(STORED))}")
     outputs = Path(given.get("outputs", "outputs"))
     runs = list(finished(outputs, "place_recognition" if claim == "places_trained" else "localization"))
-    replicates, rows = trained(runs) if claim == "places_trained" else any_pose(runs)
+    replicates, rows = trained(runs) if claim == "places_trained" else any_pose(runs, outputs)
     times = [float(run.state()[key]) for run in runs for key in ("started", "ended")]
     first, last = (datetime.fromtimestamp(time, UTC).isoformat(timespec="seconds") for time in (min(times), max(times)))
     store(Path(given.get("output", STORED[claim])), replicates, rows, first, last)
@@ -125,13 +125,13 @@ def trained(runs: Sequence[RunDirectory]) -> tuple[TextTable, list[Row]]:
 # -- localization ------------------------------------------------------------------------------------------------------
 
 
-def any_pose(runs: Sequence[RunDirectory]) -> tuple[TextTable, list[Row]]:
+def any_pose(runs: Sequence[RunDirectory], outputs: Path) -> tuple[TextTable, list[Row]]:
     """Errors and distances from the map in metres by world and drive, and their differences."""
     table, apart = [], dict[str, list[float]]()
     for run in sorted(runs, key=world_of):
         results = run.results()
         assert results is not None
-        for drive, distance in distances(world_of(run)).items():
+        for drive, distance in distances(world_of(run), outputs).items():
             end = f"/{drive}/thinned_map"
             error = next(
                 float(value)
@@ -144,9 +144,9 @@ def any_pose(runs: Sequence[RunDirectory]) -> tuple[TextTable, list[Row]]:
     return TextTable(["world", "drive", "error", "nearest"], table), rows
 
 
-def distances(world: int) -> dict[str, float]:
+def distances(world: int, outputs: Path) -> dict[str, float]:
     """The median distance in metres of each test drive's frames from the nearest pose of a map thinned to a tenth."""
-    raw = to_plain(compose(["task=localization", f"dataset.world={world}"]))
+    raw = to_plain(compose(["task=localization", f"dataset.world={world}", f"paths.outputs={outputs}"]))
     chapter, config = chapter_of("localization"), validate(raw)
     data = chapter.data(config, chapter.source(config))
     assert isinstance(data, LocalizationDataModule)

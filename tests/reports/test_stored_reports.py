@@ -30,6 +30,7 @@ SWEEPS = {
     "cifar_60": "pushpull_cifar",
     "descriptors": "localization_descriptors",
     "features": "localization_features",
+    "recovery_worlds": "recovery",
     "gp_approximation_support": "gp_approximation",
     "gp_approximation_fresh": "gp_approximation_fresh",
     "lenet_19": "pushpull_lenet_19",
