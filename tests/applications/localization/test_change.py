@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
@@ -344,6 +345,13 @@ def test_the_kernel_of_a_map_is_sharper_than_what_one_traverse_taught(street):
     assert localizer.model.kernel == taught.sharpened(SHARPER, NOISE)
     given = Localizer.from_images(street.images, street.poses, kernel=taught, descriptor="Pixels")
     assert given.model.kernel == taught  # a kernel that is given is taken as it is
+
+
+@pytest.mark.parametrize("without_gradients", [torch.no_grad, torch.inference_mode])
+def test_a_map_is_made_where_a_program_has_turned_gradients_off(street, without_gradients):
+    usual = Localizer.from_images(street.images, street.poses, steps=3).model.kernel
+    with without_gradients():
+        assert Localizer.from_images(street.images, street.poses, steps=3).model.kernel == usual
 
 
 def gardens(folder, walk):

@@ -536,6 +536,8 @@ def _check_parts(**given: Any) -> None:
 def fitted_kernel(found: DescriptorMap, steps: int = 60) -> PoseKernel:
     """Fit the kernel to the descriptors of a map by maximum likelihood, on at most 600 of its images.
 
+    It may be called with gradients turned off.
+
     Args:
         found: the map.
         steps: gradient steps.
@@ -546,12 +548,13 @@ def fitted_kernel(found: DescriptorMap, steps: int = 60) -> PoseKernel:
     from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
 
     rows = torch.from_numpy(np.unique(np.linspace(0, len(found) - 1, min(FITTED_TO, len(found))).astype(np.int64)))
-    poses, descriptors = found.poses[rows], found.descriptors[rows]
-    kernel = TrainableKernel.from_map(poses, descriptors)
-    optimizer = torch.optim.Adam(kernel.parameters(), lr=LEARNING_RATE)
-    for _ in range(steps):
-        optimizer.zero_grad()
-        loss = -joint_log_likelihood(kernel, poses, descriptors, found.mean) / descriptors.numel()
-        loss.backward()
-        optimizer.step()
-    return kernel.frozen()
+    with torch.inference_mode(False), torch.enable_grad():
+        poses, descriptors = found.poses[rows], found.descriptors[rows]
+        kernel = TrainableKernel.from_map(poses, descriptors)
+        optimizer = torch.optim.Adam(kernel.parameters(), lr=LEARNING_RATE)
+        for _ in range(steps):
+            optimizer.zero_grad()
+            loss = -joint_log_likelihood(kernel, poses, descriptors, found.mean) / descriptors.numel()
+            loss.backward()
+            optimizer.step()
+        return kernel.frozen()
