@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import struct
+from functools import partial
 
 import cv2
 import numpy as np
@@ -237,10 +238,10 @@ def _broken_video(folder):
     (folder / "empty.avi").touch()
 
 
-def _video(folder):
-    video = cv2.VideoWriter(str(folder / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (96, 64))
+def _video(folder, size=(96, 64)):
+    video = cv2.VideoWriter(str(folder / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, size)
     for k in range(20):
-        video.write(np.roll(scene(), k, axis=1))
+        video.write(cv2.resize(np.roll(scene(), k, axis=1), size))
     video.release()
 
 
@@ -385,6 +386,10 @@ FOLDERS = {
     "the same twice": (_twice, ["1 images are duplicates of another, such as copy.jpg = 0.jpg", "1.jpg and 1.png"]),
     "videos that do not decode": (_broken_video, ["walk.mp4: cannot be opened as a video", "empty.avi: is empty"]),
     "a video": (_video, ["walk.avi: 20 frames of 96x64, 2.0 s", "every=10"]),
+    "a video to calibrate": (
+        partial(_video, size=(320, 240)),
+        ["walk.avi: 20 frames of 320x240", "sextant predict ", "walk.avi output=calibrated/walk\n"],
+    ),
     "recordings": (_bags, ["recordings: first.bag\nsecond", "second every=10 output=localization/second"]),
     "too large to decode": (_bomb, ["60000x30000 (1)", "30000x30000 (1)"]),
     "two trajectories": (_trajectories, ["sextant trajectory ", "groundtruth.txt ", "1 pairs of files"]),
