@@ -146,9 +146,9 @@ def _calibration(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Sugges
     if not fine or len(fine) < len(photos) / 2:
         return
     by_folder: dict[Path, list[PhotoHeader]] = {}
-    for file, header in fine.items():
+    for file, header in photos.items():  # the commands are also of the small ones
         by_folder.setdefault(file.parent, []).append(header)
-    groups = camera_groups(list(fine.values()))
+    groups = camera_groups(list(photos.values()))
     each_its_own = all(len(camera_groups(headers)) == 1 and len(headers) > 1 for headers in by_folder.values())
     commands, why = list[str](), f"{len(fine):,} photos"
     if len(groups) > 1 and each_its_own and 1 < len(by_folder) <= CAMERAS:
