@@ -58,12 +58,13 @@ def test_the_stricter_match_wins(images, rows, expected):
         (["A.jpg"], ["a.jpg", "a.JPG"], "A.jpg may be a.jpg or a.JPG"),
         (["1.jpg", "1.png"], ["1"], "1.jpg and 1.png may be 1"),
         (["1"], ["1.jpg", "1.png"], "1 may be 1.jpg or 1.png"),
+        (["1.jpg"], ["1.jpg", "1.jpg"], "1.jpg has 2 rows"),
     ],
 )
 def test_doubt_is_refused_with_both_sides(images, rows, said):
     found = match_names(images, rows)
     assert found.rows == [None] * len(images)
-    with pytest.raises(UserError, match=r"t\.csv: 1 names are ambiguous, such as ") as told:
+    with pytest.raises(UserError, match=r"t\.csv: 1 name is ambiguous: ") as told:
         found.refuse_ambiguous("t.csv")
     assert said in str(told.value)
 

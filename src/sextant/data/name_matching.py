@@ -34,7 +34,8 @@ class NameMatches:
     def remark(self) -> str:
         """What is ambiguous, with an example that has both sides; "" if nothing is."""
         count = len(self.ambiguous)
-        return f"{count:,} names are ambiguous, such as {self.ambiguous[0]}" if count else ""
+        many = "1 name is ambiguous:" if count == 1 else f"{count:,} names are ambiguous, such as"
+        return f"{many} {self.ambiguous[0]}" if count else ""
 
     def refuse_ambiguous(self, where: str) -> "NameMatches":
         """The same matches.
@@ -43,7 +44,10 @@ class NameMatches:
             UserError: names are ambiguous; the message has both sides.
         """
         if self.ambiguous:
-            raise UserError(f"{where}: {self.remark}", "Write the path of each image in full, or rename one of these.")
+            raise UserError(
+                f"{where}: {self.remark}",
+                "Leave one row for each image. Where images have the same name, write their paths in full.",
+            )
         return self
 
 
@@ -97,6 +101,8 @@ def _by_end(parts: Mapping[int, Sequence[str]], depth: int, whole: bool = False)
 
 
 def _told(images: Sequence[str], rows: Sequence[str]) -> str:
+    if len(images) == 1 < len(rows) and len(set(rows)) == 1:
+        return f"{images[0]} has {len(rows)} rows"
     return f"{' and '.join(images[:3])} may be {' or '.join(rows[:3])}"
 
 

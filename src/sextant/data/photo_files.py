@@ -14,7 +14,9 @@ from pathlib import Path
 from sextant.data.file_kinds import DEVELOP, RAW, SYSTEM, is_hidden, not_decoded
 from sextant.data.image_files import SUFFIXES, natural_key
 from sextant.data.pixel_values import warn_once
+from sextant.data.videos import VIDEOS
 from sextant.errors import UserError, problem_list
+from sextant.tables import counted
 from sextant.user_files import absent
 
 
@@ -37,11 +39,19 @@ def reason_alone(name: str, problem: str) -> str:
 
 log = logging.getLogger(__name__)
 
+#: what to do with a video among photos
+ALONE = "give it by itself, to calibrate or localize its camera, or save frames of it as photos"
+
 #: the last two are not decoded: they are found so that messages can name them
 FOUND_IN_FOLDERS = (*SUFFIXES, ".heic", ".heif")
-#: names of pictures that predictions write: :mod:`~sextant.chapters.calibration.written_cameras`,
-#: :mod:`~sextant.chapters.places.written_matches`
-WRITTEN = ("*_overlay.png", "*_undistorted.png", "*_undistorted.jpg", "*calibrations.png", "matches_page*.png")
+#: names of pictures and videos that predictions write: :mod:`~sextant.chapters.calibration.written_cameras`,
+#: :mod:`~sextant.chapters.places.written_matches`, :mod:`~sextant.chapters.localization.localized_drive`
+WRITTEN = (
+    *("*_overlay.png", "*_undistorted.png", "*_undistorted.jpg", "*calibrations.png", "matches_page*.png"),
+    *("replay.mp4", "replay.gif"),
+)
+#: folder in the output of :mod:`~sextant.chapters.calibration.clip`, and names of the frames of a video in it
+FRAMES, FRAME = "frames", f"*_frame_{'[0-9]' * 6}.jpg"
 
 
 @dataclass(eq=False)
@@ -138,20 +148,24 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         hidden = [p for p in matched if any(SYSTEM.fullmatch(part.lower()) for part in {*p.parts} - spelt)]
         candidates = [p for p in matched if p not in set(hidden)]
     written = None if output is None else output.resolve()
+    candidates = [p for p in candidates if written is None or not _is_written(p, written, path)]
     raw = sorted(p for p in candidates if p.suffix.lower() in RAW and p.is_file())
     found = sorted(
         p
         for p in candidates
         if p.suffix.lower() in FOUND_IN_FOLDERS
         and (os.path.isfile(p) or (os.path.islink(p) and not os.path.exists(p)))  # the reader reports broken links
-        and not (written and any(fnmatchcase(p.name, name) for name in WRITTEN) and p.resolve().is_relative_to(written))
     )
+    videos = sorted(p for p in candidates if p.suffix.lower() in VIDEOS and p.is_file())
     left_out = f"{len(raw):,} raw files, such as {raw[0].name}" if raw else ""
+    filmed = f"{counted(len(videos), 'video')}, such as {videos[0].name}" if videos else ""
     if not found:
         there = path.exists() or glob.has_magic(given)
         why = f"{given}: no photo there" if there else absent(path)
         if raw:
             why += f", but {left_out}: {DEVELOP}"
+        if videos:
+            why += f", but {filmed}: {ALONE}"
         if hidden:
             why += f"; {len(hidden):,} hidden files and folders are left out, such as {hidden[0]}"
         raise UserError(
@@ -161,7 +175,16 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         )
     if raw:
         log.warning("%s=%s: left out %s, which are not developed here: %s", key, given, left_out, DEVELOP)
+    if videos:
+        log.warning("%s=%s: left out %s: %s", key, given, filmed, ALONE)
     return found
+
+
+def _is_written(photo: Path, written: Path, given: Path) -> bool:
+    """Whether a prediction wrote a file into a folder; frames count as photos if their folder is given."""
+    frame = FRAMES not in given.parts and photo.parent.name == FRAMES and fnmatchcase(photo.name, FRAME)
+    named = frame or any(fnmatchcase(photo.name, name) for name in WRITTEN)
+    return named and photo.resolve().is_relative_to(written)
 
 
 #: bytes of a stem, which leave room for what is added to it: a file's name has at most 255

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import struct
+from functools import partial
 
 import cv2
 import numpy as np
@@ -198,6 +199,19 @@ def _walk(folder):
     (folder / "walk.avi").rename(folder / "again.avi")
 
 
+def _posed(folder):
+    """Photos with six-dimensional poses, and others beside them."""
+    for k, drive in enumerate(("office", "photos")):
+        write_pictures(folder / drive, names(), first=20 * k)
+    rows = [f"{name},{k},0,0,1,0,0,0" for k, name in enumerate(names())]
+    (folder / "office" / "poses.csv").write_text("\n".join(["file,x,y,z,qw,qx,qy,qz", *rows]))
+
+
+def _with_a_thumbnail(folder):
+    photos(folder)
+    Image.new("RGB", (40, 40)).save(folder / "thumbnail.jpg")
+
+
 def _one_drive(folder):
     write_pictures(folder, names())
     WRITERS["nerfstudio"][1](folder / "transforms.json", names(), some_poses(N))
@@ -237,10 +251,10 @@ def _broken_video(folder):
     (folder / "empty.avi").touch()
 
 
-def _video(folder):
-    video = cv2.VideoWriter(str(folder / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (96, 64))
+def _video(folder, size=(96, 64)):
+    video = cv2.VideoWriter(str(folder / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, size)
     for k in range(20):
-        video.write(np.roll(scene(), k, axis=1))
+        video.write(cv2.resize(np.roll(scene(), k, axis=1), size))
     video.release()
 
 
@@ -385,6 +399,12 @@ FOLDERS = {
     "the same twice": (_twice, ["1 images are duplicates of another, such as copy.jpg = 0.jpg", "1.jpg and 1.png"]),
     "videos that do not decode": (_broken_video, ["walk.mp4: cannot be opened as a video", "empty.avi: is empty"]),
     "a video": (_video, ["walk.avi: 20 frames of 96x64, 2.0 s", "every=10"]),
+    "posed photos": (_posed, ["sextant locate map=", "/office input=", "/photos output=located/photos\n"]),
+    "a thumbnail among photos": (_with_a_thumbnail, ["output=calibrated\n"]),
+    "a video to calibrate": (
+        partial(_video, size=(320, 240)),
+        ["walk.avi: 20 frames of 320x240", "sextant predict ", "walk.avi output=calibrated/walk\n"],
+    ),
     "recordings": (_bags, ["recordings: first.bag\nsecond", "second every=10 output=localization/second"]),
     "too large to decode": (_bomb, ["60000x30000 (1)", "30000x30000 (1)"]),
     "two trajectories": (_trajectories, ["sextant trajectory ", "groundtruth.txt ", "1 pairs of files"]),

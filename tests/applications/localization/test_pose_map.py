@@ -304,7 +304,27 @@ def test_blank_walls_make_no_map():
     ("name", "text", "said"),
     [
         ("poses.csv", "file,x,y\na.png,1,2\n", "the columns z, qw, qx, qy, qz are missing"),
-        ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,0,0,0,2,0,0,0\n", "has not length 1"),
+        (
+            "poses.csv",
+            "file,x,y,z,qw,qx,qy,qz\na.png,0,0,0,2,0,0,0\n",
+            "line 2: the quaternion qw,qx,qy,qz has length 2",
+        ),
+        ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,0,nan,0,1,0,0,0\n", "line 2: y is nan, not a finite number"),
+        ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,,0,0,1,0,0,0\n", "line 2: x is empty, not a finite number"),
+        ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,0,0,0,1,0,0\n", "line 2: 7 values for 8 columns"),
+        ("poses.csv", "file,x,y,z,qw,qx,qy,qz,fx\na.png,0,0,0,1,0,0,0,50\n", "fx,fy,cx,cy only fx are there"),
+        (
+            "poses.csv",
+            "file,x,y,z,qw,qx,qy,qz,fx,fy,cx,cy\na.png,0,0,0,1,0,0,0,-50,50,30,20\n",
+            "1 camera cannot be used a.png: focal lengths of -50 and 50 pixels",
+        ),
+        (
+            "transforms.json",
+            '{"fl_x": 0, "fl_y": 50, "w": 60, "h": 40, "frames": [{"file_path": "a.png", "transform_matrix": '
+            "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}",
+            "1 camera cannot be used a.png: focal lengths of 0 and 50 pixels",
+        ),
+        ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,0,0,0,1,0,0,0\na.png,1,0,0,1,0,0,0\n", "a.png has 2 rows"),
         ("poses.csv", "file,x,y,z,qw,qx,qy,qz\nother.png,0,0,0,1,0,0,0\n", "but of none of the photos"),
         ("poses.tum", "0 0 0 0 0 0 0 1\n", "1 pose for 2 photos"),
         (None, "", "no file of poses there"),
@@ -324,6 +344,14 @@ def test_a_folder_without_usable_poses_is_refused(tmp_path, name, text, said, ca
     told = capsys.readouterr().err
     assert said in " ".join(told.split())
     assert "Traceback" not in told
+
+
+def test_photos_without_a_pose_are_told(tmp_path, caplog):
+    for k in "abc":
+        Image.fromarray(np.full((40, 60, 3), 90, np.uint8)).save(tmp_path / f"{k}.png")
+    (tmp_path / "poses.csv").write_text("file,x,y,z,qw,qx,qy,qz\na.png,0,0,0,1,0,0,0\nc.png,1,0,0,1,0,0,0\n")
+    assert [path.name for path in posed_photos(tmp_path).paths] == ["a.png", "c.png"]
+    assert "poses.csv: 1 photo left out, such as b.png: it has no pose of it" in caplog.text
 
 
 def test_a_run_removes_what_a_former_one_wrote_and_nothing_else(tmp_path):

@@ -7,8 +7,9 @@ import pytest
 from cli.photo_calibration.fakes import Fake, photo
 
 from sextant.applications import PhotoCalibrator
-from sextant.chapters.calibration.clip import FRAMES
+from sextant.chapters.calibration.clip import MOST
 from sextant.chapters.calibration.commands import Calibration
+from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
 
 
@@ -43,6 +44,33 @@ def test_the_frames_of_a_video_are_of_one_camera(predict, tmp_path, capsys):
     assert "clip.avi: 4 of 4 frames\n" in capsys.readouterr().out
 
 
+def test_one_frame_is_not_said_to_agree(predict, tmp_path, capsys):
+    predict(clip(tmp_path / "clip.avi", [70]), tmp_path, undistort="none")
+    told = " ".join(capsys.readouterr().out.split())
+    assert "One camera from 1 of 1 photo: no other photo confirms it" in told
+    assert "p = " not in told
+
+
+def test_frames_that_were_written_are_photos_only_if_their_folder_is_given(predict, tmp_path, caplog):
+    (photos := tmp_path / "photos").mkdir()
+    photo(photos / "a.png")
+    output = photos / "found"
+    output.mkdir()
+    predict(clip(photos / "clip.avi", [70, 70]), output, undistort="none")
+    frames = [output / "frames" / f"clip_frame_{number:06d}.jpg" for number in range(2)]
+    assert find_photos(str(photos), output) == [photos / "a.png"]
+    assert "left out 1 video, such as clip.avi: give it by itself" in caplog.text
+    assert find_photos(str(output / "frames"), output) == frames
+
+
+@pytest.mark.parametrize("given", ["clips", "clips/*", "clips/*.avi"])
+def test_a_folder_of_videos_says_to_give_one(tmp_path, given):
+    (tmp_path / "clips").mkdir()
+    clip(tmp_path / "clips" / "clip.avi", [70])
+    with pytest.raises(UserError, match=r"no photo there, but 1 video, such as clip\.avi: give it by itself"):
+        find_photos(str(tmp_path / given), None)
+
+
 def test_every_nth_frame_by_itself(predict, tmp_path):
     path = clip(tmp_path / "clip.avi", [60, 10, 80, 10, 60])
     found = predict(path, tmp_path, camera="each", every="2", undistort="none")
@@ -51,10 +79,10 @@ def test_every_nth_frame_by_itself(predict, tmp_path):
 
 
 def test_a_long_video_is_thinned(predict, tmp_path, capsys):
-    long = clip(tmp_path / "long.avi", [70] * (2 * FRAMES + 1))
+    long = clip(tmp_path / "long.avi", [70] * (2 * MOST + 1))
     found = predict(long, tmp_path, camera="each", undistort="none")
-    assert len(found["photos"]) == len(range(0, 2 * FRAMES + 1, 3))
-    assert f"of {2 * FRAMES + 1} frames, one of every 3\n" in capsys.readouterr().out
+    assert len(found["photos"]) == len(range(0, 2 * MOST + 1, 3))
+    assert f"of {2 * MOST + 1} frames, one of every 3\n" in capsys.readouterr().out
 
 
 def test_frames_that_a_video_left_before_are_removed_and_those_of_others_stay(predict, tmp_path):

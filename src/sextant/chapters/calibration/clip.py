@@ -12,21 +12,20 @@ from PIL import Image
 
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically
+from sextant.data.photo_files import FRAMES
 from sextant.data.videos import Video
 
 #: frames that are calibrated unless ``every`` says otherwise, evenly spaced
-FRAMES = 30
-#: folder of the frames within the output
-FOLDER = "frames"
+MOST = 30
 
 
 def chosen_frames(path: Path, every: int | None = None) -> Video:
-    """A video reduced to every n-th frame; by default, to at most :data:`FRAMES`.
+    """A video reduced to every n-th frame; by default, to at most :data:`MOST`.
 
     Raises:
         UserError: it cannot be read as a video.
     """
-    return Video.open(path, every or max(1, math.ceil(Video.open(path, 1).frames / FRAMES)))
+    return Video.open(path, every or max(1, math.ceil(Video.open(path, 1).frames / MOST)))
 
 
 def write_frames(video: Video, output: Path) -> Iterator[tuple[Path, str]]:
@@ -40,7 +39,7 @@ def write_frames(video: Video, output: Path) -> Iterator[tuple[Path, str]]:
     Raises:
         UserError: the disk is full, or the folder cannot be written to.
     """
-    folder, stem = output / FOLDER, video.path.stem
+    folder, stem = output / FRAMES, video.path.stem
     with telling_write_errors(output):
         folder.mkdir(exist_ok=True)
         for old in folder.glob(f"{glob.escape(stem)}_frame_{'[0-9]' * 6}.jpg"):

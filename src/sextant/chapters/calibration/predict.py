@@ -91,11 +91,14 @@ def tell(written: WrittenCameras, skipped: Mapping[str, str]) -> None:
             console.print(f"{Path(row['file']).name}: {reasons}", style="dim", markup=False, soft_wrap=True)
     tell_skipped(skipped)
     if summary := written.summary:
-        console.print(
-            f"One camera from {len(summary['kept'])} of {summary['photos']} photos: "
-            f"chi-square {summary['chi_square']:.1f} with {summary['degrees_of_freedom']} degrees of freedom, "
-            f"p = {summary['p_value']:.2g}; {summary['matches']}"
+        freedom = summary["degrees_of_freedom"]
+        agreement = (
+            f"chi-square {summary['chi_square']:.1f} with {freedom} degrees of freedom, p = {summary['p_value']:.2g}"
+            if freedom
+            else "no other photo confirms it"
         )
+        told = f"{len(summary['kept'])} of {counted(summary['photos'], 'photo')}"
+        console.print(f"One camera from {told}: {agreement}; {summary['matches']}")
     tell_written(f"{counted(len(table), 'photo')} calibrated", len(skipped), written.files)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from sextant.chapters.localization.data.pose_folder import FILES, PoseFormat
 from sextant.chapters.localization.data.pose_formats import AHEAD, PLANES, Ahead, to_plane
+from sextant.chapters.localization.data.posed_photos import COLUMNS, NAMED, ORDERED
 from sextant.chapters.localization.data.recorded_poses import RECORDED
 from sextant.chapters.places.data.gps_poses import local_poses
 from sextant.chapters.places.data.pose_files import read_pose_table
@@ -19,6 +20,7 @@ from sextant.tools.inspection.poses import FoundPoses
 from sextant.tools.inspection.seen import Seen
 from sextant.tools.inspection.suggestion import Suggestion, command
 from sextant.tools.inspection.traverses import MAPS
+from sextant.user_files import table_header
 
 #: largest number of videos and recordings that get a command
 MOST_STREAMS = 4
@@ -36,6 +38,7 @@ LEVEL = 0.7
 
 def localization(seen: Seen) -> Iterator[Suggestion]:
     """Localization in a map of the user's own and, for videos, in that of a run."""
+    yield from _located(seen)
     walks = list(_walks(seen))
     yield from walks
     yield from _of_poses(seen)
@@ -58,6 +61,38 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
                     output=_answers(seen.folder, each),
                 )
                 for each, more in list(given.items())[:MOST_STREAMS]
+            ),
+        )  # fmt: skip
+
+
+def _located(seen: Seen) -> Iterator[Suggestion]:
+    """Images without poses beside a folder of photos with six-dimensional poses."""
+    named = [(each, base) for each in seen.poses for base in each.file.parents if base.name and each.images is not None]
+    homes = {
+        base: poses
+        for poses, base in named
+        if not poses.problem
+        and poses.posed
+        and (poses.images or base).is_relative_to(base)
+        and poses.file.relative_to(base).as_posix() in (*NAMED, *ORDERED)
+        and (poses.format != "csv" or set(COLUMNS) <= set(table_header(seen.folder / poses.file)))
+    }
+    if not homes:
+        return
+    home = min(homes, key=lambda each: not each.name.lower().startswith(MAPS))
+    posed = [*homes, *(each.images for each in seen.poses if each.images is not None and not each.unposed)]
+    others = [each.folder for each in seen.folders] + [Path(each.name) for each in seen.videos]
+    found = [
+        each for each in others if not any(each.is_relative_to(other) or other.is_relative_to(each) for other in posed)
+    ]
+    if found:
+        yield Suggestion(
+            "locate photos among photos with poses",
+            f"{homes[home].file.as_posix()} has poses in six dimensions; it takes pip install 'sextant-vision[local]'",
+            tuple(
+                command("locate", map=seen.folder / home, input=seen.folder / each,
+                        output=Path("located", each.parent, each.stem))
+                for each in found[:MOST_STREAMS]
             ),
         )  # fmt: skip
 

@@ -126,6 +126,7 @@ def suggestions(seen: Seen) -> Iterator[Suggestion]:
     photos = {file: header for file, header in seen.headers.items() if file not in set(seen.panoramas)}
     folders = image_folders(seen)
     yield from _calibration(seen, photos)
+    yield from _calibration_of_videos(seen)
     yield from _benchmark(seen, photos)
     yield from _panoramas(seen)
     yield from _places(seen, folders)
@@ -145,9 +146,9 @@ def _calibration(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Sugges
     if not fine or len(fine) < len(photos) / 2:
         return
     by_folder: dict[Path, list[PhotoHeader]] = {}
-    for file, header in fine.items():
+    for file, header in photos.items():  # the commands are also of the small ones
         by_folder.setdefault(file.parent, []).append(header)
-    groups = camera_groups(list(fine.values()))
+    groups = camera_groups(list(photos.values()))
     each_its_own = all(len(camera_groups(headers)) == 1 and len(headers) > 1 for headers in by_folder.values())
     commands, why = list[str](), f"{len(fine):,} photos"
     if len(groups) > 1 and each_its_own and 1 < len(by_folder) <= CAMERAS:
@@ -168,6 +169,19 @@ def _calibration(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Sugges
     if any(header.gravity == "accelerometer (Apple)" for header in fine.values()):
         why += "; gravity_prior=exif uses the accelerometer of those that have it"
     yield Suggestion("calibrate the photos", why, tuple(commands))
+
+
+def _calibration_of_videos(seen: Seen) -> Iterator[Suggestion]:
+    fine = [Path(each.name) for each in seen.videos if min(each.width, each.height) >= SMALLEST_PHOTO]
+    if fine:
+        yield Suggestion(
+            "calibrate the camera of a video",
+            "up to 30 frames, as photos of one camera",
+            tuple(
+                command("predict", input=seen.folder / each, output=Path("calibrated", each.with_suffix("")))
+                for each in fine[:CAMERAS]
+            ),
+        )
 
 
 def _benchmark(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Suggestion]:

@@ -21,6 +21,7 @@ from sextant.correspondence import Pinhole
 from sextant.data.image_files import decode_image, natural_key
 from sextant.data.name_matching import match_names
 from sextant.data.photo_files import images_below
+from sextant.data.pixel_values import warn_once
 from sextant.data.reconstructions.reading import named_format, read_reconstruction
 from sextant.errors import UserError, problem_list
 from sextant.tables import counted
@@ -85,14 +86,12 @@ class PosedPhotos:
         poses: ``world_from_camera`` of each.
         cameras: of each; None: none is known.
         source: the file of the poses.
-        without: photos below the folder that the file has no pose of.
     """
 
     paths: Sequence[Path]
     poses: Float64[ndarray, "n 4 4"]
     cameras: Sequence["PhotoLens"] | None
     source: Path
-    without: int
 
 
 class StraightPhotos(Sequence[ndarray]):
@@ -133,6 +132,8 @@ class StraightPhotos(Sequence[ndarray]):
 def posed_photos(folder: Path | str) -> PosedPhotos:
     """Read the photos below a folder that have poses in one of the files of :data:`NAMED` or :data:`ORDERED`.
 
+    Photos without one are left out, with a warning.
+
     Raises:
         UserError: the folder or such a file is missing, the file cannot be read, or it has poses of other photos.
     """
@@ -156,7 +157,7 @@ def _in_order(source: Path, photos: Sequence[Path]) -> PosedPhotos:
             f"{source} has {counted(len(poses), 'pose')} for {counted(len(photos), 'photo')}",
             "One pose for each photo, in the order of their names; or name the photos: poses.csv.",
         )
-    return PosedPhotos(photos, poses, None, source, 0)
+    return PosedPhotos(photos, poses, None, source)
 
 
 def _of_names(folder: Path, source: Path, photos: Sequence[Path]) -> PosedPhotos:
@@ -166,9 +167,20 @@ def _of_names(folder: Path, source: Path, photos: Sequence[Path]) -> PosedPhotos
     kept = [(path, row) for path, row in zip(photos, rows, strict=True) if row is not None]
     if not kept:
         raise UserError(f"{source} has poses of {len(names):,} images, but of none of the photos below {folder}", FIX)
+    if without := [path for path, row in zip(photos, rows, strict=True) if row is None]:
+        such = f"{counted(len(without), 'photo')} left out, such as {without[0].relative_to(folder)}"
+        warn_once(f"{source}: {such}: it has no pose of {'it' if len(without) == 1 else 'them'}")
     numbers = [row for _, row in kept]
     chosen = None if cameras is None else [cameras[row] for row in numbers]
-    return PosedPhotos([path for path, _ in kept], poses[numbers], chosen, source, len(photos) - len(kept))
+    wrong = [
+        f"{names[row]}: focal lengths of {cameras[row].opencv[0]:g} and {cameras[row].opencv[1]:g} pixels"
+        for row in numbers
+        if cameras is not None and min(cameras[row].opencv[:2]) <= 0
+    ]
+    if wrong:
+        fix = "Focal lengths are above 0. Where the cameras are not known, leave them out."
+        raise UserError(f"{source}: {counted(len(wrong), 'camera')} cannot be used\n{problem_list(wrong)}", fix)
+    return PosedPhotos([path for path, _ in kept], poses[numbers], chosen, source)
 
 
 def _reconstruction(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
@@ -194,13 +206,25 @@ def _table(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
     missing = [name for name in COLUMNS if name not in table.header]
     if missing:
         raise UserError(f"{source}: the columns {', '.join(missing)} are missing", FIX)
-    wanted = [*COLUMNS[1:], *(CAMERA_COLUMNS if set(CAMERA_COLUMNS) <= set(table.header) else ())]
+    given = [name for name in CAMERA_COLUMNS if name in table.header]
+    if given and len(given) < len(CAMERA_COLUMNS):
+        raise UserError(
+            f"{source}: of the camera's columns {','.join(CAMERA_COLUMNS)} only {','.join(given)} are there",
+            "Give all four, or none of them: the focal length is then estimated.",
+        )
+    wanted = [*COLUMNS[1:], *given]
     place, columns = table.header.index("file"), [table.header.index(name) for name in wanted]
     names, rows, problems = [], [], []
     for line, cells in table.rows:
-        row = [table.number(cells[column]) if len(cells) >= len(table.header) else None for column in columns]
-        if None in row or abs(math.hypot(*row[3:7]) - 1) > LENGTH_TOLERANCE:  # type: ignore[arg-type]
-            problems.append(f"line {line}: a number is missing, or the quaternion qw,qx,qy,qz has not length 1")
+        if len(cells) < len(table.header):
+            problems.append(f"line {line}: {len(cells)} values for {len(table.header)} columns")
+            continue
+        row = [table.number(cells[column]) for column in columns]
+        if None in row:
+            at = row.index(None)
+            problems.append(f"line {line}: {wanted[at]} is {cells[columns[at]] or 'empty'}, not a finite number")
+        elif abs((length := math.hypot(*row[3:7])) - 1) > LENGTH_TOLERANCE:  # type: ignore[arg-type]
+            problems.append(f"line {line}: the quaternion qw,qx,qy,qz has length {length:.3g}, not 1")
         else:
             names.append(cells[place])
             rows.append(row)
