@@ -2,12 +2,12 @@
 
 A world is a real walk in a changed world (those of ``benchmarks.changed_walks``), a rendered office by day and by night
 (``benchmarks.landmarks``), a rendered town in winter and by night (``benchmarks.wrong_calibration``, cameras known), or
-a rendered city in autumn rain and by night, a tenth as large as that of ``dataset=town_city``, one of each seed. All
-drives of a world are runs of one filter of 500 particles, one seed each. ``without=scale`` leaves out a part, and
-``set=RARE=0.02,FEW=6`` changes numbers of ``sextant.localization.constants``; each call adds its rows to the file.
-``compare=true`` reads it: means over worlds, and paired differences from the default with t intervals over worlds.
-Frames count from the sixtieth of a walk on, the twentieth of other drives, and the twentieth or fifteenth after a
-kidnapping to the beginning of the drive.
+a rendered city in three conditions, a tenth as large as that of ``dataset=town_city``, one of each seed. All
+drives of a world are runs of one filter of 500 particles (in a city 3,000), one seed each. ``without=scale`` leaves out
+a part, and ``set=RARE=0.02,FEW=6`` changes numbers of ``sextant.localization.constants``; each call adds its rows to
+the file. ``compare=true`` reads it: means over worlds, and paired differences from the default with t intervals over
+worlds. Frames count from the sixtieth of a walk on, the twentieth of other drives, and the twentieth or fifteenth after
+a kidnapping to the beginning of the drive.
 """
 
 import csv
@@ -43,7 +43,7 @@ KEYS = {
     "kept": "a folder for descriptors, so that a second call need not work them out",
     "compare": "true: the table of the file; nothing is measured",
 }
-PARTICLES, CHI2_95 = 500, 5.991
+PARTICLES, CHI2_95 = {"walk": 500, "office": 500, "town": 500, "city": 3000}, 5.991
 #: frames of a walk, its first, those that count, standing ones at its end, and frames of another world
 FRAMES, FIRST, COUNTED, STANDS, ELSEWHERE = 130, 20, 60, 50, 80
 #: within, m
@@ -231,11 +231,12 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     learns = without != "adaptation"
     odds = None if without in ("scale", "adaptation") else constants.ODDS
     rules = Adaptation(model, likelihood, learns=learns, odds=odds)
-    steps = Steps(filter, UniformStart(), PARTICLES, usual_radius(found.poses), rules)
+    kind = world.split(maxsplit=1)[0]
+    steps = Steps(filter, UniformStart(), PARTICLES[kind], usual_radius(found.poses), rules)
     driven = [each for each in drives(world, kept) if not begin or each.name.startswith(begin)]
     camera = Camera(model, likelihood, np.concatenate([each.seen for each in driven]).astype(np.float32))
     first = np.cumsum([0, *(len(each.seen) for each in driven[:-1])])
-    draws, limit = torch.Generator().manual_seed(0), LIMITS[world.split(maxsplit=1)[0]]
+    draws, limit = torch.Generator().manual_seed(0), LIMITS[kind]
     now: Localized | None = None
     rows: list[list[tuple[bool, ...]]] = [[] for _ in driven]
     for step in range(max(len(each.seen) for each in driven)):
