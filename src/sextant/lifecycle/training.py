@@ -207,7 +207,7 @@ def _trainer(
 ) -> pl.Trainer:
     # otherwise deterministic mode fills every new tensor with nan, which takes up to a quarter of a training's time and
     # changes no result, since nothing is read before it is written
-    torch.utils.deterministic.fill_uninitialized_memory = False
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     return pl.Trainer(
         accelerator=config.trainer.accelerator,
         devices=1 if rank is None else config.trainer.devices,
