@@ -29,6 +29,7 @@ SWEEPS = {
     "cifar": "pushpull_cifar",
     "cifar_60": "pushpull_cifar",
     "descriptors": "localization_descriptors",
+    "descriptors_interpolated": "localization_descriptors",
     "features": "localization_features",
     "recovery_worlds": "recovery",
     "gp_approximation_support": "gp_approximation",
