@@ -205,8 +205,8 @@ def _tell_precision(settings: Trainer, reporter: RunReporter) -> None:
 def _trainer(
     config: Config, directory: RunDirectory, logger: Sequence[Logger], callbacks: list[Callback], rank: Rank | None
 ) -> pl.Trainer:
-    # otherwise deterministic mode fills every new tensor with nan, which takes up to a quarter of a training's time and
-    # changes no result, since nothing is read before it is written
+    # otherwise deterministic mode fills every new tensor with nan, which takes a tenth of a training step's time of
+    # EfficientNet-Lite0 and 3 % of ResNet-18's, and changes no result, since nothing is read before it is written
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     return pl.Trainer(
         accelerator=config.trainer.accelerator,
