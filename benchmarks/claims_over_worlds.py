@@ -26,6 +26,7 @@ from sextant.chapters.localization.data.datamodule import LocalizationDataModule
 from sextant.chapters.localization.data.faults import ThinnedMap
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
+from sextant.config.override_words import override
 from sextant.console.arguments import parse_arguments
 from sextant.errors import UserError
 from sextant.registry import chapter_of
@@ -146,7 +147,7 @@ def any_pose(runs: Sequence[RunDirectory], outputs: Path) -> tuple[TextTable, li
 
 def distances(world: int, outputs: Path) -> dict[str, float]:
     """The median distance in metres of each test drive's frames from the nearest pose of a map thinned to a tenth."""
-    raw = to_plain(compose(["task=localization", f"dataset.world={world}", f"paths.outputs={outputs}"]))
+    raw = to_plain(compose(["task=localization", f"dataset.world={world}", f"paths.outputs={override(outputs)}"]))
     chapter, config = chapter_of("localization"), validate(raw)
     data = chapter.data(config, chapter.source(config))
     assert isinstance(data, LocalizationDataModule)

@@ -14,6 +14,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.errors import UserError
 from sextant.lifecycle import execute as life
 from sextant.lifecycle.execute import execute, execute_cell
+from sextant.lifecycle.training import unfilled_tensors
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
 from sextant.training.schedules import log_training_loss
@@ -51,8 +52,11 @@ def test_the_checkpoint_is_plain_and_carries_the_config(finished):
     assert content[KEY]["spec"]["classes"] == list("0123456789")
 
 
-def test_new_tensors_are_not_filled_before_they_are_written(finished):
-    assert not torch.utils.deterministic.fill_uninitialized_memory
+def test_new_tensors_are_not_filled_while_a_network_is_trained(finished):
+    assert torch.utils.deterministic.fill_uninitialized_memory  # the user's own setting
+    with unfilled_tensors():
+        assert not torch.utils.deterministic.fill_uninitialized_memory
+    assert torch.utils.deterministic.fill_uninitialized_memory
 
 
 def test_the_same_again_returns_the_finished_run(finished):

@@ -14,9 +14,7 @@ RAW = (
 HEIC = (".heic", ".heif", ".hif")
 DEVELOP = "develop it to JPEG, or to PNG or TIFF of 16 bits, with darktable, RawTherapee or dcraw"
 RAW_FILE = "is a raw file{}, which is not decoded here: " + DEVELOP
-VIDEO = (
-    "is a video, not a photo: give it to sextant predict or sextant walk with the suffix of a video, or save its frames"
-)
+VIDEO = "is a video, not a photo: sextant predict calibrates one that ends in .mp4, .mov or .avi; or save its frames"
 TIFF = "is a TIFF of a kind that is not read here: save it with 8 or 16 bits per channel"
 PLANES = "is a 16-bit TIFF with a plane for each colour, which is not read here: save it interleaved, or as PNG"
 NOT_HEIC = "is {}, which is not decoded here: save it as JPEG"

@@ -40,7 +40,7 @@ def reason_alone(name: str, problem: str) -> str:
 log = logging.getLogger(__name__)
 
 #: what to do with a video among photos
-ALONE = "give it by itself, to calibrate or localize its camera, or save frames of it as photos"
+ALONE = "to calibrate its camera, give it by itself; for anything else, save frames of it as photos"
 
 #: the last two are not decoded: they are found so that messages can name them
 FOUND_IN_FOLDERS = (*SUFFIXES, ".heic", ".heif")
@@ -182,7 +182,8 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
 
 def _is_written(photo: Path, written: Path, given: Path) -> bool:
     """Whether a prediction wrote a file into a folder; frames count as photos if their folder is given."""
-    frame = FRAMES not in given.parts and photo.parent.name == FRAMES and fnmatchcase(photo.name, FRAME)
+    asked_for = photo.parent == (given if given.is_dir() else given.parent)
+    frame = not asked_for and photo.parent.name == FRAMES and fnmatchcase(photo.name, FRAME)
     named = frame or any(fnmatchcase(photo.name, name) for name in WRITTEN)
     return named and photo.resolve().is_relative_to(written)
 

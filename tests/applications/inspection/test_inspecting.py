@@ -9,7 +9,20 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from applications.inspection.folders import FOLDERS, apple_note, classes, drives, photo, photos, spaced
+from applications.inspection.folders import (
+    FOLDERS,
+    WRITERS,
+    N,
+    apple_note,
+    classes,
+    drives,
+    names,
+    photo,
+    photos,
+    some_poses,
+    spaced,
+    write_pictures,
+)  # fmt: skip
 from docs_commands import Command, check
 from fuzzing import fuzz
 from hypothesis import given
@@ -233,6 +246,29 @@ def test_folders_of_one_camera_each_are_calibrated_apart(tmp_path):
         f"sextant predict input={tmp_path}/phone output=calibrated/phone camera=one",
         f"sextant predict input={tmp_path}/zoom output=calibrated/zoom camera=one",
     )
+
+
+@pytest.mark.parametrize("plane", [True, False])
+def test_photos_are_located_only_in_poses_that_locate_reads(plane, tmp_path):
+    """It reads poses.csv before others, which must be of six dimensions."""
+    for k, drive in enumerate(("office", "photos")):
+        write_pictures(tmp_path / drive, names(), first=20 * k)
+    WRITERS["nerfstudio"][1](tmp_path / "office" / "transforms.json", names(), some_poses(N))
+    if plane:
+        rows = [f"{name},{k},0,0" for k, name in enumerate(names())]
+        (tmp_path / "office" / "poses.csv").write_text("\n".join(["file,x,y,heading", *rows]))
+    commands = [each for suggestion in inspect(tmp_path).suggestions for each in suggestion.commands]
+    assert any(each.startswith("sextant locate ") for each in commands) is not plane
+
+
+@pytest.mark.parametrize("missing", [0, 2])
+def test_photos_are_located_only_where_each_photo_has_a_pose_in_order(missing, tmp_path):
+    for k, drive in enumerate(("office", "photos")):
+        write_pictures(tmp_path / drive, names(), first=20 * k)
+    lines = [f"1 0 0 {k} 0 1 0 0 0 0 1 0" for k in range(N - missing)]
+    (tmp_path / "office" / "poses.txt").write_text("\n".join(lines))
+    commands = [each for suggestion in inspect(tmp_path).suggestions for each in suggestion.commands]
+    assert any(each.startswith("sextant locate ") for each in commands) is not bool(missing)
 
 
 def test_what_may_not_be_read_is_named(tmp_path, monkeypatch):

@@ -325,6 +325,7 @@ def test_blank_walls_make_no_map():
             "1 camera cannot be used a.png: focal lengths of 0 and 50 pixels",
         ),
         ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,0,0,0,1,0,0,0\na.png,1,0,0,1,0,0,0\n", "a.png has 2 rows"),
+        ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,1,5,0,0,1,0,0,0\n", "line 2: 9 values for 8 columns"),
         ("poses.csv", "file,x,y,z,qw,qx,qy,qz\nother.png,0,0,0,1,0,0,0\n", "but of none of the photos"),
         ("poses.tum", "0 0 0 0 0 0 0 1\n", "1 pose for 2 photos"),
         (None, "", "no file of poses there"),
@@ -351,7 +352,15 @@ def test_photos_without_a_pose_are_told(tmp_path, caplog):
         Image.fromarray(np.full((40, 60, 3), 90, np.uint8)).save(tmp_path / f"{k}.png")
     (tmp_path / "poses.csv").write_text("file,x,y,z,qw,qx,qy,qz\na.png,0,0,0,1,0,0,0\nc.png,1,0,0,1,0,0,0\n")
     assert [path.name for path in posed_photos(tmp_path).paths] == ["a.png", "c.png"]
-    assert "poses.csv: 1 photo left out, such as b.png: it has no pose of it" in caplog.text
+    assert "poses.csv: 1 photo (b.png) left out: without a pose" in caplog.text
+
+
+def test_poses_without_a_photo_are_told(tmp_path, caplog):
+    Image.fromarray(np.full((40, 60, 3), 90, np.uint8)).save(tmp_path / "a.png")
+    rows = "".join(f"{k}.png,0,0,0,1,0,0,0\n" for k in "abc")
+    (tmp_path / "poses.csv").write_text(f"file,x,y,z,qw,qx,qy,qz\n{rows}")
+    assert [path.name for path in posed_photos(tmp_path).paths] == ["a.png"]
+    assert f"poses.csv: 2 rows (b.png, ...) left out: no such photo below {tmp_path}" in caplog.text
 
 
 def test_a_run_removes_what_a_former_one_wrote_and_nothing_else(tmp_path):

@@ -59,15 +59,18 @@ def test_frames_that_were_written_are_photos_only_if_their_folder_is_given(predi
     predict(clip(photos / "clip.avi", [70, 70]), output, undistort="none")
     frames = [output / "frames" / f"clip_frame_{number:06d}.jpg" for number in range(2)]
     assert find_photos(str(photos), output) == [photos / "a.png"]
-    assert "left out 1 video, such as clip.avi: give it by itself" in caplog.text
+    assert "left out 1 video, such as clip.avi: to calibrate its camera, give it by itself" in caplog.text
     assert find_photos(str(output / "frames"), output) == frames
+    (moved := tmp_path / "frames").mkdir()
+    photos = photos.rename(moved / "trip")
+    assert find_photos(str(photos), photos / "found") == [photos / "a.png"]
 
 
 @pytest.mark.parametrize("given", ["clips", "clips/*", "clips/*.avi"])
 def test_a_folder_of_videos_says_to_give_one(tmp_path, given):
     (tmp_path / "clips").mkdir()
     clip(tmp_path / "clips" / "clip.avi", [70])
-    with pytest.raises(UserError, match=r"no photo there, but 1 video, such as clip\.avi: give it by itself"):
+    with pytest.raises(UserError, match=r"no photo there, but 1 video, such as clip\.avi: to calibrate its"):
         find_photos(str(tmp_path / given), None)
 
 

@@ -13,6 +13,7 @@ from sextant.chapters.localization.data.recorded_poses import RECORDED
 from sextant.chapters.places.data.gps_poses import local_poses
 from sextant.chapters.places.data.pose_files import read_pose_table
 from sextant.config.override_words import override, overrides_of, plain_name
+from sextant.data.videos import VIDEOS
 from sextant.errors import ArgumentError
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
 from sextant.tools.inspection.gps import positions, same_ground
@@ -65,6 +66,11 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
         )  # fmt: skip
 
 
+def _read_first(folder: Path) -> str | None:
+    """The file of poses that ``sextant locate`` reads below a folder."""
+    return next((name for name in (*NAMED, *ORDERED) if (folder / name).is_file()), None)
+
+
 def _located(seen: Seen) -> Iterator[Suggestion]:
     """Images without poses beside a folder of photos with six-dimensional poses."""
     named = [(each, base) for each in seen.poses for base in each.file.parents if base.name and each.images is not None]
@@ -74,7 +80,8 @@ def _located(seen: Seen) -> Iterator[Suggestion]:
         if not poses.problem
         and poses.posed
         and (poses.images or base).is_relative_to(base)
-        and poses.file.relative_to(base).as_posix() in (*NAMED, *ORDERED)
+        and poses.file.relative_to(base).as_posix() == _read_first(seen.folder / base)
+        and (poses.file.name not in ORDERED or (poses.count == poses.posed and not poses.unposed))
         and (poses.format != "csv" or set(COLUMNS) <= set(table_header(seen.folder / poses.file)))
     }
     if not homes:
@@ -91,7 +98,7 @@ def _located(seen: Seen) -> Iterator[Suggestion]:
             f"{homes[home].file.as_posix()} has poses in six dimensions; it takes pip install 'sextant-vision[local]'",
             tuple(
                 command("locate", map=seen.folder / home, input=seen.folder / each,
-                        output=Path("located", each.parent, each.stem))
+                        output=Path("located", each.with_suffix("") if each.suffix.lower() in VIDEOS else each))
                 for each in found[:MOST_STREAMS]
             ),
         )  # fmt: skip

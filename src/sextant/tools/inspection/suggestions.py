@@ -173,12 +173,15 @@ def _calibration(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Sugges
 
 def _calibration_of_videos(seen: Seen) -> Iterator[Suggestion]:
     fine = [Path(each.name) for each in seen.videos if min(each.width, each.height) >= SMALLEST_PHOTO]
+    stems = {each: each.with_suffix("") for each in fine}
+    if len({*stems.values()}) < len(fine):
+        stems = {each: each for each in fine}
     if fine:
         yield Suggestion(
             "calibrate the camera of a video",
-            "up to 30 frames, as photos of one camera",
+            "some of its frames, as photos of one camera",
             tuple(
-                command("predict", input=seen.folder / each, output=Path("calibrated", each.with_suffix("")))
+                command("predict", input=seen.folder / each, output=Path("calibrated", stems[each]))
                 for each in fine[:CAMERAS]
             ),
         )

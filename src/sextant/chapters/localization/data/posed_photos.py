@@ -167,9 +167,10 @@ def _of_names(folder: Path, source: Path, photos: Sequence[Path]) -> PosedPhotos
     kept = [(path, row) for path, row in zip(photos, rows, strict=True) if row is not None]
     if not kept:
         raise UserError(f"{source} has poses of {len(names):,} images, but of none of the photos below {folder}", FIX)
-    if without := [path for path, row in zip(photos, rows, strict=True) if row is None]:
-        such = f"{counted(len(without), 'photo')} left out, such as {without[0].relative_to(folder)}"
-        warn_once(f"{source}: {such}: it has no pose of {'it' if len(without) == 1 else 'them'}")
+    if without := [path.relative_to(folder).as_posix() for path, row in zip(photos, rows, strict=True) if row is None]:
+        warn_once(f"{source}: {_examples(without, 'photo')} left out: without a pose")
+    if source.suffix == ".csv" and (absent_ones := [name for row, name in enumerate(names) if row not in {*rows}]):
+        warn_once(f"{source}: {_examples(absent_ones, 'row')} left out: no such photo below {folder}")
     numbers = [row for _, row in kept]
     chosen = None if cameras is None else [cameras[row] for row in numbers]
     wrong = [
@@ -181,6 +182,11 @@ def _of_names(folder: Path, source: Path, photos: Sequence[Path]) -> PosedPhotos
         fix = "Focal lengths are above 0. Where the cameras are not known, leave them out."
         raise UserError(f"{source}: {counted(len(wrong), 'camera')} cannot be used\n{problem_list(wrong)}", fix)
     return PosedPhotos([path for path, _ in kept], poses[numbers], chosen, source)
+
+
+def _examples(names: Sequence[str], noun: str) -> str:
+    """How many there are, and the first."""
+    return f"{counted(len(names), noun)} ({names[0]}{', ...' if len(names) > 1 else ''})"
 
 
 def _reconstruction(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
@@ -216,7 +222,7 @@ def _table(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
     place, columns = table.header.index("file"), [table.header.index(name) for name in wanted]
     names, rows, problems = [], [], []
     for line, cells in table.rows:
-        if len(cells) < len(table.header):
+        if len(cells) < len(table.header) or any(cells[len(table.header) :]):
             problems.append(f"line {line}: {len(cells)} values for {len(table.header)} columns")
             continue
         row = [table.number(cells[column]) for column in columns]
@@ -229,7 +235,7 @@ def _table(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
             names.append(cells[place])
             rows.append(row)
     if problems or not rows:
-        what = f"{len(problems)} rows cannot be used" if problems else "there are no rows"
+        what = f"{counted(len(problems), 'row')} cannot be used" if problems else "there are no rows"
         raise UserError(f"{source}: {what}\n{problem_list(problems)}".rstrip(), FIX)
     values = np.array(rows, np.float64)
     quaternions = values[:, [4, 5, 6, 3]] / np.linalg.norm(values[:, 3:7], axis=1, keepdims=True)
