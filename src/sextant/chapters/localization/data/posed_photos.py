@@ -169,7 +169,8 @@ def _of_names(folder: Path, source: Path, photos: Sequence[Path]) -> PosedPhotos
         raise UserError(f"{source} has poses of {len(names):,} images, but of none of the photos below {folder}", FIX)
     if without := [path.relative_to(folder).as_posix() for path, row in zip(photos, rows, strict=True) if row is None]:
         warn_once(f"{source}: {_examples(without, 'photo')} left out: without a pose")
-    if source.suffix == ".csv" and (absent_ones := [name for row, name in enumerate(names) if row not in {*rows}]):
+    used = {*rows}
+    if source.suffix == ".csv" and (absent_ones := [name for row, name in enumerate(names) if row not in used]):
         warn_once(f"{source}: {_examples(absent_ones, 'row')} left out: no such photo below {folder}")
     numbers = [row for _, row in kept]
     chosen = None if cameras is None else [cameras[row] for row in numbers]
