@@ -228,3 +228,34 @@ def test_that_test_notices_one():
         NothingOnTheDefaultDevice(),
     ):
         torch.zeros(3)
+
+
+def stood_still(model, filter, images, motion):
+    """How far two live filters get: ten images ahead, then an image that repeats for ten steps."""
+    rules = Adaptation(model, Likelihood(), odds=20.0)
+    steps, draws, now = Steps(filter, AppearanceStart(), 500, usual_radius(filter.prior.poses), rules), 2, None
+    camera, generator = Camera(model, Likelihood(), images), torch.Generator().manual_seed(0)
+    poses = []
+    for step in range(20):
+        frames = np.full(draws, min(step, 9))
+        now = steps.step(now, motion.expand(draws, 3), camera, frames, torch.ones(draws, dtype=torch.bool), generator)
+        poses.append(now.found.pose[:, 0])
+    return torch.stack(poses), now.learned
+
+
+def test_where_motion_is_unknown_an_image_that_repeats_holds_the_robot():
+    model, filter, images = world()
+    poses, learned = stood_still(model, filter, images, torch.full((1, 3), math.nan, dtype=torch.float64))
+    assert (poses[9] - 18.0).abs().max() < 2.0  # at the tenth image
+    assert (poses[19] - poses[9]).abs().max() < 0.5  # and not ten images further
+    assert learned.still.tolist() == pytest.approx([1 / (1 + 4 / 41)] * 2)  # no two of 40 images of the map repeat
+    assert (learned.steps < 2).all()  # the pace counts steps in which it may have moved
+
+
+def test_images_that_repeat_in_the_map_hold_fewer_particles():
+    model, filter, _ = world()
+    dull = model.map.descriptors.clone()
+    dull[:15] = dull[0]  # as in a tunnel
+    model = MODELS[0].fit(DescriptorMap.of(model.map.poses, dull), PoseKernel("rbf", (4.0, 4.0), 0.6, 1.0, 0.02))
+    rules = Adaptation(model, Likelihood(), odds=20.0)
+    assert rules._still == pytest.approx(1 / (1 + 4 * 16 / 41), abs=0.02)

@@ -52,7 +52,7 @@ def test_a_robot_departs_less_from_a_pace_the_more_its_ways_agree():
     assert ConstantVelocity.none(1).departure(1.0).item() == driven([2.0] * (FEW - 1)).departure(1.0).item() == 1.0
     found = [driven([2.0, 2.0 + apart] * 5).departure(1.0).item() for apart in (0.0, 1.0, 3.0, 5.9)]
     assert found == sorted(found)
-    assert found[0] == pytest.approx((FEW / (FEW + WINDOW)) ** 0.5)
+    assert found[0] == pytest.approx((1 / (1 + WINDOW)) ** 0.5)
     assert found[-1] == 1.0
     assert driven([2.0] * FEW).departure(1.0).item() > found[0]  # fewer displacements say less
     assert driven([2.0, 60.0] * 5).departure(1.0).item() == 1.0  # no pace

@@ -38,8 +38,8 @@ LIMITS = {
                     0x5555555555555555],
     },
     "localizer": {
-        "FITTED_TO": [600], "LEARNING_RATE": [0.05], "MOST_PARTICLES": [1_000_000], "__init__": [1000],
-        "from_images": [60, 1000, 16], "fitted_kernel": [60],
+        "FITTED_TO": [600], "LEARNING_RATE": [0.05], "MOST_PARTICLES": [1_000_000], "__init__": [2000],
+        "from_images": [60, 2000, 16], "fitted_kernel": [60],
     },
     "localized_drive": {"MISTAKEN": [1.1]},  # of a remark
 }  # fmt: skip
@@ -53,6 +53,7 @@ ALTERNATIVES = {
     },
     "likelihood": {"dof": [4.0]},
     "motion": {
+        "GOLDEN math": [5],  # of the golden ratio
         "STEPS_IF_UNKNOWN": [20.0], "per_step": [0.025, 0.01, 0.015], "alphas": [0.2] * 4, "least_translation": [0.01],
         "unknown": [0.2, 0.2],
     },

@@ -169,6 +169,12 @@ def test_a_dense_map_reaches_as_far_as_its_kernel_was_learnt_to():
     assert float(MapSupport.of(loop()).share(beside).median()) < 0.01  # by its spacing of 0.1 m alone
 
 
+def test_the_images_of_a_city_do_not_reach_into_its_houses():
+    """A kernel of 23 m in a map with an image every 7 m."""
+    kernel = PoseKernel("rbf", (0.33, 0.38), 0.5, 1.0, 0.1)
+    assert MapSupport.of(loop(), kernel).reach == MapSupport.of(loop()).reach
+
+
 def test_a_kernel_learnt_along_one_line_tells_nothing_of_poses_aside():
     kernel = PoseKernel("rbf", (3.0, 4.0), 0.5, 1.0, 0.1)
     assert MapSupport.of(line(), kernel).reach == MapSupport.of(line()).reach

@@ -8,7 +8,8 @@ A likelihood that was not fitted to another drive fits poorly, and odometry may 
    likelihood by its :mod:`~sextant.localization.evidence_scale`;
 3. compares it with what the belief predicted (:mod:`~sextant.localization.innovation_test`), or without odometry with
    the map (:mod:`~sextant.localization.recognition`);
-4. continues unknown motion at the pace of the drive (:mod:`~sextant.localization.constant_velocity`).
+4. continues unknown motion at the pace of the drive (:mod:`~sextant.localization.constant_velocity`), and stands still
+   where an image repeats the last.
 
 Only the third applies to a filter that does not learn. The state of all r runs is in :class:`Learned`.
 """
@@ -29,7 +30,7 @@ from sextant.geometry.planar import se2_compose
 from sextant.localization.appearance_change import AppearanceChange
 from sextant.localization.belief import Belief
 from sextant.localization.constant_velocity import ConstantVelocity
-from sextant.localization.constants import ALIKE
+from sextant.localization.constants import ALIKE, ONE_IN
 from sextant.localization.estimate import Estimate
 from sextant.localization.evidence_scale import EvidenceScale, ScaledEvidence
 from sextant.localization.innovation_test import InnovationTest, drawn_evenly, foreseen
@@ -76,7 +77,8 @@ class Learned:
         velocity: displacements between images.
         last: the place after the last step.
         sighted: the place after the last image.
-        steps: number of steps since then.
+        steps: number of steps since then in which the robot may have moved.
+        still: probability that it has not moved in the last step: its motion is unknown, and its image repeats the last.
         recognised: mean recognition of recent images; nan where the motion is known.
         disbelieved: whether images contradicted the odometry of the last step.
     """
@@ -94,6 +96,7 @@ class Learned:
     last: Place
     sighted: Place
     steps: Float64[Tensor, " r"]
+    still: Float64[Tensor, " r"]
     recognised: Float64[Tensor, " r"]
     disbelieved: Bool[Tensor, " r"]
 
@@ -136,6 +139,7 @@ class Adaptation:
             last=nowhere,
             sighted=nowhere,
             steps=torch.zeros(runs, dtype=torch.float64, device=device),
+            still=torch.zeros(runs, dtype=torch.float64, device=device),
             recognised=torch.full((runs,), torch.nan, dtype=torch.float64, device=device),
             disbelieved=torch.zeros(runs, dtype=torch.bool, device=device),
         )
@@ -183,11 +187,12 @@ class Adaptation:
             support: where the map is informative.
         """
         known = moved.isfinite().all(1)
-        way = learned.way + self._steps_of_map(moved, support)
-        new = self._newness(images, learned.counted, way).where(looked, 0.0)
+        way = learned.way + self._steps_of_map(moved, support).where(known, 0.0)
+        new = self._newness(images, learned.counted, way, known).where(looked, 0.0)
         counts = new >= ALIKE
         counted = torch.where(counts[:, None], images, learned.counted)
-        learned = replace(learned, counted=counted, way=way.masked_fill(counts, 0.0))
+        still = torch.where(looked & ~known & ~counts, self._still, 0.0)
+        learned = replace(learned, counted=counted, way=way.masked_fill(counts, 0.0), still=still)
         used, found = looked & counts if self.learns else looked, None
         if bool(used.any()):
             learned, found = self._weighed(learned, images, new, used, known & (belief is not None))
@@ -202,11 +207,8 @@ class Adaptation:
         """The filter's motion model; without odometry most particles keep the pace of the drive."""
         if not self.learns:
             return measured
-        return PacedMotion(measured, *self._pace(learned))
-
-    def _pace(self, learned: Learned) -> tuple[Float64[Tensor, " r"], Float64[Tensor, " r"]]:
-        """The pace of each run, nan where there is none, and the departure from it, then 1."""
-        return learned.velocity.along(self.spacing), learned.velocity.departure(self.spacing)
+        pace = learned.velocity
+        return PacedMotion(measured, pace.along(self.spacing), pace.departure(self.spacing), learned.still)
 
     def after(
         self,
@@ -228,7 +230,7 @@ class Adaptation:
         now, last, sighted = Place(found.pose, found.mass, off_map), learned.last, learned.sighted
         if not self.learns:
             return replace(learned, last=now)
-        sure, steps = torch.minimum(last.mass, now.mass) >= MODE_MASS, learned.steps + 1
+        sure, steps = torch.minimum(last.mass, now.mass) >= MODE_MASS, learned.steps + 1 - learned.still
         odometry = learned.odometry.updated(moved, last.pose, now.pose, self.spacing)
         # in between images, the belief follows the motion model, so that the pace is that from image to image
         weight = (sighted.mass * now.mass * (1 - off_map)).where(weighed, 0.0)
@@ -246,10 +248,9 @@ class Adaptation:
     ) -> tuple[Learned, ScaledEvidence]:
         """The evidence of the runs in ``used``, weighted by how new their images are if the filter learns.
 
-        Errors of consecutive images add up in particles that follow odometry, and evidence has its full scale there.
-        Where motion is unknown, particles spread far between images, and weaker evidence would not concentrate them
-        again. The less they spread, at a pace, the more adds up: the root of the departure kept regions honest on the
-        walks of results/localization_change.md. Nothing adds up in the first image.
+        Errors of consecutive images add up in particles that follow odometry. Where motion is unknown, and in the first
+        image, particles spread between images, less adds up, and evidence tempered as much would not concentrate them
+        again: it is tempered by the root of the scale.
         """
         images, new, mean = images[used], new[used], self.model.map.mean
         if not self.learns:
@@ -263,11 +264,12 @@ class Adaptation:
         evidence = self.model.observe(change.centred(images, mean), change.likelihood(self.likelihood))
         over_map = evidence.over_map()
         learned = replace(learned, change=with_some(learned.change, used, change))
-        apart, tempering = self._pace(learned)[1][used].sqrt(), torch.ones_like(new)
+        tempering = torch.ones_like(new)
         if learned.scale is not None:
             scale = some_of(learned.scale, used).updated(over_map, new)
             learned, tempering = replace(learned, scale=with_some(learned.scale, used, scale)), scale.tempering
-        return learned, ScaledEvidence(evidence, over_map, torch.where(follows[used], tempering, apart) * new)
+        tempering = torch.where(follows[used], tempering, tempering.sqrt())
+        return learned, ScaledEvidence(evidence, over_map, tempering * new)
 
     def _compared(
         self,
@@ -306,15 +308,17 @@ class Adaptation:
             recognition=with_some(learned.recognition, asked, found),
         )
 
-    def _newness(self, images: Tensor, counted: Tensor, way: Tensor) -> Float64[Tensor, " r"]:
+    def _newness(self, images: Tensor, counted: Tensor, way: Tensor, known: Tensor) -> Float64[Tensor, " r"]:
         """How new images are relative to the last that counted, in [0, 1], by the distance since or the change in them.
 
         Both are in units of the step between neighbouring map images. At a standstill every image repeats the same
-        error, which must not accumulate; after a kidnapping only the image changes.
+        error, which must not accumulate; after a kidnapping only the image changes. Where motion is unknown, an image
+        that does not repeat the last counts in full.
         """
         changed = (images - counted).double().square().sum(1)
-        changed = changed / self._beside if self._beside > 0 else torch.zeros_like(way)
-        return torch.where(way.isfinite(), torch.maximum(way, changed), 1.0).clamp(max=1.0)
+        changed = changed / self._beside if self._beside > 0 else (~known).to(way)
+        new = torch.where(way.isfinite(), torch.maximum(way, changed), 1.0).clamp(max=1.0)
+        return new.where(known | (new < ALIKE), 1.0)
 
     def _steps_of_map(self, moved: Tensor, support: MapSupport | None) -> Float64[Tensor, " r"]:
         """The motion in steps between neighbouring map images; infinite if it is unknown."""
@@ -342,24 +346,34 @@ class Adaptation:
     @cached_property
     def _beside(self) -> float:
         """The median squared distance between descriptors of neighbouring images of the map."""
+        return float(self._pairs(*self._neighbours).median())
+
+    @cached_property
+    def _neighbours(self) -> tuple[np.ndarray, np.ndarray]:
         features, rows = self.near.features, self._rows
-        beside = cKDTree(features).query(features[rows], k=min(2, len(features)))[1].reshape(len(rows), -1)[:, -1]
-        return self._apart(rows, beside)
+        return rows, cKDTree(features).query(features[rows], k=min(2, len(features)))[1].reshape(len(rows), -1)[:, -1]
+
+    @cached_property
+    def _still(self) -> float:
+        """The probability of a standstill where an image repeats the last, from how many neighbours repeat in the map."""
+        beside = self._pairs(*self._neighbours)
+        repeats = (1 + float((beside < ALIKE * self._beside).sum())) / (1 + len(beside))
+        return 1 / (1 + (ONE_IN - 1) * repeats)
 
     @cached_property
     def _anywhere(self) -> float:
         """The median squared distance between descriptors of any two images of the map."""
-        return self._apart(self._rows, np.roll(self._rows, len(self._rows) // 2))
+        return float(self._pairs(self._rows, np.roll(self._rows, len(self._rows) // 2)).median())
 
     @property
     def _rows(self) -> np.ndarray:
         images = len(self.model.map)
         return np.unique(np.linspace(0, images - 1, min(COMPARED, images)).astype(np.int64))
 
-    def _apart(self, rows: np.ndarray, others: np.ndarray) -> float:
+    def _pairs(self, rows: np.ndarray, others: np.ndarray) -> Tensor:
         descriptors = self.model.map.descriptors
         apart = descriptors[torch.from_numpy(rows)] - descriptors[torch.from_numpy(others)]
-        return float(apart.double().square().sum(1).median())
+        return apart.double().square().sum(1)
 
 
 def some_of(state: State, runs: Bool[Tensor, " r"]) -> State:

@@ -9,11 +9,12 @@ the constant-velocity model, with a velocity per step estimated from displacemen
 
 How far a robot departs from its pace is estimated with it. In units of the standard deviation
 :math:`\sigma_0` of a motion without a pace, with displacements of total weight n and interquartile range I, it is the
-root of the posterior mean of a variance that has been seen to be 1 in five displacements before,
+root of the posterior mean of a variance that has been seen to be 1 in one displacement before (a unit-information
+prior),
 
-.. math:: q^2 = \min\!\Big(1,\; \frac{n_0 + n\, (I / 1.349\, \sigma_0)^2}{n_0 + n}\Big), \qquad n_0 = 5 :
+.. math:: q^2 = \min\!\Big(1,\; \frac{1 + n\, (I / 1.349\, \sigma_0)^2}{1 + n}\Big) :
 
-0.58 where ten displacements agree. With q = 1, one image that looks like another place takes the robot there.
+0.30 where ten displacements agree. With q = 1, one image that looks like another place takes the robot there.
 """
 
 from dataclasses import dataclass
@@ -78,11 +79,11 @@ class ConstantVelocity:
         ...     there = torch.tensor([[2.0, 0.0, 0.0]], dtype=torch.float64)
         ...     pace = pace.updated(here, there, weight=one, steps=one)
         >>> ConstantVelocity.none(1).departure(1.0).tolist(), pace.departure(1.0).round(decimals=2).tolist()
-        ([1.0], [0.71])
+        ([1.0], [0.41])
         """
         _, _, spread = self._agreed(spacing)
         share, weight = spread / NORMAL / (UNKNOWN * spacing), self.weights.sum(1)
-        departs = ((FEW + weight * share.square()) / (FEW + weight)).sqrt()
+        departs = ((1 + weight * share.square()) / (1 + weight)).sqrt()
         return departs.nan_to_num(1.0).clamp(max=1.0).where(self.along(spacing).isfinite(), 1.0)
 
     def _agreed(self, spacing: float) -> tuple[Float64[Tensor, " r"], ...]:

@@ -15,12 +15,8 @@ import math
 #: al. 2021), with which a thousand particles start too slowly in a town; from 5, 10, 20 and 50 (lab/localization.md).
 #: Without it regions hold the truth at Gardens Point by day 58 times in 100, not 98: ``changed_walks seeds=8``
 ODDS = 20.0
-#: factor of the log-likelihood of an image by a map that was fitted to no other traverse. With ``ODDS`` it is the most
-#: that an image keeps; without odometry all that tempers it. Of 1/64, 1/8 and 1 (lab/localization.md)
+#: factor of the log-likelihood of an image by a map that was fitted to no other traverse, the most that it keeps. Of 1/64, 1/8 and 1 (lab/localization.md)
 TEMPERING = 0.125
-#: factor of the appearance variance by which the most similar image of a map exceeds the predicted one: a minimum over
-#: many images is biased low. With 1 regions without odometry hold the truth in 82, not 92 % (lab/localization.md)
-EXCESS = 2.0
 #: factor of the fitted kernel's lengths. What tells places apart looks like noise to a kernel fitted to one traverse,
 #: and its noise variance is capped at a share of the signal's. From 24 combinations. Of the railway's first
 #: stretch 40 and 39 % are found without either of the two (lab/localization.md), without both 50, with them 100:
@@ -36,13 +32,12 @@ SHARPER, NOISE = 0.5, 1e-3
 RARE = 0.01
 #: how far a camera may be turned from the map's nearest image, in rad, where the map does not show it
 HEADING_REACH = math.radians(10)
-#: how far images of a dense map represent poses beside them, in lengths of its kernel. NLL of the office's poses -1.7,
-#: without it -0.1 ("A map reaches half its spacing")
+#: how far images of a dense map represent poses beside them, in lengths of its kernel, which is twice ``UNKNOWN``
+#: spacings or longer. NLL of the office's poses -1.7, without it -0.1; kernels in towns are 2.6 spacings long, in a city
+#: 3.3, where ``LENGTHS`` would reach into the houses ("A map reaches half its spacing")
 LENGTHS = 1.5
 #: size of a place in spacings of the map, and in heading in ``HEADING_REACH``: radius of the mode that is reported;
-#: images of two places are twice as far apart, and one that is that many times as far away as the nearest one is not a
-#: neighbour; and a map is dense if its kernel is longer. With 2 in place of 2.5 two towns of four, whose kernels
-#: are 2.1 and 2.3 spacings long, count as dense, and ``LENGTHS`` reaches into the houses: ``switch_offs``
+#: images of two places are twice as far apart
 PLACE = 2.5
 
 # -- motion -----------------------------------------------------------------------------------------------------------
@@ -59,7 +54,8 @@ ASIDE = 0.1
 #: how many times as far as an unknown motion particles spread that stop, turn back or drive much faster, or turn a
 #: corner; and the largest factor by which odometry may be wrong
 FURTHER = 4.0
-#: one particle in this many stops or drives faster where there is a pace, and one turns a corner. One in 6
+#: one particle in this many turns back or drives faster where there is a pace, one turns a corner, and one robot in
+#: this many stands before its image is compared with the last. One in 6
 #: and one in 4 were no better (lab/localization.md)
 ONE_IN = 5
 

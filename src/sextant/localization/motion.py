@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64
 from torch import Tensor
 
 from sextant.geometry.planar import se2_compose, se2_exp, wrap_angle
-from sextant.localization.constants import ASIDE, FURTHER, ODOMETRY, ONE_IN, UNKNOWN
+from sextant.localization.constants import ALIKE, ASIDE, FURTHER, ODOMETRY, ONE_IN, UNKNOWN
 from sextant.ranges import NonNegative, checked
 
 __all__ = ["ExponentialMotion", "IdentityMotion", "MotionModel", "OdometryMotion"]
@@ -76,6 +76,8 @@ class IdentityMotion(MotionModel):
         return torch.zeros_like(motion)[:, None]
 
 
+#: Its multiples modulo 1 are spread evenly: a share of the particles is chosen by their numbers.
+GOLDEN = (math.sqrt(5) - 1) / 2
 #: The noise of an unknown motion, in multiples of the noise of a step.
 STEPS_IF_UNKNOWN = 20.0
 
@@ -206,20 +208,22 @@ class PacedMotion(MotionModel):
 
     where v is the pace and ε has the standard deviations ``measured.if_unknown()``. Robots mostly continue as before:
     D = diag(q, 1, 1), with the departure q from the pace. One particle in five has D = diag(q, 1, 4), for a robot that
-    turns a corner. One in five has v = 0 and D = diag(4, 1, 1), for a robot that stops, turns back or drives much
-    faster. Without a pace v = 0, q = 1, and half of the particles behave like the latter. A particle keeps its role
-    until it is resampled. A model without noise along the heading gets no pace either.
+    turns a corner. One in five has v = 0 and D = diag(4, 1, 1), for a robot that turns back or drives much faster.
+    Without a pace v = 0, q = 1, and half of the particles behave like the latter. A particle keeps its role until it is
+    resampled. A model without noise along the heading gets no pace either. A robot stands with a probability; as large
+    a share of the particles has v = 0 and D = diag(1, 1, 1)/10, since images show larger displacements.
 
     Args:
         measured: model of known motions, and of the standard deviations of unknown ones.
         pace: distance along the heading from one step to the next of each run, in the unit of the map
             (:class:`~sextant.localization.constant_velocity.ConstantVelocity`); nan if it is not known.
         departure: q of each run, in (0, 1]; not used without a pace.
+        still: probability that each run's robot stands.
 
     Example:
         >>> from sextant.localization.motion import ExponentialMotion
         >>> measured, pace = ExponentialMotion((0.1, 0.0, 0.0), unknown=(1e-9, 0.0, 0.0)), torch.tensor([2.0]).double()
-        >>> model = PacedMotion(measured, pace, departure=torch.tensor([0.5]).double())
+        >>> model = PacedMotion(measured, pace, torch.tensor([0.5]).double(), still=torch.zeros(1).double())
         >>> unknown = torch.full((1, 3), torch.nan).double()
         >>> model.sample(torch.zeros(1, 5, 3).double(), unknown, torch.Generator())[0, :, 0].round().abs().tolist()
         [2.0, 2.0, 2.0, 2.0, 0.0]
@@ -228,6 +232,7 @@ class PacedMotion(MotionModel):
     measured: MotionModel
     pace: Float64[Tensor, " r"]
     departure: Float64[Tensor, " r"]
+    still: Float64[Tensor, " r"]
 
     def if_unknown(self) -> Sequence[float]:
         """The standard deviations of ``measured``."""
@@ -238,7 +243,7 @@ class PacedMotion(MotionModel):
         return self.measured.increments(motion, noise)
 
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
-        """Every fifth particle (without a pace every second) spreads further along, another fifth in heading."""
+        """Every fifth particle (without a pace every second) spreads further along, another fifth in heading; some stand."""
         deviations = noise.new_tensor(self.if_unknown())
         twist = noise * deviations
         paced, number = self.pace.isfinite()[:, None, None], torch.arange(noise.shape[1], device=noise.device)[:, None]
@@ -247,7 +252,9 @@ class PacedMotion(MotionModel):
         further, turning = number % one_in == one_in - 1, number % ONE_IN == 2
         turned = torch.where(turning, twist * twist.new_tensor([1.0, 1.0, FURTHER]), twist)
         turned[..., 0] = torch.where(paced, self.departure[:, None, None], 1.0)[..., 0] * turned[..., 0]
-        return se2_exp(torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), turned + kept))
+        moved = torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), turned + kept)
+        stands = number * GOLDEN % 1 < self.still[:, None, None]
+        return se2_exp(torch.where(stands, twist * (ALIKE / UNKNOWN), moved))
 
 
 def motion_of_spacing(spacing: float, line: bool = False) -> ExponentialMotion:

@@ -177,7 +177,8 @@ def test_where_motion_is_unknown_most_particles_keep_the_pace_and_some_spread_or
     departure = torch.tensor([0.6], dtype=torch.float64)
     for pace, one_in, about in ((5.0, 5, 0.6), (None, 2, 1.0)):
         paced = torch.tensor([math.nan if pace is None else pace], dtype=torch.float64)
-        twist = se2_log(PacedMotion(measured, paced, departure).sample(poses, unknown, generator(1)))[0]
+        moves = PacedMotion(measured, paced, departure, torch.zeros_like(paced))
+        twist = se2_log(moves.sample(poses, unknown, generator(1)))[0]
         number = torch.arange(120_000)
         further = number % one_in == one_in - 1
         turning = (number % 5 == 2) & ~further
@@ -192,6 +193,18 @@ def test_where_motion_is_unknown_most_particles_keep_the_pace_and_some_spread_or
 
 def test_a_pace_changes_nothing_of_a_motion_that_is_known():
     poses, motion = start(), torch.tensor([[1.0, 0.1, 0.2]], dtype=torch.float64)
-    pace, departure = torch.tensor([[5.0], [0.6]], dtype=torch.float64)
-    paced = PacedMotion(NOISY[0], pace, departure).sample(poses, motion, generator(1))
+    pace, departure, still = torch.tensor([[5.0], [0.6], [0.9]], dtype=torch.float64)
+    paced = PacedMotion(NOISY[0], pace, departure, still).sample(poses, motion, generator(1))
     assert torch.equal(paced, NOISY[0].sample(poses, motion, generator(1)))
+
+
+@pytest.mark.parametrize("still", [0.0, 0.3, 1.0])
+def test_as_many_particles_stand_as_the_robot_probably_does(still):
+    measured = ExponentialMotion((0.05, 0.02, 0.01), unknown=(0.01, 0.001, 0.001))
+    poses, unknown = torch.zeros(2, 10_000, 3, dtype=torch.float64), torch.full((2, 3), math.nan, dtype=torch.float64)
+    pace, departure, shares = torch.tensor([[5.0, 5.0], [1.0, 1.0], [still, 0.0]], dtype=torch.float64)
+    moved = PacedMotion(measured, pace, departure, shares).sample(poses, unknown, generator(1))[..., 0]
+    kept = (moved > 4.0).double().mean(1)
+    assert kept.tolist() == pytest.approx([0.8 * (1 - still), 0.8], abs=0.001)  # every fifth breaks the pace
+    if still == 1:
+        assert moved[0].std().item() == pytest.approx(0.001, rel=0.05)  # a tenth of an unknown motion
