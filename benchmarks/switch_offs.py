@@ -3,8 +3,8 @@
 A world is a real walk in a changed world (those of ``benchmarks.changed_walks``), a rendered office by day and by night
 (``benchmarks.landmarks``), a rendered town in winter and by night (``benchmarks.wrong_calibration``, cameras known), or
 a rendered city in three conditions, a tenth as large as that of ``dataset=town_city``, one of each seed. All
-drives of a world are runs of one filter of 500 particles (in a city 3,000), one seed each. ``without=scale`` leaves out
-a part, and ``set=RARE=0.02,FEW=6`` changes numbers of ``sextant.localization.constants``; each call adds its rows to
+drives of a world are runs of one filter of 2,000 particles, the default, one seed each. ``without=scale`` leaves out
+a part (``without=filter`` all of it: the most similar image is the answer), and ``set=RARE=0.02,FEW=6`` changes numbers of ``sextant.localization.constants``; each call adds its rows to
 the file. ``compare=true`` reads it: means over worlds, and paired differences from the default with t intervals over
 worlds. Frames count from the sixtieth of a walk on, the twentieth of other drives, and the twentieth or fifteenth after
 a kidnapping to the beginning of the drive.
@@ -37,13 +37,13 @@ KEYS = {
     "worlds": "those whose names begin with this: walk, office, town or city; by default all but cities",
     "drives": "those whose names begin with one of these, separated by commas; all by default",
     "count": "number of offices, of towns and of cities; 4 by default",
-    "without": "scale, sharpening, adaptation, support or window; places: a kernel that tells places apart instead",
+    "without": "scale, sharpening, adaptation, support, window or filter; places: a kernel that tells places apart",
     "set": "numbers of sextant.localization.constants, such as RARE=0.02, separated by commas",
     "csv": "a file to which the results are added",
     "kept": "a folder for descriptors, so that a second call need not work them out",
     "compare": "true: the table of the file; nothing is measured",
 }
-PARTICLES, CHI2_95 = {"walk": 500, "office": 500, "town": 500, "city": 3000}, 5.991
+PARTICLES, CHI2_95 = 2000, 5.991
 #: frames of a walk, its first, those that count, standing ones at its end, and frames of another world
 FRAMES, FIRST, COUNTED, STANDS, ELSEWHERE = 130, 20, 60, 50, 80
 #: within, m
@@ -81,6 +81,12 @@ def kidnapped(drive: Drive, name: str, after: int) -> Drive:
     return Drive(name, drive.seen[order], drive.motion[order], drive.truth[order], len(order) - half + after)
 
 
+def uneven(images: int) -> ndarray:
+    """Images of a camera that stands, walks and runs, ten images each, over and over."""
+    rows = FIRST + np.cumsum([0] + ([0] * 10 + [1] * 10 + [3] * 10) * (FRAMES // 30 + 1))
+    return rows[rows < images][:FRAMES]
+
+
 def drives(world: str, kept: dict) -> Iterator[Drive]:
     """The drives of a world."""
     rng = np.random.default_rng(0)
@@ -101,6 +107,10 @@ def drives(world: str, kept: dict) -> Iterator[Drive]:
     yield usual
     yield replace(usual, name="a tenth short", motion=moved * (np.array([0.9, 0, 0]) + noise))
     yield replace(usual, name="no odometry", motion=None)
+    rows = uneven(len(whole))
+    places = np.zeros((len(rows), 3))
+    places[:, 0] = kept["drives"][""]["at"][rows]
+    yield Drive("uneven, no odometry", whole[rows], None, places, 30)
     yield kidnapped(usual, "kidnapped", 20)
     order = np.r_[0:COUNTED, np.full(STANDS, COUNTED - 1)]
     assert usual.motion is not None
@@ -200,11 +210,25 @@ def _described(images: ndarray, poses: ndarray, driven: dict, elsewhere: ndarray
 
 
 #: what ``without=`` takes
-PARTS = ("scale", "sharpening", "adaptation", "support", "window", "places")
+PARTS = ("scale", "sharpening", "adaptation", "support", "window", "places", "filter")
+
+
+def retrieved(world: str, kept: dict, begin: tuple[str, ...]) -> Iterator[list]:
+    """How often the most similar image is near enough; it has no region, and is never called lost."""
+    mapped, places = torch.from_numpy(np.asarray(kept["descriptors"], np.float32)), np.asarray(kept["poses"])
+    limit = LIMITS[world.split(maxsplit=1)[0]]
+    for each in drives(world, kept):
+        if not begin or each.name.startswith(begin):
+            rows = torch.cdist(torch.from_numpy(np.asarray(each.seen, np.float32)), mapped).argmin(1).numpy()
+            near = np.hypot(*(places[rows] - each.truth)[each.counted :, :2].T) <= limit
+            yield [world, each.name, (100 * near.mean()).round(2), 0.0, 0.0, (100 * (1 - near.mean())).round(2)]
 
 
 def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> Iterator[list]:
     """The columns of each drive of a world, in per cent."""
+    if without == "filter":
+        yield from retrieved(world, kept, begin)
+        return
     from sextant.chapters.localization.saved_filter import usual_filter, usual_radius
     from sextant.evaluation.protocols import MODE_MASS
     from sextant.localization.adaptation import Adaptation
@@ -231,7 +255,7 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     odds = None if without in ("scale", "adaptation") else constants.ODDS
     rules = Adaptation(model, likelihood, learns=learns, odds=odds)
     kind = world.split(maxsplit=1)[0]
-    steps = Steps(filter, UniformStart(), PARTICLES[kind], usual_radius(found.poses), rules)
+    steps = Steps(filter, UniformStart(), PARTICLES, usual_radius(found.poses), rules)
     driven = [each for each in drives(world, kept) if not begin or each.name.startswith(begin)]
     camera = Camera(model, likelihood, np.concatenate([each.seen for each in driven]).astype(np.float32))
     first = np.cumsum([0, *(len(each.seen) for each in driven[:-1])])
@@ -245,7 +269,7 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
         now = steps.step(now, torch.from_numpy(np.stack(motion)), camera, frames, looked, draws)
         told, learned = now.found, now.learned
         assert learned is not None
-        lost = (told.mass < MODE_MASS) | learned.innovation.failed | (learned.recognised < constants.RECOGNISED)
+        lost = (told.mass < MODE_MASS) | learned.innovation.failed | learned.unrecognised
         for run, each in enumerate(driven):
             if each.counted <= step < len(each.seen):
                 away = told.pose[run, :2].numpy() - each.truth[step, :2]

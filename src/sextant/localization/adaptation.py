@@ -30,7 +30,7 @@ from sextant.geometry.planar import se2_compose
 from sextant.localization.appearance_change import AppearanceChange
 from sextant.localization.belief import Belief
 from sextant.localization.constant_velocity import ConstantVelocity
-from sextant.localization.constants import ALIKE, ONE_IN
+from sextant.localization.constants import ALIKE, FEW, ONE_IN, RECOGNISED
 from sextant.localization.estimate import Estimate
 from sextant.localization.evidence_scale import EvidenceScale, ScaledEvidence
 from sextant.localization.innovation_test import InnovationTest, drawn_evenly, foreseen
@@ -99,6 +99,12 @@ class Learned:
     still: Float64[Tensor, " r"]
     recognised: Float64[Tensor, " r"]
     disbelieved: Bool[Tensor, " r"]
+
+    @property
+    def unrecognised(self) -> Bool[Tensor, " r"]:
+        """Whether images without odometry show another place; the first four must be recognised better than chance."""
+        few = self.recognition.images < FEW + 1  # with the one of no evidence
+        return self.recognised < torch.where(few, 0.5, RECOGNISED)
 
 
 @dataclass(frozen=True, eq=False)

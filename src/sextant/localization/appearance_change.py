@@ -7,7 +7,7 @@ the map. This shift is removed gradually:
    \bar z_t = \frac1{n_t} \sum_{s \le t} w_s z_s, \quad n_t = \sum_{s \le t} w_s.
 
 What remains is an appearance variance, the same in every dimension. If nothing had changed, the map image that explains
-a descriptor best would do so within the predicted variance v. The excess is
+a descriptor best would do so within the predicted variance v. The mean excess is
 
 .. math:: s_a^2 = \frac1{n_t} \sum_{s \le t} w_s \max\!\Big(0,\; \min_i \frac{\|z'_s - \mu_i\|^2}{D} - v_i\Big).
 

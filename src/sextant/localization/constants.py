@@ -32,12 +32,13 @@ SHARPER, NOISE = 0.5, 1e-3
 RARE = 0.01
 #: how far a camera may be turned from the map's nearest image, in rad, where the map does not show it
 HEADING_REACH = math.radians(10)
-#: how far images of a dense map represent poses beside them, in lengths of its kernel, which is twice ``UNKNOWN``
-#: spacings or longer. NLL of the office's poses -1.7, without it -0.1; kernels in towns are 2.6 spacings long, in a city
-#: 3.3, where ``LENGTHS`` would reach into the houses ("A map reaches half its spacing")
+#: how far images of a dense map represent poses beside them, in lengths of its kernel. NLL of the office's poses -1.7,
+#: without it -0.1 ("A map reaches half its spacing")
 LENGTHS = 1.5
 #: size of a place in spacings of the map, and in heading in ``HEADING_REACH``: radius of the mode that is reported;
-#: images of two places are twice as far apart
+#: images of two places are twice as far apart; and a map is dense if its kernel is longer. With 2 in place of 2.5 two
+#: towns of four, whose kernels are 2.1 and 2.3 spacings long, count as dense, and ``LENGTHS`` reaches into the houses:
+#: ``switch_offs``
 PLACE = 2.5
 
 # -- motion -----------------------------------------------------------------------------------------------------------

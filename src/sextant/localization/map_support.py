@@ -31,7 +31,7 @@ from torch import Tensor
 
 from sextant.errors import ArgumentError
 from sextant.localization.belief import Belief
-from sextant.localization.constants import HEADING_REACH, LENGTHS, RARE, UNKNOWN
+from sextant.localization.constants import HEADING_REACH, LENGTHS, PLACE, RARE, UNKNOWN
 from sextant.localization.map_prior import LEAST_SPACING
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
@@ -82,12 +82,15 @@ class MapSupport:
 
         Args:
             poses: poses of the map's images.
-            kernel: kernel learnt on them. In a dense map, where its shorter length is four spacings or more, images
+            kernel: kernel learnt on them. In a dense map, where its shorter length is 2.5 spacings or more, images
                 reach 1.5 times that length. This does not hold for a map along one line, which does not show how far
-                images reach sideways.
+                images reach sideways, nor for a kernel with more noise than signal: images at one place then have less
+                in common than not.
         """
-        spacing, length = map_spacing(poses), 0.0 if kernel is None else min(kernel.length)
-        learnt = FAR * spacing - LEAST_SPACING <= length <= _breadth(poses)
+        spacing, length = map_spacing(poses), 0.0
+        if kernel is not None and kernel.signal_variance > kernel.noise_variance:
+            length = min(kernel.length)
+        learnt = PLACE * spacing <= length <= _breadth(poses)
         return cls(poses, LENGTHS * length if learnt else spacing / 2, heading_reach(poses))
 
     @classmethod

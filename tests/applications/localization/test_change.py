@@ -86,7 +86,9 @@ def test_an_image_counts_by_the_way_since_the_last_that_did(street, localizer):
     counted = localizer._now.learned.change.images.item()
     assert counted > 1.5 + 3 / 8 + 0.5
     localizer.step(None)
-    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 60))
+    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 60))  # which shows that it stayed
+    assert localizer._now.learned.change.images.item() == pytest.approx(counted)
+    localizer.step(None, street.at(street.summer, 20))
     assert localizer._now.learned.change.images.item() == pytest.approx(counted + 1)
 
 

@@ -460,7 +460,7 @@ def test_a_network_of_code_that_is_not_sextants_is_not_built(checkpoint, tmp_pat
 def test_it_says_what_it_is_and_is_saved_in_folders_alone(corridor, tmp_path):
     localizer = Localizer.from_images(corridor.images, corridor.poses, Pixels(16, 24), kernel=KERNEL)
     assert repr(localizer) == (
-        "Localizer(80 images, 384 numbers each by descriptor 'baseline', spacing=0.5 m, particles=1,000, adapts=True)"
+        "Localizer(80 images, 384 numbers each by descriptor 'baseline', spacing=0.5 m, particles=2,000, adapts=True)"
     )
     (tmp_path / "grey.png").write_bytes(b"a picture")
     for name in ("grey.png", "grey.png/map", "x" * 300):

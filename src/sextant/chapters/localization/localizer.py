@@ -38,7 +38,7 @@ from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.localization.adaptation import Adaptation
 from sextant.localization.belief import Belief
-from sextant.localization.constants import NOISE, ODDS, RECOGNISED, SHARPER, TEMPERING
+from sextant.localization.constants import NOISE, ODDS, SHARPER, TEMPERING
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import Estimate, estimate
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
@@ -90,7 +90,8 @@ class LocalizedPose:
             predicted before it. 1/2 is chance, less than 0.65 is lost; nan before the fifth image. See
             :mod:`~sextant.localization.innovation_test`.
         recognised: mean share, over recent images, of the map's own images that resemble its other places less than
-            the recent image resembles the map. 1/2 is chance, less than 0.4 is lost; nan where the motion is known. See
+            the recent image resembles the map. 1/2 is chance, less than 0.4 (1/2 for the first four images) is lost; nan
+            where the motion is known. See
             :mod:`~sextant.localization.recognition`.
         disbelieved: the motion was treated as unknown, because odometry reported a standstill while the images showed
             motion. See :mod:`~sextant.localization.odometry_check`.
@@ -281,7 +282,7 @@ class Localizer:
             self.region_scale**2 * found.covariance[0].numpy(),
             mass,
             int(found.modes[0]),
-            mass < MODE_MASS or bool(learned.innovation.failed[0]) or recognised < RECOGNISED,
+            mass < MODE_MASS or bool(learned.innovation.failed[0]) or bool(learned.unrecognised[0]),
             bool(step.told.degenerate[0]) and not smooth,
             float(off_map[0]),
             float(learned.innovation.told[0]),
