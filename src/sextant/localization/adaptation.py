@@ -201,7 +201,7 @@ class Adaptation:
         learned = replace(learned, counted=counted, way=way.masked_fill(counts, 0.0), still=still)
         used, found = looked & counts if self.learns else looked, None
         if bool(used.any()):
-            learned, found = self._weighed(learned, images, new, used, known & (belief is not None))
+            learned, found = self._weighed(learned, images, new, used, known)
             if belief is not None:
                 learned = self._compared(learned, belief, moved, found, new, used, support)
         learned = self._recognised(learned, images, new, ~known)
@@ -250,13 +250,13 @@ class Adaptation:
         )
 
     def _weighed(
-        self, learned: Learned, images: Tensor, new: Tensor, used: Tensor, follows: Tensor
+        self, learned: Learned, images: Tensor, new: Tensor, used: Tensor, known: Tensor
     ) -> tuple[Learned, ScaledEvidence]:
         """The evidence of the runs in ``used``, weighted by how new their images are if the filter learns.
 
-        Errors of consecutive images add up in particles that follow odometry. Where motion is unknown, and in the first
-        image, particles spread between images, less adds up, and evidence tempered as much would not concentrate them
-        again: it is tempered by the root of the scale.
+        Errors of consecutive images add up in particles that follow odometry. Where motion is unknown, particles spread
+        between images, less adds up, and evidence tempered as much would not concentrate them again: it is tempered by
+        the root of the scale. Nothing adds up in the first image.
         """
         images, new, mean = images[used], new[used], self.model.map.mean
         if not self.learns:
@@ -274,7 +274,7 @@ class Adaptation:
         if learned.scale is not None:
             scale = some_of(learned.scale, used).updated(over_map, new)
             learned, tempering = replace(learned, scale=with_some(learned.scale, used, scale)), scale.tempering
-        tempering = torch.where(follows[used], tempering, tempering.sqrt())
+        tempering = torch.where(known[used], tempering, tempering.sqrt()).where(before.images > 0, 1.0)
         return learned, ScaledEvidence(evidence, over_map, tempering * new)
 
     def _compared(
