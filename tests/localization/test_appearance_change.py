@@ -39,12 +39,12 @@ def test_who_stands_still_learns_nothing():
     assert torch.equal(before_any.centred(places[:1], places.mean(0)), places[:1])
 
 
-def test_the_appearance_variance_is_the_mean_excess_of_the_best_image():
+def test_the_appearance_variance_is_half_as_large_again_as_the_mean_excess_of_the_best_image():
     change = AppearanceChange.none(1, 8)
     for least in (0.3, -0.5, 0.1):  # of one dimension, beyond the predicted variance of 0.2; less is none
         squared = torch.tensor([[9.0, 8 * (least + 0.2), 7.0]], dtype=torch.float64)
         variance = torch.full((1, 3), 0.2, dtype=torch.float64)
         change = change.updated(torch.zeros(1, 8), ONE).exceeded(Residuals(squared, variance), 8, ONE)
     found = change.likelihood(Likelihood(tempering=0.5, appearance_variance=0.01))
-    assert float(found.appearance_variance) == pytest.approx(0.01 + (0.3 + 0.0 + 0.1) / 3)
+    assert float(found.appearance_variance) == pytest.approx(0.01 + 1.5 * (0.3 + 0.0 + 0.1) / 3)
     assert found.tempering == 0.5

@@ -7,9 +7,10 @@ the map. This shift is removed gradually:
    \bar z_t = \frac1{n_t} \sum_{s \le t} w_s z_s, \quad n_t = \sum_{s \le t} w_s.
 
 What remains is an appearance variance, the same in every dimension. If nothing had changed, the map image that explains
-a descriptor best would do so within the predicted variance v. The mean excess is
+a descriptor best would do so within the predicted variance v. The minimum over many images is biased low, so the excess
+is multiplied:
 
-.. math:: s_a^2 = \frac1{n_t} \sum_{s \le t} w_s \max\!\Big(0,\; \min_i \frac{\|z'_s - \mu_i\|^2}{D} - v_i\Big).
+.. math:: s_a^2 = \frac{1.5}{n_t} \sum_{s \le t} w_s \max\!\Big(0,\; \min_i \frac{\|z'_s - \mu_i\|^2}{D} - v_i\Big).
 
 The weight w of an image is how far the robot has moved since the last one, in units of the map's spacing and of the
 turn that the map resolves, and at most 1. While a robot stands still, the estimates do not change.
@@ -22,7 +23,7 @@ import torch
 from jaxtyping import Float32, Float64
 from torch import Tensor
 
-from sextant.localization.constants import FEW
+from sextant.localization.constants import EXCESS, FEW
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.model import Residuals
 
@@ -73,4 +74,4 @@ class AppearanceChange:
 
     def likelihood(self, calibrated: Likelihood) -> Likelihood:
         """The calibrated likelihood with the appearance variance that each run has learned so far added to its own."""
-        return replace(calibrated, appearance_variance=calibrated.appearance_variance + self.excess[:, None])
+        return replace(calibrated, appearance_variance=calibrated.appearance_variance + EXCESS * self.excess[:, None])
