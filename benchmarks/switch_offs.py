@@ -2,12 +2,13 @@
 
 A world is a real walk in a changed world (those of ``benchmarks.changed_walks``), a rendered office by day and by night
 (``benchmarks.landmarks``), a rendered town in winter and by night (``benchmarks.wrong_calibration``, cameras known), or
-a rendered city in three conditions, a tenth as large as that of ``dataset=town_city``, one of each seed. All
-drives of a world are runs of one filter of 2,000 particles, the default, one seed each. ``without=scale`` leaves out
-a part (``without=filter`` all of it: the most similar image is the answer), and ``set=RARE=0.02,FEW=6`` changes numbers of ``sextant.localization.constants``; each call adds its rows to
-the file. ``compare=true`` reads it: means over worlds, and paired differences from the default with t intervals over
-worlds. Frames count from the sixtieth of a walk on, the twentieth of other drives, and the twentieth or fifteenth after
-a kidnapping to the beginning of the drive.
+a rendered city in three conditions, a tenth as large as that of ``dataset=town_city``, one of each seed. All drives of
+a world are runs of one filter of 2,000 particles, the default, one seed each. ``without=scale`` leaves out a part,
+``without=filter`` all of it (the most similar image is the answer), and ``set=RARE=0.02,FEW=6`` changes numbers of
+``sextant.localization.constants``; each call adds its rows to the file. ``compare=true`` reads it: means over worlds,
+and paired differences from the default with t intervals over worlds. Frames count from the sixtieth of a walk on, the
+thirtieth of an uneven one (without odometry), the twentieth of other drives, and the twentieth or fifteenth after a
+kidnapping to the beginning of the drive.
 """
 
 import csv
@@ -83,7 +84,7 @@ def kidnapped(drive: Drive, name: str, after: int) -> Drive:
 
 def uneven(images: int) -> ndarray:
     """Images of a camera that stands, walks and runs, ten images each, over and over."""
-    rows = FIRST + np.cumsum([0] + ([0] * 10 + [1] * 10 + [3] * 10) * (FRAMES // 30 + 1))
+    rows = FIRST + np.cumsum(([0] * 10 + [1] * 10 + [3] * 10) * (FRAMES // 30 + 1))
     return rows[rows < images][:FRAMES]
 
 
@@ -110,7 +111,7 @@ def drives(world: str, kept: dict) -> Iterator[Drive]:
     rows = uneven(len(whole))
     places = np.zeros((len(rows), 3))
     places[:, 0] = kept["drives"][""]["at"][rows]
-    yield Drive("uneven, no odometry", whole[rows], None, places, 30)
+    yield Drive("uneven", whole[rows], None, places, 30)
     yield kidnapped(usual, "kidnapped", 20)
     order = np.r_[0:COUNTED, np.full(STANDS, COUNTED - 1)]
     assert usual.motion is not None
@@ -214,14 +215,14 @@ PARTS = ("scale", "sharpening", "adaptation", "support", "window", "places", "fi
 
 
 def retrieved(world: str, kept: dict, begin: tuple[str, ...]) -> Iterator[list]:
-    """How often the most similar image is near enough; it has no region, and is never called lost."""
+    """How often the most similar image is near enough; it has no region and no verdict."""
     mapped, places = torch.from_numpy(np.asarray(kept["descriptors"], np.float32)), np.asarray(kept["poses"])
     limit = LIMITS[world.split(maxsplit=1)[0]]
     for each in drives(world, kept):
         if not begin or each.name.startswith(begin):
             rows = torch.cdist(torch.from_numpy(np.asarray(each.seen, np.float32)), mapped).argmin(1).numpy()
             near = np.hypot(*(places[rows] - each.truth)[each.counted :, :2].T) <= limit
-            yield [world, each.name, (100 * near.mean()).round(2), 0.0, 0.0, (100 * (1 - near.mean())).round(2)]
+            yield [world, each.name, (100 * near.mean()).round(2), np.nan, np.nan, np.nan]
 
 
 def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> Iterator[list]:

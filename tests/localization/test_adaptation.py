@@ -61,6 +61,7 @@ def drives(runs=RUNS):
     for run in range(runs):
         motion[2 * run + 8 : 2 * run + 18, (run + 1) % runs] = 0.0  # odometry that stands
         motion[4 * run : 4 * run + 5, run] = np.nan
+        frames[4 * run + 1 : 4 * run + 4, run] = frames[4 * run, run]  # and stands
     return frames, motion, seen
 
 
@@ -230,32 +231,46 @@ def test_that_test_notices_one():
         torch.zeros(3)
 
 
-def stood_still(model, filter, images, motion):
-    """How far two live filters get: ten images ahead, then an image that repeats for ten steps."""
+def stood_still(motion, count=20, every=1):
+    """Two live filters together and the first alone: ten images ahead, then an image that repeats."""
+    model, filter, images = world()
     rules = Adaptation(model, Likelihood(), odds=20.0)
-    steps, draws, now = Steps(filter, AppearanceStart(), 500, usual_radius(filter.prior.poses), rules), 2, None
-    camera, generator = Camera(model, Likelihood(), images), torch.Generator().manual_seed(0)
-    poses = []
-    for step in range(20):
-        frames = np.full(draws, min(step, 9))
-        now = steps.step(now, motion.expand(draws, 3), camera, frames, torch.ones(draws, dtype=torch.bool), generator)
+    steps = Steps(filter, AppearanceStart(), 500, usual_radius(filter.prior.poses), rules)
+    camera, generator, poses, now = Camera(model, Likelihood(), images), torch.Generator().manual_seed(0), [], None
+    for step in range(count):
+        seen = torch.full((2,), step < 10 or step % every == 0)
+        now = steps.step(now, motion.expand(2, 3), camera, np.full(2, min(step, 9)), seen, generator)
         poses.append(now.found.pose[:, 0])
-    return torch.stack(poses), now.learned
+    return torch.stack(poses), now
 
 
 def test_where_motion_is_unknown_an_image_that_repeats_holds_the_robot():
-    model, filter, images = world()
-    poses, learned = stood_still(model, filter, images, torch.full((1, 3), math.nan, dtype=torch.float64))
+    poses, now = stood_still(torch.full((1, 3), math.nan, dtype=torch.float64), count=500)
     assert (poses[9] - 18.0).abs().max() < 2.0  # at the tenth image
-    assert (poses[19] - poses[9]).abs().max() < 0.5  # and not ten images further
-    assert learned.still.tolist() == pytest.approx([1 / (1 + 4 / 41)] * 2)  # no two of 40 images of the map repeat
-    assert (learned.steps < 2).all()  # the pace counts steps in which it may have moved
+    assert (poses[499] - poses[9]).abs().max() < 0.5
+    assert now.found.mass.min() > 0.7
+    assert now.learned.still.tolist() == pytest.approx([1 / (1 + 4 / 41)] * 2)  # no two of 40 images of the map repeat
+
+
+def test_a_robot_that_stands_stays_where_its_images_are_rarer_than_its_steps():
+    poses, now = stood_still(torch.full((1, 3), math.nan, dtype=torch.float64), count=60, every=2)
+    assert (poses[59] - 18.0).abs().max() < 3.0
+    assert now.found.mass.min() > 0.5
 
 
 def test_images_that_repeat_in_the_map_hold_fewer_particles():
-    model, filter, _ = world()
+    model, _, _ = world()
     dull = model.map.descriptors.clone()
     dull[:15] = dull[0]  # as in a tunnel
     model = MODELS[0].fit(DescriptorMap.of(model.map.poses, dull), PoseKernel("rbf", (4.0, 4.0), 0.6, 1.0, 0.02))
     rules = Adaptation(model, Likelihood(), odds=20.0)
     assert rules._still == pytest.approx(1 / (1 + 4 * 16 / 41), abs=0.02)
+
+
+def test_the_first_images_of_an_unknown_drive_must_be_recognised_better_than_by_chance():
+    model, _, _ = world()
+    begun = Adaptation(model, Likelihood()).start(3)
+    recognised = torch.tensor([0.45, 0.45, math.nan], dtype=torch.float64)
+    few = replace(begun, recognised=recognised, change=replace(begun.change, images=torch.tensor([4.0, 5.0, 4.0])))
+    assert few.unrecognised.tolist() == [True, False, False]
+    assert replace(few, recognised=recognised - 0.1).unrecognised.tolist() == [True, True, False]

@@ -38,8 +38,8 @@ LIMITS = {
                     0x5555555555555555],
     },
     "localizer": {
-        "FITTED_TO": [600], "LEARNING_RATE": [0.05], "MOST_PARTICLES": [1_000_000], "__init__": [2000],
-        "from_images": [60, 2000, 16], "fitted_kernel": [60],
+        "FITTED_TO": [600], "LEARNING_RATE": [0.05], "MOST_PARTICLES": [1_000_000], "PARTICLES": [2000],
+        "from_images": [60, 16], "fitted_kernel": [60],
     },
     "localized_drive": {"MISTAKEN": [1.1]},  # of a remark
 }  # fmt: skip

@@ -8,8 +8,8 @@ A likelihood that was not fitted to another drive fits poorly, and odometry may 
    likelihood by its :mod:`~sextant.localization.evidence_scale`;
 3. compares it with what the belief predicted (:mod:`~sextant.localization.innovation_test`), or without odometry with
    the map (:mod:`~sextant.localization.recognition`);
-4. continues unknown motion at the pace of the drive (:mod:`~sextant.localization.constant_velocity`), and stands still
-   where an image repeats the last.
+4. continues unknown motion at the pace of the drive (:mod:`~sextant.localization.constant_velocity`), unless an image
+   repeats the last.
 
 Only the third applies to a filter that does not learn. The state of all r runs is in :class:`Learned`.
 """
@@ -78,7 +78,8 @@ class Learned:
         last: the place after the last step.
         sighted: the place after the last image.
         steps: number of steps since then in which the robot may have moved.
-        still: probability that it has not moved in the last step: its motion is unknown, and its image repeats the last.
+        still: probability that it has not moved in the last step, where its motion is unknown and its image repeats the
+            last that counted.
         recognised: mean recognition of recent images; nan where the motion is known.
         disbelieved: whether images contradicted the odometry of the last step.
     """
@@ -102,9 +103,9 @@ class Learned:
 
     @property
     def unrecognised(self) -> Bool[Tensor, " r"]:
-        """Whether images without odometry show another place; the first four must be recognised better than chance."""
-        few = self.recognition.images < FEW + 1  # with the one of no evidence
-        return self.recognised < torch.where(few, 0.5, RECOGNISED)
+        """Whether images without odometry resemble the map too little; the first four of a drive must beat chance."""
+        few = torch.maximum(self.change.images, self.drive.images) < FEW
+        return self.recognised < torch.where(few, 0.5, RECOGNISED).to(self.recognised)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,18 +194,19 @@ class Adaptation:
             support: where the map is informative.
         """
         known = moved.isfinite().all(1)
-        way = learned.way + self._steps_of_map(moved, support).where(known, 0.0)
+        unseen = torch.where(looked, 0.0, math.inf).to(learned.way)  # a motion that neither odometry nor an image shows
+        way = learned.way + self._steps_of_map(moved, support).where(known, unseen)
         new = self._newness(images, learned.counted, way, known).where(looked, 0.0)
         counts = new >= ALIKE
         counted = torch.where(counts[:, None], images, learned.counted)
-        still = torch.where(looked & ~known & ~counts, self._still, 0.0)
+        still = torch.full_like(way, self._still).where(looked & ~known & ~counts, 0.0)
         learned = replace(learned, counted=counted, way=way.masked_fill(counts, 0.0), still=still)
         used, found = looked & counts if self.learns else looked, None
         if bool(used.any()):
-            learned, found = self._weighed(learned, images, new, used, known)
+            learned, found = self._weighed(learned, images, new, used, known & way.isfinite())
             if belief is not None:
                 learned = self._compared(learned, belief, moved, found, new, used, support)
-        learned = self._recognised(learned, images, new, ~known)
+        learned = self._recognised(learned, images, new.where(counts, 0.0), ~known)
         recognised = learned.recognition.mean.where(~known & (learned.drive.images > 0), torch.nan)
         evidence = found if found is None or bool(used.all()) else EvidenceOfSome(found, used)
         return replace(learned, recognised=recognised), evidence, used
@@ -250,7 +252,7 @@ class Adaptation:
         )
 
     def _weighed(
-        self, learned: Learned, images: Tensor, new: Tensor, used: Tensor, known: Tensor
+        self, learned: Learned, images: Tensor, new: Tensor, used: Tensor, follows: Tensor
     ) -> tuple[Learned, ScaledEvidence]:
         """The evidence of the runs in ``used``, weighted by how new their images are if the filter learns.
 
@@ -274,7 +276,7 @@ class Adaptation:
         if learned.scale is not None:
             scale = some_of(learned.scale, used).updated(over_map, new)
             learned, tempering = replace(learned, scale=with_some(learned.scale, used, scale)), scale.tempering
-        tempering = torch.where(known[used], tempering, tempering.sqrt()).where(before.images > 0, 1.0)
+        tempering = torch.where(follows[used], tempering, tempering.sqrt()).where(before.images > 0, 1.0)
         return learned, ScaledEvidence(evidence, over_map, tempering * new)
 
     def _compared(
@@ -319,7 +321,7 @@ class Adaptation:
 
         Both are in units of the step between neighbouring map images. At a standstill every image repeats the same
         error, which must not accumulate; after a kidnapping only the image changes. Where motion is unknown, an image
-        that does not repeat the last counts in full.
+        that counts does so in full.
         """
         changed = (images - counted).double().square().sum(1)
         changed = changed / self._beside if self._beside > 0 else (~known).to(way)
@@ -361,7 +363,7 @@ class Adaptation:
 
     @cached_property
     def _still(self) -> float:
-        """The probability of a standstill where an image repeats the last, from how many neighbours repeat in the map."""
+        """The probability of a standstill where an image repeats the last, by how many neighbours repeat in the map."""
         beside = self._pairs(*self._neighbours)
         repeats = (1 + float((beside < ALIKE * self._beside).sum())) / (1 + len(beside))
         return 1 / (1 + (ONE_IN - 1) * repeats)

@@ -8,7 +8,7 @@ the map. This shift is removed gradually:
 
 What remains is an appearance variance, the same in every dimension. If nothing had changed, the map image that explains
 a descriptor best would do so within the predicted variance v. The minimum over many images is biased low, so the excess
-is multiplied:
+counts one and a half times:
 
 .. math:: s_a^2 = \frac{1.5}{n_t} \sum_{s \le t} w_s \max\!\Big(0,\; \min_i \frac{\|z'_s - \mu_i\|^2}{D} - v_i\Big).
 

@@ -15,7 +15,8 @@ import math
 #: al. 2021), with which a thousand particles start too slowly in a town; from 5, 10, 20 and 50 (lab/localization.md).
 #: Without it regions hold the truth at Gardens Point by day 58 times in 100, not 98: ``changed_walks seeds=8``
 ODDS = 20.0
-#: factor of the log-likelihood of an image by a map that was fitted to no other traverse, the most that it keeps. Of 1/64, 1/8 and 1 (lab/localization.md)
+#: factor of the log-likelihood of an image by a map that was fitted to no other traverse, the most that it keeps. Of
+#: 1/64, 1/8 and 1 (lab/localization.md)
 TEMPERING = 0.125
 #: factor of the appearance variance by which the most similar image of a map exceeds the predicted one: a minimum over
 #: many images is biased low. Of 1, 1.5 and 2: with 1 the railway takes another world for itself in 16 % of the steps
@@ -56,11 +57,11 @@ ODOMETRY = 0.3
 UNKNOWN = 2.0
 #: errors across the heading as a share of those along it, and of the heading in rad as one of those in spacings
 ASIDE = 0.1
-#: how many times as far as an unknown motion particles spread that stop, turn back or drive much faster, or turn a
+#: how many times as far as an unknown motion particles spread that turn back or drive much faster, or turn a
 #: corner; and the largest factor by which odometry may be wrong
 FURTHER = 4.0
 #: one particle in this many turns back or drives faster where there is a pace, one turns a corner, and one robot in
-#: this many stands before its image is compared with the last. One in 6
+#: this many stands, before its image is compared with the last. One in 6
 #: and one in 4 were no better (lab/localization.md)
 ONE_IN = 5
 

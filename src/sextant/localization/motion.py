@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64
 from torch import Tensor
 
 from sextant.geometry.planar import se2_compose, se2_exp, wrap_angle
-from sextant.localization.constants import ALIKE, ASIDE, FURTHER, ODOMETRY, ONE_IN, UNKNOWN
+from sextant.localization.constants import ASIDE, FURTHER, ODOMETRY, ONE_IN, UNKNOWN
 from sextant.ranges import NonNegative, checked
 
 __all__ = ["ExponentialMotion", "IdentityMotion", "MotionModel", "OdometryMotion"]
@@ -76,7 +76,7 @@ class IdentityMotion(MotionModel):
         return torch.zeros_like(motion)[:, None]
 
 
-#: Its multiples modulo 1 are spread evenly: a share of the particles is chosen by their numbers.
+#: The golden ratio: its multiples modulo 1 are spread evenly, so that numbers of particles choose a share of them.
 GOLDEN = (math.sqrt(5) - 1) / 2
 #: The noise of an unknown motion, in multiples of the noise of a step.
 STEPS_IF_UNKNOWN = 20.0
@@ -210,8 +210,8 @@ class PacedMotion(MotionModel):
     D = diag(q, 1, 1), with the departure q from the pace. One particle in five has D = diag(q, 1, 4), for a robot that
     turns a corner. One in five has v = 0 and D = diag(4, 1, 1), for a robot that turns back or drives much faster.
     Without a pace v = 0, q = 1, and half of the particles behave like the latter. A particle keeps its role until it is
-    resampled. A model without noise along the heading gets no pace either. A robot stands with a probability; as large
-    a share of the particles has v = 0 and D = diag(1, 1, 1)/10, since images show larger displacements.
+    resampled. A model without noise along the heading gets no pace either. A robot stands with some probability; that
+    share of the particles does not move.
 
     Args:
         measured: model of known motions, and of the standard deviations of unknown ones.
@@ -243,7 +243,7 @@ class PacedMotion(MotionModel):
         return self.measured.increments(motion, noise)
 
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
-        """Every fifth particle (without a pace every second) spreads further along, another fifth in heading; some stand."""
+        """Every fifth particle (without a pace every second) spreads further along, another in heading; some stand."""
         deviations = noise.new_tensor(self.if_unknown())
         twist = noise * deviations
         paced, number = self.pace.isfinite()[:, None, None], torch.arange(noise.shape[1], device=noise.device)[:, None]
@@ -253,8 +253,8 @@ class PacedMotion(MotionModel):
         turned = torch.where(turning, twist * twist.new_tensor([1.0, 1.0, FURTHER]), twist)
         turned[..., 0] = torch.where(paced, self.departure[:, None, None], 1.0)[..., 0] * turned[..., 0]
         moved = torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), turned + kept)
-        stands = number * GOLDEN % 1 < self.still[:, None, None]
-        return se2_exp(torch.where(stands, twist * (ALIKE / UNKNOWN), moved))
+        stands = number.double() * GOLDEN % 1 < self.still[:, None, None]
+        return se2_exp(moved.masked_fill(stands, 0.0))
 
 
 def motion_of_spacing(spacing: float, line: bool = False) -> ExponentialMotion:

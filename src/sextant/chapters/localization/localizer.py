@@ -60,6 +60,8 @@ FITTED_TO = 600
 LEARNING_RATE = 0.05
 #: as in a config; more would take gigabytes, and seconds per step
 MOST_PARTICLES = 1_000_000
+#: number of particles by default; with 1,000 offices without odometry are found less often (lab/localization.md)
+PARTICLES = 2000
 STARTS: dict[str, type[Initialisation]] = {"uniform": UniformStart, "appearance": AppearanceStart}
 #: the classes of a localizer's parts, each with an example
 PARTS: dict[str, tuple[type, str]] = {
@@ -90,8 +92,8 @@ class LocalizedPose:
             predicted before it. 1/2 is chance, less than 0.65 is lost; nan before the fifth image. See
             :mod:`~sextant.localization.innovation_test`.
         recognised: mean share, over recent images, of the map's own images that resemble its other places less than
-            the recent image resembles the map. 1/2 is chance, less than 0.4 (1/2 for the first four images) is lost; nan
-            where the motion is known. See
+            the recent image resembles the map. 1/2 is chance, less than 0.4 (of a drive's first four images, 1/2) is
+            lost; nan where the motion is known. See
             :mod:`~sextant.localization.recognition`.
         disbelieved: the motion was treated as unknown, because odometry reported a standstill while the images showed
             motion. See :mod:`~sextant.localization.odometry_check`.
@@ -157,7 +159,7 @@ class Localizer:
         descriptor: SavedDescriptor | None = None,
         image_size: tuple[int, int, int] | None = None,
         unit: Literal["m", "frames"] = "m",
-        particles: int = 2000,
+        particles: int = PARTICLES,
         adapts: bool = False,
         odds: float | None = None,
         start: Start = "uniform",
@@ -413,7 +415,7 @@ class Localizer:
         radius: float | None = None,
         steps: int = 60,
         merge_duplicates: bool = False,
-        particles: int = 2000,
+        particles: int = PARTICLES,
         start: Start = "uniform",
         seed: int = 0,
         lag: int = 0,
