@@ -8,8 +8,9 @@ running mean :math:`\bar s` of their spread :math:`s = \ell_{97.5} - \ell_{2.5}`
 .. math:: \beta = \min\!\Big(1,\; \frac{\log \delta}{\bar s}\Big) :
 
 whatever the descriptor, one of the most similar places of the map becomes :math:`\delta` times as likely as one of the
-least similar, or less where the likelihood itself hardly differs. The spread of an image is weighted by how far the
-robot has moved since the last one, as in :class:`~sextant.localization.appearance_change.AppearanceChange`.
+least similar, or less where the likelihood itself hardly differs. (Without odometry, :mod:`.adaptation` tempers by the
+root of :math:`\beta`.) The spread of an image is weighted by how far the robot has moved since the last one, as in
+:class:`~sextant.localization.appearance_change.AppearanceChange`.
 
 Source: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic Visual Place Recognition for Hierarchical Localization", RA-L
 2021, for the quantiles, with :math:`\delta = 5` and the descriptor distances of a drive's first image. With as few as a
