@@ -3,8 +3,9 @@
 A world is a real walk in a changed world (those of ``benchmarks.changed_walks``), a rendered office by day and by night
 (``benchmarks.landmarks``), a rendered town in winter and by night (``benchmarks.wrong_calibration``, cameras known), or
 a rendered city in three conditions, a tenth as large as that of ``dataset=town_city``, one of each seed. All drives of
-a world are runs of one filter of 2,000 particles, the default, one seed each. ``without=scale`` leaves out a part,
-``without=filter`` all of it (the most similar image is the answer), and ``set=RARE=0.02,FEW=6`` changes numbers of
+a world are runs of one filter with the default number of particles (2,000, in a city 8,600), one seed each.
+``without=scale`` leaves out a part, ``without=filter`` all of it (the most similar image is the answer), and
+``set=RARE=0.02,FEW=6`` changes numbers of
 ``sextant.localization.constants``; each call adds its rows to the file. ``compare=true`` reads it: means over worlds,
 and paired differences from the default with t intervals over worlds. Frames count from the sixtieth of a walk on, the
 thirtieth of an uneven one (without odometry), the twentieth of other drives, and the twentieth or fifteenth after a
@@ -44,7 +45,7 @@ KEYS = {
     "kept": "a folder for descriptors, so that a second call need not work them out",
     "compare": "true: the table of the file; nothing is measured",
 }
-PARTICLES, CHI2_95 = 2000, 5.991
+CHI2_95 = 5.991
 #: frames of a walk, its first, those that count, standing ones at its end, and frames of another world
 FRAMES, FIRST, COUNTED, STANDS, ELSEWHERE = 130, 20, 60, 50, 80
 #: within, m
@@ -230,7 +231,7 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     if without == "filter":
         yield from retrieved(world, kept, begin)
         return
-    from sextant.chapters.localization.saved_filter import usual_filter, usual_radius
+    from sextant.chapters.localization.saved_filter import usual_filter, usual_particles, usual_radius
     from sextant.evaluation.protocols import MODE_MASS
     from sextant.localization.adaptation import Adaptation
     from sextant.localization.descriptor_map import DescriptorMap
@@ -256,7 +257,7 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     odds = None if without in ("scale", "adaptation") else constants.ODDS
     rules = Adaptation(model, likelihood, learns=learns, odds=odds)
     kind = world.split(maxsplit=1)[0]
-    steps = Steps(filter, UniformStart(), PARTICLES, usual_radius(found.poses), rules)
+    steps = Steps(filter, UniformStart(), usual_particles(len(found)), usual_radius(found.poses), rules)
     driven = [each for each in drives(world, kept) if not begin or each.name.startswith(begin)]
     camera = Camera(model, likelihood, np.concatenate([each.seen for each in driven]).astype(np.float32))
     first = np.cumsum([0, *(len(each.seen) for each in driven[:-1])])

@@ -38,10 +38,11 @@ LIMITS = {
                     0x5555555555555555],
     },
     "localizer": {
-        "FITTED_TO": [600], "LEARNING_RATE": [0.05], "MOST_PARTICLES": [1_000_000], "PARTICLES": [2000],
+        "FITTED_TO": [600], "LEARNING_RATE": [0.05], "MOST_PARTICLES": [1_000_000],
         "from_images": [60, 16], "fitted_kernel": [60],
     },
     "localized_drive": {"MISTAKEN": [1.1]},  # of a remark
+    "saved_filter": {"LEAST_PARTICLES MOST_USUAL": [2000, 10_000]},
 }  # fmt: skip
 #: settings of parts that a configuration names in place of those of the default localizer
 ALTERNATIVES = {

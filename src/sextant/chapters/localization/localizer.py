@@ -31,7 +31,7 @@ from sextant.chapters.localization.localizer_folder import (
     save_localizer,
 )
 from sextant.chapters.localization.map_pictures import map_pictures
-from sextant.chapters.localization.saved_filter import usual_filter, usual_radius
+from sextant.chapters.localization.saved_filter import LEAST_PARTICLES, usual_filter, usual_particles, usual_radius
 from sextant.chapters.places.saved_descriptor import Describes, SavedDescriptor
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
@@ -60,8 +60,6 @@ FITTED_TO = 600
 LEARNING_RATE = 0.05
 #: as in a config; more would take gigabytes, and seconds per step
 MOST_PARTICLES = 1_000_000
-#: number of particles by default; with 1,000 offices without odometry are found less often (lab/localization.md)
-PARTICLES = 2000
 STARTS: dict[str, type[Initialisation]] = {"uniform": UniformStart, "appearance": AppearanceStart}
 #: the classes of a localizer's parts, each with an example
 PARTS: dict[str, tuple[type, str]] = {
@@ -159,7 +157,7 @@ class Localizer:
         descriptor: SavedDescriptor | None = None,
         image_size: tuple[int, int, int] | None = None,
         unit: Literal["m", "frames"] = "m",
-        particles: int = PARTICLES,
+        particles: int = LEAST_PARTICLES,
         adapts: bool = False,
         odds: float | None = None,
         start: Start = "uniform",
@@ -415,7 +413,7 @@ class Localizer:
         radius: float | None = None,
         steps: int = 60,
         merge_duplicates: bool = False,
-        particles: int = PARTICLES,
+        particles: int | None = None,
         start: Start = "uniform",
         seed: int = 0,
         lag: int = 0,
@@ -436,13 +434,14 @@ class Localizer:
             radius: radius of the mode that is reported, in metres; by default 2.5 times the spacing of the map.
             steps: gradient steps of the fit of the kernel.
             merge_duplicates: merge images at one pose into one.
-            particles, start, seed, lag: as for the class.
+            particles: number of particles; by default one for every two images, at least 2,000 and at most 10,000.
+            start, seed, lag: as for the class.
 
         Raises:
             UserError: the images and poses do not make a map.
         """
         check_whole("steps", steps, 0, "steps=60")
-        _check_settings(1.0 if radius is None else radius, particles, start, lag)
+        _check_settings(1.0 if radius is None else radius, 1 if particles is None else particles, start, lag)
         _check_parts(kernel=kernel, observation=observation, likelihood=likelihood, motion=motion, recovery=recovery)
         check_descriptor(descriptor)
         images = several_pixels(images)
@@ -466,7 +465,7 @@ class Localizer:
             descriptor=kept,
             image_size=images.shape[1:],
             pictures=map_pictures(images) if len(found) == len(images) else None,  # otherwise some images were merged
-            particles=particles,
+            particles=usual_particles(len(found)) if particles is None else particles,
             start=start,
             seed=seed,
             lag=lag,

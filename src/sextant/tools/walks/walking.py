@@ -20,7 +20,7 @@ from sextant.chapters.localization.data.frames import Photos
 from sextant.chapters.localization.data.own_drive import OwnDrive, open_drive
 from sextant.chapters.localization.found_map import find_map
 from sextant.chapters.localization.localized_drive import ReplayKind, localize_drive
-from sextant.chapters.localization.localizer import PARTICLES, Localizer, Start
+from sextant.chapters.localization.localizer import Localizer, Start
 from sextant.chapters.localization.localizer_folder import check_descriptor
 from sextant.chapters.localization.written_poses import refuse_to_replace_poses
 from sextant.chapters.places.saved_descriptor import Describes
@@ -136,7 +136,7 @@ def localize_walk(
         view = shared_view([camera, map_camera], 120 if rows is None else rows, vfov_deg)
         images, mapped = _straightened_map(mapped, map_camera, view)
         localizer = Localizer.from_images(
-            images, mapped.poses, descriptor, particles=particles or PARTICLES, start=start, seed=seed, lag=lag
+            images, mapped.poses, descriptor, particles=particles, start=start, seed=seed, lag=lag
         )
         localizer.facts[VIEW] = view.facts()
         with telling_write_errors(output):
