@@ -5,11 +5,10 @@ A world is a real walk in a changed world (those of ``benchmarks.changed_walks``
 a rendered city in three conditions, a tenth as large as that of ``dataset=town_city``, one of each seed. All drives of
 a world are runs of one filter with the default number of particles (2,000, in a city 8,600), one seed each.
 ``without=scale`` leaves out a part, ``without=filter`` all of it (the most similar image is the answer), and
-``set=RARE=0.02,FEW=6`` changes numbers of
-``sextant.localization.constants``; each call adds its rows to the file. ``compare=true`` reads it: means over worlds,
-and paired differences from the default with t intervals over worlds. Frames count from the sixtieth of a walk on, the
-thirtieth of an uneven one (without odometry), the twentieth of other drives, and the twentieth or fifteenth after a
-kidnapping to the beginning of the drive.
+``set=RARE=0.02,FEW=6`` changes numbers of ``sextant.localization.constants``; each call adds its rows to the file.
+``compare=true`` reads it: means over worlds, and paired differences from the default with t intervals over worlds.
+Frames count from the sixtieth of a walk on, the thirtieth of an uneven one (without odometry), the twentieth of other
+drives, and the twentieth or fifteenth after a kidnapping to the beginning of the drive.
 """
 
 import csv
@@ -305,7 +304,9 @@ def table(rows: list[list[str]]) -> Table:
         for own, usual in both.transpose(2, 1, 0):
             low, high = mean_interval(own - usual) if len(own) > 1 else (np.nan, np.nan)
             told.append(
-                f"{usual.mean():.0f} → {own.mean():.0f} ({(own - usual).mean():+.1f} [{low:+.1f}, {high:+.1f}])"
+                "–"
+                if np.isnan(own).all()
+                else f"{usual.mean():.0f} → {own.mean():.0f} ({(own - usual).mean():+.1f} [{low:+.1f}, {high:+.1f}])"
             )
         made.add_row(change, kind, drive, str(len(both)), *told)
     return made

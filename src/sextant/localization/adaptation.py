@@ -105,7 +105,7 @@ class Learned:
     def unrecognised(self) -> Bool[Tensor, " r"]:
         """Whether images without odometry resemble the map too little; the first four of a drive must beat chance."""
         few = torch.maximum(self.change.images, self.drive.images) < FEW
-        return self.recognised < torch.where(few, 0.5, RECOGNISED).to(self.recognised)
+        return self.recognised < torch.full_like(self.recognised, RECOGNISED).masked_fill(few, 0.5)
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,9 +41,9 @@ HEADING_REACH = math.radians(10)
 #: without it -0.1 ("A map reaches half its spacing")
 LENGTHS = 1.5
 #: size of a place in spacings of the map, and in heading in ``HEADING_REACH``: radius of the mode that is reported;
-#: images of two places are twice as far apart; and a map is dense if its kernel is longer. With 2 in place of 2.5 two
-#: towns of four, whose kernels are 2.1 and 2.3 spacings long, count as dense, and ``LENGTHS`` reaches into the houses:
-#: ``switch_offs``
+#: images of two places are twice as far apart; and a map is dense if its kernel is longer, and has more signal than
+#: noise. With 2 in place of 2.5 two towns of four, whose kernels are 2.1 and 2.3 spacings long, count as dense, and
+#: ``LENGTHS`` reaches into the houses: ``switch_offs``
 PLACE = 2.5
 
 # -- motion -----------------------------------------------------------------------------------------------------------
@@ -57,12 +57,11 @@ ODOMETRY = 0.3
 UNKNOWN = 2.0
 #: errors across the heading as a share of those along it, and of the heading in rad as one of those in spacings
 ASIDE = 0.1
-#: how many times as far as an unknown motion particles spread that turn back or drive much faster, or turn a
-#: corner; and the largest factor by which odometry may be wrong
+#: how many times as far as an unknown motion particles spread that turn back or drive much faster, or turn a corner;
+#: and the largest factor by which odometry may be wrong
 FURTHER = 4.0
-#: one particle in this many turns back or drives faster where there is a pace, one turns a corner, and one robot in
-#: this many stands, before its image is compared with the last. One in 6
-#: and one in 4 were no better (lab/localization.md)
+#: one particle in this many turns back or drives faster where there is a pace, and one turns a corner; one in 6 and one
+#: in 4 were no better (lab/localization.md). Its inverse is also the prior probability of a standstill, not varied
 ONE_IN = 5
 
 # -- what is remembered of a drive, and verdicts ----------------------------------------------------------------------

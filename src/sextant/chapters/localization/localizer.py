@@ -91,8 +91,7 @@ class LocalizedPose:
             :mod:`~sextant.localization.innovation_test`.
         recognised: mean share, over recent images, of the map's own images that resemble its other places less than
             the recent image resembles the map. 1/2 is chance, less than 0.4 (of a drive's first four images, 1/2) is
-            lost; nan where the motion is known. See
-            :mod:`~sextant.localization.recognition`.
+            lost; nan where the motion is known. See :mod:`~sextant.localization.recognition`.
         disbelieved: the motion was treated as unknown, because odometry reported a standstill while the images showed
             motion. See :mod:`~sextant.localization.odometry_check`.
     """
