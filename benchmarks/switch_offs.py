@@ -258,6 +258,8 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     kind = world.split(maxsplit=1)[0]
     steps = Steps(filter, UniformStart(), usual_particles(len(found)), usual_radius(found.poses), rules)
     driven = [each for each in drives(world, kept) if not begin or each.name.startswith(begin)]
+    if not driven:
+        return
     camera = Camera(model, likelihood, np.concatenate([each.seen for each in driven]).astype(np.float32))
     first = np.cumsum([0, *(len(each.seen) for each in driven[:-1])])
     draws, limit = torch.Generator().manual_seed(0), LIMITS[kind]
@@ -320,17 +322,21 @@ def main() -> None:
         sys.exit(f"without={without} must be {', '.join(PARTS)}")
     change = " ".join(filter(None, (without and f"without {without}", given.get("set", "")))) or "default"
     if given.get("compare") != "true":
-        begin = tuple(filter(None, given.get("drives", "").split(",")))
+        begin, any_row = tuple(filter(None, given.get("drives", "").split(","))), False
         with tempfile.TemporaryDirectory() as folder, torch.no_grad():
             kept = Path(given.get("kept", folder))
             kept.mkdir(parents=True, exist_ok=True)
             for world, found in described_worlds(given.get("worlds", ""), int(given.get("count", 4)), kept):
                 for row in measured(world, found, without, begin):
+                    any_row = True
                     print(change, *row, flush=True)
                     if path is not None:
                         begun = path.is_file()
                         with path.open("a", newline="") as file:
                             csv.writer(file).writerows([[change, *row]] if begun else [HEADER, [change, *row]])
+        if not any_row:
+            asked = " ".join(f"{key}={given[key]}" for key in ("worlds", "drives") if key in given)
+            sys.exit(f"{asked} leaves no drive: names begin with these, for example worlds=office drives=kidnapped")
     elif path is None:
         sys.exit(f"compare=true needs csv=..., for example {USAGE} compare=true")
     else:

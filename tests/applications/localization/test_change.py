@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,9 +15,10 @@ from scipy.ndimage import gaussian_filter
 from sextant import Localizer
 from sextant.atomic_files import write_sealed_json
 from sextant.chapters.localization.data.own_drive import open_drive
-from sextant.chapters.localization.localized_drive import localize_drive
-from sextant.chapters.localization.localizer import fitted_kernel
+from sextant.chapters.localization.localized_drive import doubts, localize_drive
+from sextant.chapters.localization.localizer import LocalizedPose, fitted_kernel
 from sextant.chapters.localization.saved_filter import filter_of, filter_values
+from sextant.chapters.localization.written_poses import Row
 from sextant.errors import UserError
 from sextant.localization.constants import RECOGNISED, SHARPER
 from sextant.localization.likelihood import Likelihood
@@ -182,6 +184,26 @@ def test_what_images_say_against_odometry_is_remarked_on(street, localizer, tmp_
     assert any(re.search(says, remark) for remark in drive.remarks) if says else not drive.remarks
     foreseen = [float(row["foreseen"]) for row in csv.DictReader((output / "poses.csv").open())]
     assert not scale or (foreseen[-1] > 0.65) == there
+
+
+@pytest.mark.parametrize(
+    ("recognised", "lost", "says"),
+    [
+        ([0.45, 0.48, 0.7], [True, True, False], ["2 of the first images resemble the map hardly more"]),
+        ([0.35, 0.45, 0.7], [True, True, False], ["1 of 3 images resemble the map less", "1 of the first images"]),
+        ([0.45, 0.7, 0.45], [False, False, True], []),
+        ([np.nan, 0.45, 0.45], [True, True, True], []),
+    ],
+)
+def test_first_images_that_say_too_little_are_remarked_on(recognised, lost, says):
+    poses = [
+        LocalizedPose(np.zeros(3), np.eye(3), 0.9, 1, gone, recognised=share)
+        for share, gone in zip(recognised, lost, strict=True)
+    ]
+    rows = [Row(f"{k}.png", told, "") for k, told in enumerate(poses)]
+    found = list(doubts(SimpleNamespace(recognised=0.7, odometry_scale=1.0), rows, False))
+    assert len(found) == len(says)
+    assert all(remark.startswith(said) for remark, said in zip(found, says, strict=True))
 
 
 def test_odometry_that_says_a_moving_camera_stands_is_not_believed(street, localizer):

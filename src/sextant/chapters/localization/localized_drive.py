@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Literal
 
@@ -92,7 +93,7 @@ def localize_drive(
     foreseen = sum(row.told.foreseen >= FORESEEN for row in rows)  # by odometry: then they are of the map
     if elsewhere := localizer.recognised < RECOGNISED and 2 * foreseen < len(rows):
         rows = [replace(row, told=replace(row.told, lost=True)) for row in rows]
-    drive.remarks.extend(_doubts(localizer, rows, elsewhere))
+    drive.remarks.extend(doubts(localizer, rows, elsewhere))
     positions, times = localizer.model.map.poses[:, :2].numpy(), drive.times_of(len(rows))
     with telling_write_errors(output):
         write_poses(rows, times, output)
@@ -108,7 +109,7 @@ def localize_drive(
     return LocalizedDrive(rows, written, interrupted)
 
 
-def _doubts(localizer: Localizer, rows: list[Row], elsewhere: bool) -> Iterator[str]:
+def doubts(localizer: Localizer, rows: list[Row], elsewhere: bool) -> Iterator[str]:
     """Remarks where images contradict odometry or the map; only one if the drive is of another map."""
     if elsewhere:
         yield (
@@ -129,6 +130,12 @@ def _doubts(localizer: Localizer, rows: list[Row], elsewhere: bool) -> Iterator[
         yield (
             f"{unknown:,} of {len(rows):,} images resemble the map less than its own places resemble each other: "
             "they probably show another place, or it has changed too much"
+        )
+    beginning = takewhile(lambda row: row.told.lost and row.told.recognised < 0.5, rows)
+    if early := sum(row.told.recognised >= RECOGNISED for row in beginning):
+        yield (
+            f"{early:,} of the first images resemble the map hardly more than its places resemble each other: they are "
+            "marked as lost, as so few cannot tell this place from another"
         )
     if unforeseen := sum(row.told.foreseen < FORESEEN for row in rows):
         yield (
