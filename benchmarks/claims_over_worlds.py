@@ -1,6 +1,6 @@
 """Claims whose replicates are worlds, from runs that ``sextant claims plan claim=<name>`` names.
 
-``python -m benchmarks.claims_over_worlds claim=places_trained|localization_any_pose [outputs= output=]``
+``python -m benchmarks.claims_over_worlds claim=places_trained [outputs= output=]``
 
 Every world counts with the one run that finished in it. Each claim writes ``recorded.csv``, ``replicates.csv`` and
 ``dates.csv``, of which ``sextant claims`` makes its verdict.
@@ -10,6 +10,8 @@ that of the better linear map that learns from pairs.
 
 ``localization_any_pose``: median error of ``filter=bayes_restart`` in a map thinned to a tenth, less the median
 distance of the drive from the nearest pose of such a map.
+
+``calibration_four_parameters``: median error of the network in each parameter, in per cent of a constant camera's.
 """
 
 import sys
@@ -33,34 +35,42 @@ from sextant.registry import chapter_of
 from sextant.runs.directory import RunDirectory, all_runs
 from sextant.tables import TextTable
 
-USAGE = (
-    "python -m benchmarks.claims_over_worlds claim=places_trained|localization_any_pose [outputs=<folder>] "
-    "[output=<folder>]"
-)
+USAGE = "python -m benchmarks.claims_over_worlds claim=places_trained [outputs=<folder>] [output=<folder>]"
 KEYS = {
-    "claim": "places_trained or localization_any_pose",
+    "claim": "places_trained, localization_any_pose or calibration_four_parameters",
     "outputs": "folder of the runs (default: outputs)",
     "output": "folder for the tables (default: where the claim has them)",
 }
 STORED = {
     "places_trained": "results/places/trained_worlds",
     "localization_any_pose": "results/localization/recovery_worlds",
+    "calibration_four_parameters": "results/calibration/worlds",
+}
+TASKS = {
+    "places_trained": "place_recognition",
+    "localization_any_pose": "localization",
+    "calibration_four_parameters": "calibration",
 }
 UNLEARNED = ("pixels", "patch-normalised", "HOG", "untrained network")
 LINEAR = ("LDA", "CCA")
 CONDITIONS = ("autumn_rain", "winter_noon", "winter_dusk", "night_clear")
 #: maps drawn anew, of which the distance to the nearest pose is the mean
 MAPS = 50
+#: names of the four parameters in the claim, and their metrics
+PARAMETERS = {"tilt": "tilt_deg", "roll": "roll_deg", "vfov": "vfov_deg", "distortion": "k1_hat"}
 
 
 def main(arguments: Sequence[str]) -> None:
     given = parse_arguments(arguments, KEYS, USAGE)
     claim = given.get("claim", "")
     if claim not in STORED:
-        raise UserError(f"claim={claim} must be {' or '.join(STORED)}", f"For example claim={next(iter(STORED))}")
+        raise UserError(f"claim={claim} must be one of {', '.join(STORED)}", f"For example claim={next(iter(STORED))}")
     outputs = Path(given.get("outputs", "outputs"))
-    runs = list(finished(outputs, "place_recognition" if claim == "places_trained" else "localization"))
-    replicates, rows = trained(runs) if claim == "places_trained" else any_pose(runs, outputs)
+    runs = list(finished(outputs, TASKS[claim]))
+    if claim == "localization_any_pose":
+        replicates, rows = any_pose(runs, outputs)
+    else:
+        replicates, rows = trained(runs) if claim == "places_trained" else four_parameters(runs)
     times = [float(run.state()[key]) for run in runs for key in ("started", "ended")]
     first, last = (datetime.fromtimestamp(time, UTC).isoformat(timespec="seconds") for time in (min(times), max(times)))
     store(Path(given.get("output", STORED[claim])), replicates, rows, first, last)
@@ -121,6 +131,24 @@ def trained(runs: Sequence[RunDirectory]) -> tuple[TextTable, list[Row]]:
     linear = "replicates.csv: network less the better of " + " and ".join(LINEAR)
     rows = [over_worlds(name, values, linear if "linear" in name else source) for name, values in gains.items()]
     return TextTable(["world", "condition", *methods], table), rows
+
+
+# -- calibration -------------------------------------------------------------------------------------------------------
+
+
+def four_parameters(runs: Sequence[RunDirectory]) -> tuple[TextTable, list[Row]]:
+    """Median errors by world and parameter, of the network and of a constant camera, and the first in per cent."""
+    table, shares = [], dict[str, list[float]]()
+    for run in sorted(runs, key=world_of):
+        results = run.results()
+        assert results is not None
+        for name, metric in PARAMETERS.items():
+            network, constant = (float(results["metrics"][f"test/{metric}/{by}"]) for by in ("network", "constant"))
+            table.append([str(world_of(run)), name, f"{network:.5g}", f"{constant:.5g}"])
+            shares.setdefault(f"four_parameters/{name}", []).append(100 * network / constant)
+    source = "replicates.csv: network of constant"
+    rows = [over_worlds(name, values, source, against=100) for name, values in shares.items()]
+    return TextTable(["world", "parameter", "network", "constant"], table), rows
 
 
 # -- localization ------------------------------------------------------------------------------------------------------

@@ -18,8 +18,8 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def over_worlds(name: str, values: Sequence[float], source: str, decimals: int = 2) -> Row:
-    """A row of ``recorded.csv``: the mean over worlds with its 95 % interval by Student's t.
+def over_worlds(name: str, values: Sequence[float], source: str, decimals: int = 2, against: int = 0) -> Row:
+    """A row of ``recorded.csv``: the mean over worlds with its 95 % Student t interval, and what it is set against.
 
     Example:
         >>> over_worlds("gain", [1.0, 2.0, 3.0], "replicates.csv: gain")
@@ -28,7 +28,7 @@ def over_worlds(name: str, values: Sequence[float], source: str, decimals: int =
     array = np.array(values, float)
     half = stats.t.ppf(0.975, len(array) - 1) * array.std(ddof=1) / np.sqrt(len(array))
     ends = (f"{value:.{decimals}f}" for value in (array.mean(), array.mean() - half, array.mean() + half))
-    return [name, str(len(array)), "worlds", *ends, "0", source]
+    return [name, str(len(array)), "worlds", *ends, str(against), source]
 
 
 def store(output: Path, replicates: TextTable, recorded: Sequence[Row], first: str, last: str) -> None:
