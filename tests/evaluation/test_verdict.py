@@ -1,6 +1,7 @@
 """Verdicts are right as often as theory says, however the effect lies to the border."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,6 +71,32 @@ def test_planted_effects_are_found_as_often_as_theory_says(effect, matters, seed
 def test_a_true_equivalence_is_shown_as_often_as_theory_says(matters):
     assert simulated(0.0, "same", matters)["holds"] == near(power_of_equivalence(0.0, matters))
     assert simulated(0.0, "as_good", matters)["holds"] == near(power(matters))
+
+
+@pytest.mark.parametrize("worlds", [3, 8])
+def test_worlds_that_are_all_alike_do_not_exclude_that_others_differ(worlds):
+    """One world in eight loses every robot, beyond the 10 points that matter: of 8 worlds, a third see none of them."""
+    draws = 100.0 * (np.random.default_rng(worlds).random((CLAIMS, worlds)) < 0.125)
+    found = [Estimate.of_pairs(d.mean(), d.std(ddof=1), worlds) for d in draws]
+    told = [decide(replace(each, replicate="worlds", most=100.0), "better", 10.0) for each in found]
+    assert sum(each.alike for each in found) > CLAIMS / 4
+    assert told.count("fails") <= 0.025 * CLAIMS
+
+
+def test_what_is_alike_in_every_replicate_is_bounded_by_how_many_there_are():
+    alike = Estimate.of_pairs(mean=100.0, spread=0.0, seeds=10)
+    found = replace(alike, most=100.0)
+    low, high = found.interval()
+    assert high == 100.0
+    assert stats.binom.pmf(0, 10, (100 - low) / 200) == pytest.approx(0.025)  # as many may be worse by 200 points
+    assert decide(found, "better", 10.0) == "holds"
+    assert decide(replace(found, mean=0.0), "better", 10.0) == "undecided"
+    more = further_seeds(replace(found, mean=0.0), "better", 10.0)
+    assert decide(replace(found, mean=0.0, seeds=10 + more), "better", 10.0) == "fails"
+    assert decide(replace(found, mean=0.0, seeds=9 + more), "better", 10.0) == "undecided"
+    assert decide(alike, "better", 10.0) == "undecided"  # in a unit without limits
+    assert further_seeds(alike, "better", 10.0) is None
+    assert decide(Estimate(0.0, 0.0, math.inf, 0, counted=True), "as_good", 0.0) == "holds"
 
 
 @pytest.mark.parametrize("matters", [1.0, 2.0])

@@ -46,6 +46,23 @@ def test_a_contrast_that_was_not_stored_follows_from_the_seeds(table, count, dow
     assert (estimate.seeds, estimate.learnt) == (count, True)
 
 
+def test_of_worlds_with_several_seeds_the_world_is_the_replicate(table):
+    """Four worlds of four seeds each, with effects of 6, 7, 8 and -3: not shown to be better, as one world differs."""
+    rng, rows = np.random.default_rng(0), []
+    for world, effect in enumerate((6.0, 7.0, 8.0, -3.0)):
+        for seed in range(4):
+            values = rng.normal((effect, 0.0), 0.1)
+            pair = 4 * world + seed
+            rows += [
+                f"-,{arm},{pair},{seed},finished,clean,{value},{world}" for arm, value in zip("ab", values, strict=True)
+            ]
+    stored(table.parent, rows, head=f"{HEAD},world")
+    (estimate,) = found(table)
+    assert (estimate.seeds, estimate.replicate) == (4, "worlds")
+    assert estimate.mean == pytest.approx(4.5, abs=0.2)
+    assert estimate.interval()[0] < 0
+
+
 def test_pairs_lacking_a_run_or_diverged_do_not_count_and_one_pair_has_no_error(table):
     stored(table.parent, [*seeds("a", [3, 5]), *seeds("b", [1]), *seeds("b", [9, 9], outcome="diverged")])
     (estimate,) = found(table)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from scipy import optimize, stats
@@ -41,6 +41,7 @@ class Estimate:
         learnt: whether both arms are better than a constant; otherwise there is nothing to compare.
         cut_short: whether its runs were cut short to try a design; such runs decide nothing.
         run: whether there are runs to estimate it from; without them the other values are meaningless.
+        most: the largest size that an effect can have, such as 100 points.
 
     Example:
         >>> low, high = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9).interval()
@@ -60,6 +61,7 @@ class Estimate:
     learnt: bool = True
     cut_short: bool = False
     run: bool = True
+    most: float = math.inf
 
     @classmethod
     def of_pairs(
@@ -77,15 +79,26 @@ class Estimate:
         return cls(mean, both, seeds - 1, seeds, floor=floor, images=math.sqrt(both**2 - error**2))
 
     def interval(self, tail: float = TAIL) -> tuple[float, float]:
-        """The interval that leaves out this share on either side; nan without a known error."""
+        """The interval that leaves out this share on either side; nan without a known error.
+
+        If all n replicates are alike, up to ``1 - tail^(1/n)`` of all others may differ, by as much as is possible.
+        """
         if self.counted:
             return (self.mean, self.mean)
+        if self.alike:
+            others = 1 - tail ** (1 / self.seeds)
+            return (self.mean - others * (self.most + self.mean), self.mean + others * (self.most - self.mean))
         if self.known is not None:  # only its width is known: scaled as Student's t would be
             wider = float(stats.t.ppf(1 - tail, self.seeds - 1) / stats.t.ppf(1 - TAIL, self.seeds - 1))
             low, high = self.known if tail == TAIL else (self.mean + wider * (end - self.mean) for end in self.known)
             return (low, high)
         half = float(stats.t.ppf(1 - tail, self.freedom)) * self.error if self.freedom > 0 else math.nan
         return (self.mean - half, self.mean + half)
+
+    @property
+    def alike(self) -> bool:
+        """Whether all replicates show exactly the same, as at a ceiling, so that there is no spread to go by."""
+        return not self.counted and (self.error == 0 or (self.known is not None and self.known[0] == self.known[1]))
 
 
 def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1) -> Verdict:
@@ -154,7 +167,8 @@ def together(verdicts: Sequence[Verdict]) -> Verdict:
 def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: int = 1) -> float | None:
     """Number of further seeds that an undecided comparison needs, if mean and spread stay as they are.
 
-    The smallest n whose interval clears the border that the mean is beyond, with probability ``POWER``:
+    For replicates that are all alike, the smallest number that decides if all others are alike too. Otherwise the
+    smallest n whose interval clears the border that the mean is beyond, with probability ``POWER``:
     ``(t_{1 - a} + t_{0.8}) sqrt(s² / n + i²) <= distance``, with a the tail of that verdict in :func:`decide`, i the
     part of the error due to the test images, and n at least the smallest number that decides.
 
@@ -169,7 +183,11 @@ def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: 
     (25, inf)
     """
     least = LEAST[found.replicate]
-    if found.seeds < 2 or math.isnan(found.error):
+    if found.alike and math.isfinite(found.most):
+        asked = (expects, matters, parts)
+        more = (n for n in range(MOST_SEEDS) if decide(replace(found, seeds=found.seeds + n), *asked) != "undecided")
+        return next(more, math.inf)
+    if found.seeds < 2 or math.isnan(found.error) or found.alike:
         return max(0, least - found.seeds) or None
     spread = _seed_error(found) * math.sqrt(found.seeds)
     for seeds in range(max(found.seeds, least), MOST_SEEDS + 1):

@@ -1,6 +1,7 @@
 """Deciding the claims of the thesis from stored results, or from sweeps that are run for it."""
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -197,15 +198,19 @@ def _stored_dates(stored: Path) -> dict[str, tuple[str, str]]:
 
 
 def _begun(claim: Claim, tables: Tables) -> str:
-    """When the first of the runs that decide a claim was begun; empty if any of them has no date."""
+    """When the first of the runs that decide a claim was begun; empty if the table of any of them has no date."""
     if tables.preset is not None:  # a preset also uses existing runs
         return ""
     known = _stored_dates(tables.stored)
-    dated = [part for part in claim.parts if part.sweep or part.stored != CLAIMS]
-    counting = [part for part in dated if not part.beside]
+    counting = [part for part in claim.parts if _dated(part) and not part.beside]
     files = [tables.file(part).relative_to(tables.stored).as_posix() for part in counting]
     dates = [known.get(file, ("", ""))[0] for file in files]
     return min(dates, key=datetime.fromisoformat) if dates and all(dates) else ""
+
+
+def _dated(part: ClaimPart) -> bool:
+    """Whether a part rests on runs with dates of their own, not on figures recorded from pages."""
+    return bool(part.sweep) or part.stored != CLAIMS
 
 
 def _known_digests(stored: Path) -> dict[str, str]:
@@ -329,31 +334,37 @@ def _confined(definition: Mapping[str, Any], parts: Sequence[ClaimPart]) -> list
 
 
 def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
-    comparisons = []
+    comparisons, undated = list[Comparison](), False
     for part in _measured(claim, tables.preset):
         if part.sweep:
             _check_names(name, part)
-        found = evidence(
-            tables.file(part),
-            part.names,
-            part.settings,
-            part.conditions,
-            against=part.against,
-            quantity=part.quantity,
-            down=part.direction == "down",
-            arms=_arms_of(part) if part.table == "contrasts" else None,
-            learnt=part.learnt,
-            baselines=tables.stored / part.stored / BASELINES,
+        found = list(
+            evidence(
+                tables.file(part),
+                part.names,
+                part.settings,
+                part.conditions,
+                against=part.against,
+                quantity=part.quantity,
+                down=part.direction == "down",
+                arms=_arms_of(part) if part.table == "contrasts" else None,
+                learnt=part.learnt,
+                baselines=tables.stored / part.stored / BASELINES,
+            )
         )
+        if not _dated(part) and not part.beside:  # what is exact needs no date
+            undated = undated or not all(each.estimate.counted for each in found)
+        unit = part.unit or claim.unit
+        most = 100.0 if unit.startswith("points") else math.inf  # shares
         matters = claim.matters if part.matters is None else part.matters
         short = tables.preset is None and part.stored.startswith(f"{QUICK}/")
         comparisons += [
             Comparison(
                 each.label,
-                replace(each.estimate, cut_short=short),
+                replace(each.estimate, cut_short=short, most=most),
                 part.expects,
                 matters,
-                part.unit or claim.unit,
+                unit,
                 part.beside,
                 part.note,
             )
@@ -369,10 +380,11 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
         page=claim.page,
         unit=claim.unit,
         matters=claim.matters,
+        requires=claim.requires,
         reason=claim.reason,
         not_covered=claim.not_covered,
         date=claim.date,
-        begun=_begun(claim, tables),
+        begun="" if undated else _begun(claim, tables),
         runs=claim.runs if tables.preset is None else f"sextant claims preset={tables.preset}",
         commands=commands,
         comparisons=comparisons,

@@ -173,6 +173,8 @@ def evidence(
 def _of_seeds(path: Path, arms: Sequence[str], setting: str, condition: str, sign: float) -> Estimate:
     """The difference of two arms, the treatment first, from the values of their runs, paired by seed.
 
+    Where a table has worlds, the mean of the pairs of a world is one replicate.
+
     Raises:
         UserError: both arms were run, but not in this setting and condition.
     """
@@ -180,12 +182,22 @@ def _of_seeds(path: Path, arms: Sequence[str], setting: str, condition: str, sig
     if not set(arms) <= {row["arm"] for row in rows}:
         return NOT_RUN
     here = [row for row in rows if (row["setting"], row["condition"]) == (setting, condition)]
-    treatment, control = ({row["pair"]: row.number("value") for row in here if row["arm"] == arm} for arm in arms)
-    pairs = [sign * (value - control[pair]) for pair, value in treatment.items() if pair in control]
+    of_worlds = bool(here) and "world" in here[0].cells
+    treatment, control = ({_pair(row): row.number("value") for row in here if row["arm"] == arm} for arm in arms)
+    apart: dict[str, list[float]] = {}
+    for pair, value in treatment.items():
+        if pair in control:
+            apart.setdefault(pair[0] if of_worlds else pair[1], []).append(sign * (value - control[pair]))
+    pairs = [statistics.fmean(values) for values in apart.values()]
     if not pairs:
         raise UserError(f"{path} has no pair of {' and '.join(arms)}, setting={setting} condition={condition}", STORED)
     spread = statistics.stdev(pairs) if len(pairs) > 1 else math.nan
-    return Estimate.of_pairs(statistics.fmean(pairs), spread, len(pairs))
+    found = Estimate.of_pairs(statistics.fmean(pairs), spread, len(pairs))
+    return replace(found, replicate="worlds") if of_worlds else found
+
+
+def _pair(row: Row) -> tuple[str, str]:
+    return row.cells.get("world", ""), row["pair"]
 
 
 def _learnt(cells_file: Path, baselines: Path, arms: Sequence[str], setting: str, conditions: Sequence[str]) -> bool:

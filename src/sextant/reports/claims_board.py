@@ -34,8 +34,6 @@ Status = Literal["counted", "planned", "explored", "confirmed", "refuted", "open
 NOT_YET = "not run yet"
 #: verdicts from the one that decides a claim to the one that does not
 ORDER: tuple[Verdict, ...] = ("fails", "not learnt", "undecided", "holds")
-#: largest possible difference of shares, in points
-LARGEST = 100.0
 HOW_TO_READ = """\
 Effects are positive where they support the claim, with 95 % intervals over seeds (or worlds) and, where stored, test
 images. A claim
@@ -94,8 +92,8 @@ class Comparison:
         return f"{SAYS[self.expects]} {self.matters:g}{above}"
 
     def _ends(self) -> tuple[float, float]:
-        low, high = self.estimate.interval()
-        return (max(low, -LARGEST), min(high, LARGEST)) if self.unit.startswith("points") else (low, high)
+        (low, high), most = self.estimate.interval(), self.estimate.most
+        return (max(low, -most), min(high, most))
 
 
 @dataclass(frozen=True)
@@ -113,6 +111,7 @@ class DecidedClaim:
     page: str
     unit: str
     matters: float
+    requires: str
     reason: str
     not_covered: str
     runs: str
@@ -285,14 +284,14 @@ def _row(claim: DecidedClaim) -> list[str]:
 
 
 def _section(claim: DecidedClaim, pictures: str, again: DecidedClaim | None) -> str:
-    required = f"{REQUIRES[claim.counting[0].expects]} {claim.matters:g} {claim.unit} ({claim.reason})"
+    required = claim.requires or f"{REQUIRES[claim.counting[0].expects]} {claim.matters:g} {claim.unit}"
     published = "" if claim.published.startswith("claimed;") else f" Published: {claim.published}."
     quick = "" if again is None else f" Runs cut short: {again.verdict}."
     commands = "\n".join(claim.commands)
     return (
         f'## <a name="{claim.name}"></a>`{claim.name}`: {claim.verdict}\n\n{claim.sentence} '
         f"[Details]({claim.page})\n\n"
-        f"- **Requires** {required}.{published}\n"
+        f"- **Requires** {required} ({claim.reason}).{published}\n"
         f"- **Found**: {_answer(claim)} {_how_sure(claim)}{quick}\n"
         f"- **Not covered**: {claim.not_covered}\n\n"
         f"![intervals]({pictures}/{claim.name}.svg)\n{_table(claim)}\n"
@@ -350,7 +349,7 @@ def _answer(claim: DecidedClaim) -> str:
 def _how_sure(claim: DecidedClaim) -> str:
     """What the interval is over, and what would decide the claim."""
     if claim.counted:
-        return f"{claim.runs}."
+        return f"{claim.runs[:1].upper()}{claim.runs[1:]}."
     first = claim.deciding
     images = " and a sample of images" if first.estimate.images > 0 else ""
     if not first.estimate.run:

@@ -111,6 +111,7 @@ class Claim(Node):
         page: page of ``results`` that discusses it.
         unit: unit of the effect.
         matters: smallest effect that matters.
+        requires: what is required, in words; by default a gain, loss or difference of ``matters`` in ``unit``.
         reason: why this is the smallest effect that matters.
         not_covered: what the verdict does not cover.
         design: the runs that would decide it anew; None for counts, which need no replicates.
@@ -126,6 +127,7 @@ class Claim(Node):
     page: str
     unit: str
     matters: float = Field(ge=0)
+    requires: str = ""
     reason: str = Field(min_length=10)
     not_covered: str = Field(min_length=10)
     design: Design | None = None
