@@ -136,6 +136,6 @@ def test_an_unknown_key_without_a_value_is_told_too(composed):
 
 
 def test_a_part_of_another_group_is_no_part_of_ones_own(composed):
-    assert "is not one of task=classification" in mistake(
-        composed, "backbone", {"_target_": "sextant.losses.BearingLoss"}
-    )
+    told = mistake(composed, "backbone", {"_target_": "sextant.losses.BearingLoss"})
+    assert "is not one of task=classification, which takes " in told
+    assert "sextant.models.LeNet" in told

@@ -72,6 +72,7 @@ def test_blocks_are_a_partition_with_whole_pairs_and_one_plan(own, count):
     ("word", "says"),
     [
         ("sweep.block=0/2", "must be k/n"),
+        ("sweep.block=1", "sweep.block: 1 must be k/n"),
         ("sweep.block=3/2", "must be k/n"),
         ("sweep.block=2", "For example sweep.block=1/4"),
         ("sweep.block=1/2/3", "must be k/n"),

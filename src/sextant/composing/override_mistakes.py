@@ -20,6 +20,7 @@ COMPOSING = (HydraException, OmegaConfBaseException, ValueError)  # ValueError i
 _METRICS = "runs are logged to MLflow: tracking=sqlite (the default), server or none; other loggers are not offered"
 _NETWORK = "the network is chosen by backbone=, such as backbone=resnet20"
 ELSEWHERE = {
+    "preset": "preset= is the size of a named sweep: -m sweep=pushpull_placement {0}",
     "logger": _METRICS,
     "wandb": _METRICS,
     "tensorboard": _METRICS,

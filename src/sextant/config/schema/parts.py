@@ -77,6 +77,12 @@ def _target_of(part: type[Part]) -> str:
     return CUSTOM if part is CustomPart else str(get_args(part.model_fields["target"].annotation)[0])
 
 
+def targets_of(union: Any) -> list[str]:
+    """The import paths that a union of parts chooses from, but the user's own."""
+    found = [_target_of(part) for kind in get_args(union) or (union,) for part in parts_of(kind)]
+    return [path for path in found if path != CUSTOM]
+
+
 def known_targets() -> frozenset[str]:
     """The import paths for which Sextant has a schema."""
     parts, found = [Part], set[str]()

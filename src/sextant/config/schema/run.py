@@ -15,7 +15,7 @@ from pydantic import (
 
 from sextant.config.schema.images import Dataset, TestConditions
 from sextant.config.schema.launchers import AnyLauncher, LocalLauncher
-from sextant.config.schema.parts import Choice, CustomPart, Node, known_targets, named_targets
+from sextant.config.schema.parts import Choice, CustomPart, Node, known_targets, named_targets, targets_of
 from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.training import Debug, Optimizer, Paths, Schedule, Tracking, Trainer
 from sextant.moved import with_present_names
@@ -81,7 +81,8 @@ class Config(Node):
         known = known_targets()
         for name, value in self:
             if isinstance(value, CustomPart) and value.target in known:
-                raise ValueError(f"{name}={value.target} is not one of task={self.task.name}")
+                taken = ", ".join(sorted(targets_of(type(self).model_fields[name].annotation)))
+                raise ValueError(f"{name}={value.target} is not one of task={self.task.name}, which takes {taken}")
         return self
 
     @model_serializer(mode="wrap")

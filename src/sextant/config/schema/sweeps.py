@@ -2,18 +2,21 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from sextant.config.schema.parts import Node
 from sextant.config.schema.searches import Search, Seeds
 from sextant.ranges import Count
 
 
-def _block(text: str) -> str:
+def _block(given: object) -> str | None:
     """Refuse what is not ``k/n`` with 1 <= k <= n."""
+    if given is None:
+        return None
+    text = str(given)
     number, _, of = text.partition("/")
     if not (number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
-        raise ValueError(f"sweep.block={text}: must be k/n, the k-th of n blocks, such as 1/4")
+        raise ValueError(f"{text} must be k/n, the k-th of n blocks. For example sweep.block=1/4")
     return text
 
 
@@ -58,7 +61,7 @@ class Sweep(Node):
     seeds: Seeds = Field(default=[0], examples=[8])
     worlds: dict[str, Annotated[list[str | int], Field(min_length=2)]] = Field(default_factory=dict, max_length=1)
     seeds_of: dict[str, Count] = Field(default_factory=dict)
-    block: Annotated[str, AfterValidator(_block)] | None = Field(default=None, examples=["1/4"])
+    block: Annotated[str | None, BeforeValidator(_block)] = Field(default=None, examples=["1/4"])
     contrasts: dict[str, Contrast] = Field(default_factory=dict)
     noise_floor: str | None = None
     published: dict[str, dict[str, dict[str, float]]] = Field(default_factory=dict)
