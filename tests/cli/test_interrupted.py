@@ -33,9 +33,13 @@ def predict():
             raise KeyboardInterrupt
 
 
-def begun_nothing():
-    with work_progress("describing", "photos") as progress:
-        progress(1, 1)
+def write():
+    note_reached("map written to", "maps/a")
+    list(Counted("describing", "photos", ["a", "b"]))
+    raise KeyboardInterrupt
+
+
+def something_else():
     raise KeyboardInterrupt
 
 
@@ -46,8 +50,7 @@ def begun_nothing():
         ("train", sweep, "runs 2/6. The same command resumes."),
         ("train", search, "trial 3 settled, runs 2/6. The same command resumes."),
         ("predict", predict, "calibrating 1/3 photos. The same command starts again."),
-        ("evaluate", begun_nothing, "before the work began. The same command starts again."),
-        ("report", begun_nothing, "before the work began. The same command starts again."),
+        ("predict", write, "map written to maps/a, describing 2/2 photos. The same command starts again."),
     ],
 )
 def test_where_it_stopped_is_said(verb, work, said, capsys, monkeypatch):
@@ -64,12 +67,12 @@ def test_the_next_command_of_the_process_begins_anew(capsys):
         raise KeyboardInterrupt
     with pytest.raises(SystemExit), reporting_mistakes("train"):
         raise KeyboardInterrupt
-    assert capsys.readouterr().err.splitlines()[1] == "Interrupted: before the work began. The same command resumes."
+    assert capsys.readouterr().err.splitlines()[1] == "Interrupted. The same command resumes."
 
 
 @pytest.mark.parametrize("verb", ["dashboard", "demo"])
 def test_what_is_always_ended_so_ends_silently(verb, capsys, monkeypatch):
-    monkeypatch.setattr(cli, "_run", lambda *_: begun_nothing())
+    monkeypatch.setattr(cli, "_run", lambda *_: something_else())
     with pytest.raises(SystemExit) as ended:
         cli.run(verb, [])
     assert (ended.value.code, capsys.readouterr().err) == (130, "")

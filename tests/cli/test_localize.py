@@ -159,6 +159,20 @@ def test_ctrl_c_keeps_what_was_localized(office, photos, tmp_path, monkeypatch, 
     assert f"interrupted after 5 of {office.frames} images" in " ".join(capsys.readouterr().out.split())
 
 
+def test_ctrl_c_during_the_animation_names_the_files_that_are_written(office, photos, tmp_path, monkeypatch, capsys):
+    def write(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(localized_drive.Replay, "write", write)
+    with pytest.raises(SystemExit) as ended:
+        cli.run("localize", [f"map={office.folder}", f"input={photos}", f"output={tmp_path / 'out'}"])
+    assert ended.value.code == 130
+    said = " ".join(capsys.readouterr().out.split())
+    assert "interrupted after trajectory.png: only the files named here are complete" in said
+    assert "trajectory.tum" in said
+    assert "replay" not in said
+
+
 def test_ctrl_c_is_how_a_camera_ends(office, camera, tmp_path, monkeypatch):
     interrupted_after(4, monkeypatch)
     assert len(run(office, "camera:0", tmp_path / "out")) == 4

@@ -43,7 +43,7 @@ def main(arguments: Sequence[str]) -> None:
     from sextant.chapters.localization import locating
     from sextant.chapters.localization.data.own_drive import find_images
     from sextant.chapters.localization.data.rosbag import Bag
-    from sextant.console.console import console
+    from sextant.console.console import console, note_reached
     from sextant.console.work_progress import work_progress
     from sextant.console.written import make_output, tell_written
 
@@ -60,6 +60,7 @@ def main(arguments: Sequence[str]) -> None:
         poses, paths = locating.map_of_folder(options.map, progress, options.local)
     if options.save is not None:
         poses.save(options.save)
+        note_reached("map written to", str(options.save))
     console.print(f"map: {len(poses.names):,} images, {len(poses.posed.points):,} points")
     with work_progress("located", "images") as progress:
         results = locating.locate_frames(poses, frames, camera, options.output, paths, progress)

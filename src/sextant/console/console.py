@@ -44,15 +44,19 @@ logging.getLogger("sextant").setLevel(logging.INFO)
 
 #: commands that resume when repeated after an interruption; and those that always end with Ctrl-C
 RESUMED, SERVED = ("train", "data", "sweep", "corruptions"), ("dashboard", "demo")
-#: progress of all unfinished work, such as ``{"rendering": "512/2,048 images"}``
+#: progress of unfinished work, such as ``{"rendering": "512/2,048 images"}``, and of what has ended since other work began
 _reached: dict[str, str] = {}
+_ended: dict[str, str] = {}
 
 
 def note_reached(work: str, where: str | None) -> None:
     """Note the progress of some work, for :func:`reporting_mistakes`; None if it has ended."""
-    _reached.pop(work, None)
+    before = _reached.pop(work, None)
     if where is not None:
+        _ended.clear()
         _reached[work] = where
+    elif before is not None:
+        _ended[work] = before
 
 
 @contextmanager
@@ -69,9 +73,9 @@ def reporting_mistakes(verb: str = "") -> Iterator[None]:
         sys.exit(2)
     except KeyboardInterrupt:
         if verb not in SERVED:
-            where = ", ".join(f"{work} {where}" for work, where in _reached.items()) or "before the work began"
+            where = ", ".join(f"{work} {where}" for work, where in (_reached | _ended).items())
             resumes = "The same command resumes." if verb in RESUMED else "The same command starts again."
-            errors.print(escape(f"Interrupted: {where}. {resumes}"))
+            errors.print(escape(f"Interrupted{where and f': {where}'}. {resumes}"))
         sys.exit(130)
     except BrokenPipeError:
         sys.exit(141)
@@ -83,6 +87,7 @@ def reporting_mistakes(verb: str = "") -> Iterator[None]:
         sys.exit(2)
     finally:
         _reached.clear()
+        _ended.clear()
 
 
 def print_mistake(error: UserError) -> None:

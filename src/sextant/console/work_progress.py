@@ -45,6 +45,7 @@ class Counted(Generic[Thing]):
             for number, thing in enumerate(self.things):
                 progress(number, len(self.things))
                 yield thing
+            progress(len(self.things), len(self.things))
 
 
 @contextmanager

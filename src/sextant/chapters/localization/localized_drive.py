@@ -33,7 +33,8 @@ class LocalizedDrive:
     Attributes:
         rows: where each image was taken.
         files: files that were written.
-        interrupted: Ctrl-C came before the last image; everything was written for the images before it.
+        interrupted: Ctrl-C came before the last image, and everything was written for the images before it; or later,
+            and only ``files`` were written.
     """
 
     rows: list[Row]
@@ -54,7 +55,7 @@ def localize_drive(
 ) -> LocalizedDrive:
     """Localize the images of a drive one after the other, and write where each was taken.
 
-    Ctrl-C ends the drive there: what was localized so far is written.
+    Ctrl-C ends the drive there: what was localized so far is written. A further Ctrl-C leaves out the other files.
 
     Args:
         localizer: localizer in the map; its current belief is the start.
@@ -97,15 +98,21 @@ def localize_drive(
     positions, times = localizer.model.map.poses[:, :2].numpy(), drive.times_of(len(rows))
     with telling_write_errors(output):
         write_poses(rows, times, output)
-        draw_trajectory(rows, positions, output, localizer.unit)
-        written = [output / name for name in ("poses.csv", "trajectory.tum", "trajectory.png")]
-        if smooth:
-            written.append(output / "smoothed.tum")
-            with progress("smoothing", "images") as advance:
-                write_tum(written[-1], times, np.stack([told.pose for told in localizer.past(advance)]))
-        if replay != "none":
-            with progress("drawing the replay", "frames"):
-                written.append(_animated(moments, positions, output, replay, localizer.unit, drive.remarks))
+        written = [output / "poses.csv", output / "trajectory.tum"]
+        try:
+            draw_trajectory(rows, positions, output, localizer.unit)
+            written.append(output / "trajectory.png")
+            if smooth:
+                with progress("smoothing", "images") as advance:
+                    past = np.stack([told.pose for told in localizer.past(advance)])
+                write_tum(output / "smoothed.tum", times, past)
+                written.append(output / "smoothed.tum")
+            if replay != "none":
+                with progress("drawing the replay", "frames"):
+                    written.append(_animated(moments, positions, output, replay, localizer.unit, drive.remarks))
+        except KeyboardInterrupt:
+            interrupted = True
+            drive.remarks.append(f"interrupted after {written[-1].name}: only the files named here are complete")
     return LocalizedDrive(rows, written, interrupted)
 
 
