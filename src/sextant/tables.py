@@ -12,13 +12,13 @@ USUAL, WIDEST = 8, 12
 NOTHING = "–"
 
 
-def counted(count: int, noun: str) -> str:
+def counted(count: int, noun: str, plural: str | None = None) -> str:
     """A number with its noun.
 
-    >>> counted(1, "run"), counted(2, "run")
-    ('1 run', '2 runs')
+    >>> counted(1, "run"), counted(2000, "run"), counted(2, "query", "queries")
+    ('1 run', '2,000 runs', '2 queries')
     """
-    return f"{count} {noun}{'s' * (count != 1)}"
+    return f"{count:,} {noun if count == 1 else plural or f'{noun}s'}"
 
 
 @dataclass(frozen=True)

@@ -109,6 +109,12 @@ def _mixed(folder):
     photo(folder / "z.jpg", 9, camera=("Canon", "Canon EOS 5D"), width=300)
 
 
+def _small_ones_too(folder):
+    photos(folder)
+    photo(folder / "small.jpg", 3, width=160, height=120)
+    photo(folder / "icon.jpg", 4, width=24, height=24)
+
+
 def _among(folder):
     photos(folder)
     panorama(folder / "hall.png")
@@ -361,6 +367,7 @@ FOLDERS = {
     ),
     "no EXIF": (photos, ["if one camera with one zoom took them all", "camera=one"]),
     "mixed cameras": (_mixed, ["4 photos of 2 cameras or settings of a lens, each", "the photos of one at a time"]),
+    "small photos too": (_small_ones_too, ["4 photos of 2 sizes, each by itself"]),
     "a panorama among photos": (_among, ["1 panoramas of 360 degrees among 3 photos, such as hall.png"]),
     "panoramas": (
         lambda folder: [panorama(folder / f"{k}.png", k) for k in range(4)],

@@ -11,6 +11,7 @@ import numpy as np
 from sextant.config.override_words import override
 from sextant.data.name_matching import match_names
 from sextant.data.photos.header import PhotoHeader
+from sextant.data.photos.reading import SMALLEST_SIDE
 from sextant.data.reconstructions import NAMED_FORMATS
 from sextant.tools.inspection.drives import localization
 from sextant.tools.inspection.photos import camera_groups, described
@@ -19,6 +20,7 @@ from sextant.tools.inspection.seen import Seen
 from sextant.tools.inspection.suggestion import Suggestion, command
 from sextant.tools.inspection.times import FolderOfPhotos
 from sextant.tools.inspection.traverses import ImageFolders, image_folders
+from sextant.tables import counted
 from sextant.user_files import table_header
 
 #: files of a dataset in its published layout, below the folder that ``paths.data`` names
@@ -107,7 +109,7 @@ def _is_reference(poses: FoundPoses) -> bool:
     return any(word in name for word in REFERENCE)
 
 
-#: smallest shorter side of photos that are worth calibrating, pixels
+#: shorter side that at least half of the photos must have for calibration to be worth a command, pixels
 SMALLEST_PHOTO = 200
 #: largest number of commands for folders of one camera each
 CAMERAS = 4
@@ -142,31 +144,32 @@ def suggestions(seen: Seen) -> Iterator[Suggestion]:
 
 
 def _calibration(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Suggestion]:
-    fine = {file: each for file, each in photos.items() if min(each.width, each.height) >= SMALLEST_PHOTO}
-    if not fine or len(fine) < len(photos) / 2:
+    photos = {file: each for file, each in photos.items() if min(each.width, each.height) >= SMALLEST_SIDE}
+    fine = sum(min(each.width, each.height) >= SMALLEST_PHOTO for each in photos.values())
+    if not fine or fine < len(photos) / 2:
         return
     by_folder: dict[Path, list[PhotoHeader]] = {}
-    for file, header in photos.items():  # the commands are also of the small ones
+    for file, header in photos.items():  # the commands take the small ones too
         by_folder.setdefault(file.parent, []).append(header)
     groups = camera_groups(list(photos.values()))
     each_its_own = all(len(camera_groups(headers)) == 1 and len(headers) > 1 for headers in by_folder.values())
-    commands, why = list[str](), f"{len(fine):,} photos"
+    commands, why = list[str](), counted(len(photos), "photo")
     if len(groups) > 1 and each_its_own and 1 < len(by_folder) <= CAMERAS:
         why += ", each folder of one camera"
         for place in by_folder:
             output = f"calibrated/{place.name}"
             commands.append(command("predict", input=seen.folder / place, output=output, camera="one"))
     else:
-        one = {"camera": "one"} if len(groups) == 1 and len(fine) > 1 else {}
+        one = {"camera": "one"} if len(groups) == 1 and len(photos) > 1 else {}
         if one:
             unnamed = "of one size: if one camera with one zoom took them all"
             why += f" of one camera ({groups[0].camera})" if groups[0].camera else f" {unnamed}"
-        elif len(fine) > 1:
+        elif len(photos) > 1:
             why += f" of {described(groups)}, each by itself"
         commands.append(command("predict", input=seen.given, output="calibrated", **one))
-    if all(header.focal_px for header in fine.values()):
+    if all(header.focal_px for header in photos.values()):
         why += "; all have a focal length in EXIF: focal_prior=exif uses it"
-    if any(header.gravity == "accelerometer (Apple)" for header in fine.values()):
+    if any(header.gravity == "accelerometer (Apple)" for header in photos.values()):
         why += "; gravity_prior=exif uses the accelerometer of those that have it"
     yield Suggestion("calibrate the photos", why, tuple(commands))
 
