@@ -1,10 +1,11 @@
 import pickle
 
+import numpy as np
 import pytest
 
 from sextant.config.building import build, naming_groups
 from sextant.data.source import MissingDataError
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, one_line, shown
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.observation import LocalGP
 from sextant.localization.pose_kernel import PoseKernel
@@ -19,6 +20,21 @@ def test_a_mistake_survives_the_way_back_from_a_worker_process():
 def test_a_wrong_argument_survives_it_too_and_keeps_its_part():
     error = pickle.loads(pickle.dumps(ArgumentError("top=0 must be at least 1", "top=1", of="TopKInjection")))
     assert (error.problem, error.fix, error.of) == ("top=0 must be at least 1", "top=1", "TopKInjection")
+
+
+def test_the_parts_of_a_message_are_apart_on_one_line():
+    assert one_line("a.jpg is empty (0 bytes)\nCopy it again.") == "a.jpg is empty (0 bytes). Copy it again."
+    listed = "b.csv: 2 rows cannot be used\n  line 4: x=nan\n  line 9: y=nan"
+    assert one_line(listed) == "b.csv: 2 rows cannot be used: line 4: x=nan; line 9: y=nan"
+    assert one_line("one\n\n") == "one"
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [((1, 0, "a"), "(1, 0, 'a')"), (np.zeros(2), "[0. 0.]"), (np.zeros((2, 4)), "an array of the shape (2, 4)")],
+)
+def test_a_large_array_is_shown_by_its_shape(value, said):
+    assert shown(value) == said
 
 
 def test_arguments_become_keys_of_their_group_and_nothing_else_does():

@@ -24,6 +24,15 @@ def test_a_path_that_does_not_exist_has_the_nearest_name(tmp_path, given, near):
         assert ("did you mean" in said) == (near is not None)
 
 
+def test_a_broken_link_and_a_file_in_place_of_a_folder_are_named(tmp_path):
+    link, file = tmp_path / "link.jpg", tmp_path / "a.jpg"
+    link.symlink_to("gone.jpg")
+    file.write_text("")
+    assert absent(link) == f"{link} is a broken link to gone.jpg"
+    assert absent(link / "b") == f"{link / 'b'} does not exist: {link} is a broken link to gone.jpg"
+    assert absent(file / "b") == f"{file / 'b'} does not exist: {file} is a file"
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32"])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_text_of_every_encoding_with_a_mark_and_every_end_of_line_is_read(tmp_path, encoding, end):

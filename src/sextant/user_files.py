@@ -25,13 +25,16 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 
 
 def absent(path: Path | str) -> str:
-    """``<path> does not exist``, with the most similar name that does.
+    """``<path> does not exist``, with the most similar name that does; or which link leads to nothing.
 
     Example:
         >>> absent("/usr/bim/env")
         '/usr/bim/env does not exist: there is no bim in /usr; did you mean /usr/bin?'
     """
     missing, near = _first_missing(Path(path)), nearest_path(path)
+    if os.path.lexists(missing):
+        is_what = "is a file" if missing.exists() else f"is a broken link to {os.readlink(missing)}"
+        return f"{path} {is_what}" if missing == Path(path) else f"{path} does not exist: {missing} {is_what}"
     where = "" if missing == Path(path) else f": there is no {missing.name} in {missing.parent}"
     return f"{path} does not exist{where}" + (f"; did you mean {near}?" if near else "")
 

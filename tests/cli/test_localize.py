@@ -78,7 +78,7 @@ def test_it_says_what_predict_says(office, photos, tmp_path):
 @pytest.mark.parametrize(
     ("given", "problem"),
     [
-        (["map=nowhere", "input=."], "map=nowhere: neither a saved map nor a run of localization"),
+        (["map=nowhere", "input=."], "map=nowhere: neither .* nor zoo:office; nowhere does not exist"),
         (["input=camera:one"], "input=camera:one: a camera is given by its number, from 0"),
         (["input=camera:0", "odometry={odometry}"], r"odometry=.* does not go with input=camera:0"),
         (["input=camera:0", "image_topic=/a"], r"image_topic=/a does not go with input=camera:0"),
@@ -114,6 +114,14 @@ def test_a_camera_that_cannot_be_opened_or_shows_nothing_is_told(office, camera,
     with pytest.raises(UserError, match="input=camera:0 cannot be opened"):
         run(office, "camera:0", tmp_path / "out")
     assert camera.released == 2
+
+
+def test_a_camera_that_is_not_there_prints_nothing_of_its_own(capfd):
+    from sextant.chapters.localization.data.camera import Camera
+
+    with pytest.raises(UserError, match="input=camera:999 cannot be opened"):
+        next(Camera(999).read(None))
+    assert capfd.readouterr().err == ""
 
 
 def test_the_newest_image_of_a_camera_is_taken(office, monkeypatch):

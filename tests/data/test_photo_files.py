@@ -78,6 +78,13 @@ def test_a_folder_of_hidden_photos_says_so_and_a_pattern_may_spell_them(tmp_path
         assert [path.name for path in find_photos(str(tmp_path / spelt), None)] == ["a.jpg"]
 
 
+def test_a_pattern_says_what_brackets_mean(tmp_path):
+    write(tmp_path / "my [photos]" / "a.jpg")
+    with pytest.raises(UserError, match=r"no photo there; brackets .*: write \[\[\] for \[ in a name"):
+        find_photos(str(tmp_path / "my [photos]" / "*.jpg"), None)
+    assert len(find_photos(str(tmp_path / "my [[]photos]" / "*.jpg"), None)) == 1
+
+
 def test_links_are_files_or_left_out_with_a_warning_and_loops_end(tmp_path, caplog):
     photos = tmp_path / "photos"
     write(photos / "sub" / "a.jpg")

@@ -7,7 +7,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, shown
 
 
 def check_whole(argument: str, value: Any, least: int, fix: str, most: int | None = None) -> None:
@@ -15,13 +15,13 @@ def check_whole(argument: str, value: Any, least: int, fix: str, most: int | Non
     limit = 2**63 - 1 if most is None else most
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= limit:
         up_to = "" if most is None else f" and at most {most}"
-        raise ArgumentError(f"{argument}={value!r:.60} must be a whole number, at least {least}{up_to}", fix)
+        raise ArgumentError(f"{argument}={shown(value)} must be a whole number, at least {least}{up_to}", fix)
 
 
 def check_kind(argument: str, value: Any, kind: type, fix: str) -> None:
     """Raise an ``ArgumentError`` if a value is given, but is not a ``kind``."""
     if value is not None and not isinstance(value, kind):
-        raise ArgumentError(f"{argument}={value!r:.60} must be of the class {kind.__name__}", fix)
+        raise ArgumentError(f"{argument}={shown(value)} must be of the class {kind.__name__}", fix)
 
 
 def make_folder(argument: str, folder: Path | str) -> Path:
@@ -47,7 +47,7 @@ def make_folder(argument: str, folder: Path | str) -> Path:
 def check_share(argument: str, value: Any, fix: str) -> None:
     """Raise an ``ArgumentError`` if a value is given that is not a share above 0 and at most 1."""
     if value is not None and (isinstance(value, bool) or not isinstance(value, Real) or not 0 < float(value) <= 1):
-        raise ArgumentError(f"{argument}={value!r:.60} must be a share above 0 and at most 1", fix)
+        raise ArgumentError(f"{argument}={shown(value)} must be a share above 0 and at most 1", fix)
 
 
 def check_apart(output: Path, photos: Sequence[Path] = (), /, *, key: str = "output", **inputs: Path | str) -> None:

@@ -11,7 +11,7 @@ from PIL import Image
 
 from sextant.applications.arguments import check_several
 from sextant.data.image_files import decode_image, picture_bytes
-from sextant.data.picture_files import UnreadableImageError, open_picture
+from sextant.data.picture_files import DECODE, UnreadableImageError, open_picture
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
 from sextant.user_files import absent
@@ -114,7 +114,8 @@ def _bytes(image: Any, size: Size | None) -> UInt8[ndarray, "h w c"]:
     pixels = pixels[..., None] if pixels.ndim == 2 else pixels
     whole = np.issubdtype(pixels.dtype, np.integer) and pixels.size and pixels.min() >= 0 and pixels.max() <= 255
     if pixels.ndim != 3 or pixels.shape[2] not in (1, 3) or not whole or min(pixels.shape[:2]) < 1:
-        raise _unfit(pixels, size, "Give bytes in [0, 255], height x width x 1 or 3; or its file.")
+        give = "Give an array of values from 0 to 255, height x width x 1 or 3; or its file."
+        raise _unfit(pixels, size, DECODE if isinstance(image, bytes | bytearray) else give)
     return pixels.astype(np.uint8, copy=False)
 
 

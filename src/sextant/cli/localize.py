@@ -10,6 +10,7 @@ from sextant.chapters.localization.options import OUTPUT, LocalizingOptions
 from sextant.console.arguments import UserPath
 from sextant.console.console import console
 from sextant.errors import UserError
+from sextant.user_files import absent
 
 USAGE = (
     "sextant localize map=<localization run or saved map> input=<folder of photos, video, ROS bag or camera:0> "
@@ -50,8 +51,10 @@ def main(arguments: Sequence[str]) -> None:
 
     folder = find_map(options.map, default_outputs())
     if folder is None:
+        path = Path(options.map).expanduser()
+        why = "" if path.exists() else f"; {absent(path)}"
         raise UserError(
-            f"map={options.map}: neither a saved map nor a run of localization, nor zoo:office",
+            f"map={options.map}: neither a saved map nor a run of localization, nor zoo:office{why}",
             "Localizer.from_images(images, poses).save(folder) makes one; so does sextant walk from images with poses.",
         )
     check_apart(options.output, input=options.input, map=folder)

@@ -44,7 +44,7 @@ logging.getLogger("sextant").setLevel(logging.INFO)
 
 #: commands that resume when repeated after an interruption; and those that always end with Ctrl-C
 RESUMED, SERVED = ("train", "data", "sweep", "corruptions"), ("dashboard", "demo")
-#: progress of unfinished work, such as ``{"rendering": "512/2,048 images"}``, and of what has ended since other work began
+#: progress of unfinished work, such as ``{"rendering": "512/2,048 images"}``, and of what ended after it
 _reached: dict[str, str] = {}
 _ended: dict[str, str] = {}
 

@@ -31,7 +31,7 @@ from sextant.correspondence.moving_scene import second_motion
 from sextant.correspondence.pinhole import cross_matrices
 from sextant.correspondence.relative_pose import sampson_errors
 from sextant.correspondence.turned_camera import turned_focal, turns_of
-from sextant.errors import ArgumentError, naming_extras
+from sextant.errors import ArgumentError, naming_extras, shown
 
 #: photos that are taken; time grows with the square, and ten determine a focal length to half a per cent
 FEWEST, MOST = 2, 10
@@ -154,7 +154,7 @@ def _checked(photos: Sequence[LocalFeatures]) -> float:
     """The side of a pixel that errors are measured in."""
     if not isinstance(photos, Sequence) or not all(isinstance(each, LocalFeatures) for each in photos):
         raise ArgumentError(
-            f"photos={photos!r:.60} must be a list of local features", "For example XFeatures().detect(images)"
+            f"photos={shown(photos)} must be a list of local features", "For example XFeatures().detect(images)"
         )
     if not FEWEST <= len(photos) <= MOST:
         raise ArgumentError(

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Int64
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import UserError, shown
 
 CHANNELS = (1, 3)
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
@@ -53,7 +53,7 @@ def require_indices(indices: Indices, count: int) -> Int64[Tensor, "b"]:
     try:
         found = torch.as_tensor(indices).detach().cpu()
     except (TypeError, ValueError, RuntimeError, OverflowError):
-        raise UserError(f"indices={indices!r:.60} are not whole numbers", advice) from None
+        raise UserError(f"indices={shown(indices)} are not whole numbers", advice) from None
     if found.numel() == 0:
         found = found.long()  # an empty list becomes floating-point
     if found.dtype == torch.bool or found.is_floating_point() or found.is_complex():

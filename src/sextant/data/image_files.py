@@ -17,9 +17,10 @@ SMALLEST_SIDE = 4
 
 
 def require_sides(image: Image.Image) -> None:
-    """Raise a ``ValueError`` for a picture with too few pixels to show anything."""
+    """Raise an ``UnreadableImageError`` for a picture with too few pixels to show anything."""
     if min(image.size) < SMALLEST_SIDE:
-        raise ValueError(f"{image.width}x{image.height} pixels, the shorter side needs {SMALLEST_SIDE}")
+        size = f"{image.width}x{image.height}"
+        raise UnreadableImageError(f"has {size} pixels; the shorter side must have at least {SMALLEST_SIDE}")
 
 
 def natural_key(name: str) -> tuple[list[tuple[int, str]], str]:

@@ -15,7 +15,7 @@ from sextant.data.file_kinds import DEVELOP, RAW, SYSTEM, is_hidden, not_decoded
 from sextant.data.image_files import SUFFIXES, natural_key
 from sextant.data.pixel_values import warn_once
 from sextant.data.videos import VIDEOS
-from sextant.errors import UserError, problem_list
+from sextant.errors import UserError, one_line, problem_list
 from sextant.tables import counted
 from sextant.user_files import absent
 
@@ -34,7 +34,7 @@ def nothing_usable(problem: str, skipped: Mapping[str, str], fix: str | None = N
 
 def reason_alone(name: str, problem: str) -> str:
     """A problem on one line, without the leading name of its file."""
-    return " ".join(problem.removeprefix(name).lstrip(":, ").split())
+    return one_line(problem.removeprefix(name).lstrip(":, "))
 
 
 log = logging.getLogger(__name__)
@@ -162,6 +162,8 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
     if not found:
         there = path.exists() or glob.has_magic(given)
         why = f"{given}: no photo there" if there else absent(path)
+        if not path.exists() and "[" in given:
+            why += "; brackets of a pattern stand for one of the characters in them: write [[] for [ in a name"
         if raw:
             why += f", but {left_out}: {DEVELOP}"
         if videos:

@@ -18,6 +18,8 @@ SPOKEN, LARGEST_SPOKEN = (b"tEXt", b"zTXt", b"iTXt", b"iCCP"), 2**20
 
 #: bytes without which Pillow fails on a chunk
 SHORTEST = {b"gAMA": 4, b"cHRM": 32, b"sRGB": 1, b"pHYs": 9}
+#: what to do with the content of a picture file
+DECODE = "Decode the content of a file first: PIL.Image.open(io.BytesIO(data))."
 
 
 class UnreadableImageError(OSError):

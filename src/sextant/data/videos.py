@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -115,9 +116,18 @@ def open_video(path: Path) -> Any:
     import cv2
 
     ffmpeg = cv2.videoio_registry.hasBackend(cv2.CAP_FFMPEG)  # other readers of AVI print their warnings
+    with silent_opencv():
+        return cv2.VideoCapture(str(path), cv2.CAP_FFMPEG if ffmpeg else cv2.CAP_ANY)
+
+
+@contextmanager
+def silent_opencv() -> Iterator[None]:
+    """Keep OpenCV from printing."""
+    import cv2
+
     set_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel  # of OpenCV 4, of OpenCV 5
     level = set_level(0)
     try:
-        return cv2.VideoCapture(str(path), cv2.CAP_FFMPEG if ffmpeg else cv2.CAP_ANY)
+        yield
     finally:
         set_level(level)

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from sextant.atomic_files import write_atomically
 from sextant.composing.config_files import read_config_file
 from sextant.config.schema.claims import Claim, ClaimPart
-from sextant.errors import UserError, command
+from sextant.errors import UserError, command, one_line
 from sextant.lifecycle.claim_files import Claims
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.reports.claim_evidence import BASELINES, REPLICATE_TABLE, SEEDS, evidence, read_table
@@ -262,7 +262,7 @@ def run_claims(
             wanted[sweep] = [*arguments, *overrides]
             missing[sweep] = len(dry_run(wanted[sweep])[0])
         except UserError as error:
-            left_out[sweep] = str(error).replace("\n", " ")
+            left_out[sweep] = one_line(str(error))
     told = ", ".join(f"{sweep} {runs}" for sweep, runs in missing.items())
     reporter.say(f"{len(missing)} sweeps, {sum(missing.values())} runs missing: {told or 'none'}")
     for sweep in missing:
@@ -270,7 +270,7 @@ def run_claims(
             directory = run_sweep(wanted[sweep], reporter, runs=runs).directory
             write_report(sweep_results(directory, directory.parents[1]))
         except UserError as error:
-            left_out[sweep] = str(error).replace("\n", " ")
+            left_out[sweep] = one_line(str(error))
         else:
             reports[sweep] = directory / "report"
     return Tables(stored, reports, left_out, preset)

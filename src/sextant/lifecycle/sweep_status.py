@@ -5,7 +5,7 @@ import signal
 from dataclasses import dataclass
 from pathlib import Path
 
-from sextant.errors import UserError
+from sextant.errors import UserError, one_line
 from sextant.lease import Holder
 from sextant.lifecycle.launchers.slurm_queue import cancel_all, read_queue, submissions
 from sextant.reporter import SILENT, Reporter
@@ -52,7 +52,7 @@ def _queued(directory: Path, reporter: Reporter) -> dict[str, str]:
     try:
         queue = read_queue() if ours else {}
     except UserError as error:
-        reporter.say(f"{' '.join(error.problem.split())}; runs that wait in SLURM's queue are not shown as such")
+        reporter.say(f"{one_line(error.problem)}; runs that wait in SLURM's queue are not shown as such")
         queue = {}
     return {
         name: f"job {entry.job}: {entry.state.lower()}, {entry.where}"

@@ -31,7 +31,7 @@ from annotated_types import Gt
 from jaxtyping import Float, Float64
 from torch import Tensor
 
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, shown
 from sextant.geometry.planar import se2_compose
 from sextant.localization.map_support import heading_reach, map_spacing
 from sextant.ranges import Positive, Share, checked
@@ -107,7 +107,9 @@ class TopologicalFilter:
             )
         moved = torch.tensor([float(value) for value in motion], dtype=torch.float64)
         if moved.shape != (3,) or not bool(moved.isfinite().all()):
-            raise ArgumentError(f"motion={motion} must be three finite numbers", "dx, dy, dtheta: motion=(1, 0, 0)")
+            raise ArgumentError(
+                f"motion={shown(motion)} must be three finite numbers", "dx, dy, dtheta: motion=(1, 0, 0)"
+            )
         ahead, images = self._features(se2_compose(self.poses, moved)), self._features(self.poses)
         apart = torch.cdist(ahead, images, compute_mode="donot_use_mm_for_euclid_dist")
         apart = apart.nan_to_num(FURTHEST).clamp(max=FURTHEST)

@@ -49,9 +49,18 @@ def test_a_file_and_its_pixels_are_one_photo(calibrator, tmp_path):
     assert calibrator.calibrate(Image.open(tmp_path / "a.png")).row() == from_bytes.row()
 
 
-@pytest.mark.parametrize(("wrong", "kind"), [([noise()], "list"), (None, "NoneType"), (3, "int")])
-def test_what_is_no_photo_is_refused_with_its_type(calibrator, wrong, kind):
-    with pytest.raises(UserError, match=f"the photo is of type {kind}; a photo is a file, RGB bytes"):
+@pytest.mark.parametrize(
+    ("wrong", "kind", "fix"),
+    [
+        ([noise()], "list", "Give its file"),
+        (None, "NoneType", "Give its file"),
+        (3, "int", "Give its file"),
+        (b"\xff\xd8", "bytes", r"PIL.Image.open\(io.BytesIO"),
+    ],
+)
+def test_what_is_no_photo_is_refused_with_its_type(calibrator, wrong, kind, fix):
+    said = f"the photo is of type {kind}; a photo is a file, an array of RGB values from 0 to 255, .*\n{fix}"
+    with pytest.raises(UserError, match=said):
         calibrator.calibrate(wrong)
 
 

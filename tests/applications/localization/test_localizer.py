@@ -304,6 +304,8 @@ def test_a_map_of_few_images_is_one(corridor):
         ({"motion": (np.nan, 0, 0)}, "three finite numbers"),
         ({"motion": (1, 0)}, "three finite numbers"),
         ({"motion": "abc"}, "three finite numbers"),
+        ({"motion": np.zeros((32, 48, 3))}, r"motion=an array of the shape \(32, 48, 3\) must be three finite numbers"),
+        ({"image": b"\x89PNG"}, r"of type bytes; the network takes uint8 32x48x3\n.*PIL.Image.open\(io.BytesIO"),
         ({"motion": (1, 0, 20)}, "turns by 20 rad, more than a full turn"),
         ({"descriptor": "abc"}, "not one row of finite numbers"),
     ],

@@ -315,6 +315,11 @@ def test_blank_walls_make_no_map():
         ("poses.csv", "file,x,y,z,qw,qx,qy,qz,fx\na.png,0,0,0,1,0,0,0,50\n", "fx,fy,cx,cy only fx are there"),
         (
             "poses.csv",
+            "file,x,y,z,qw,qx,qy,qz,fx,fy,cx,cy\na.png,0,0,0,1,0,0,0,50,50,30,20\nb.png,1,0,0,1,0,0,0,,,,\n",
+            "fx,fy,cx,cy is missing in 1 row of 2, such as line 3 Give it in all rows, or in none",
+        ),
+        (
+            "poses.csv",
             "file,x,y,z,qw,qx,qy,qz,fx,fy,cx,cy\na.png,0,0,0,1,0,0,0,-50,50,30,20\n",
             "1 camera cannot be used a.png: focal lengths of -50 and 50 pixels",
         ),

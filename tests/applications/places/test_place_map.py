@@ -270,6 +270,14 @@ def test_photos_that_cannot_be_looked_up(rides, places):
         places.look_up(rides[1])
     with pytest.raises(UserError, match=r"gone\.jpg: there is no such file"):
         places.look_up(photos[2])
+    (rides[1] / "link.png").symlink_to("gone.png")
+    with pytest.raises(UserError, match=r"link\.png: is a broken link"):
+        places.look_up(rides[1] / "link.png")
+    Image.new("RGB", (50, 1)).save(rides[1] / "line.png")
+    with pytest.raises(UserError, match=r"line\.png: has 50x1 pixels; the shorter side must have at least 4"):
+        places.look_up(rides[1] / "line.png")
+    with pytest.raises(UserError, match=r"of type bytes; .*\n.*PIL\.Image\.open\(io\.BytesIO"):
+        places.look_up(b"\x89PNG")
     with pytest.raises(FailedPhotosError, match="2 of 3 photos could not be looked up"):
         places.look_up_many(photos)
     found = places.look_up_many(photos, errors="return")

@@ -36,8 +36,8 @@ class PhotoCalibrator:
 
     The network gets the largest centred part of a photo with an aspect ratio that it was trained on. Results are in
     pixels of the whole upright original. Photos are image files of any format and size or Pillow images, rotated
-    upright by EXIF, or upright arrays of RGB bytes. They are decoded one at a time and only the network's small input
-    is kept, so memory stays bounded and any iterable will do.
+    upright by EXIF, or upright arrays of RGB values in [0, 255]. They are decoded one at a time and only the network's
+    small input is kept, so memory stays bounded and any iterable will do.
 
     A known focal length, or the other photos of one camera, refine the focal length and the apparent distortion
     ``k1 / f²``. Tilt and roll are then estimated again with that lens; with ``network`` alone, roll and the position of
@@ -115,7 +115,7 @@ class PhotoCalibrator:
         """The camera of a photo.
 
         Args:
-            photo: a file, RGB bytes, or a Pillow image.
+            photo: a file, an array of RGB values from 0 to 255, or a Pillow image.
             focal_prior: a known focal length in pixels; ``exif`` for the one in the file.
             gravity_prior: ``exif`` for the reading of the phone's accelerometer, if the file has it.
 
@@ -157,7 +157,7 @@ class PhotoCalibrator:
         """The cameras of photos, each calibrated by itself, in their order.
 
         Args:
-            photos: files, RGB bytes, or Pillow images.
+            photos: files, arrays of RGB values from 0 to 255, or Pillow images.
             focal_prior, gravity_prior: as for :meth:`calibrate`, for all photos.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` puts a :class:`FailedPhoto` in
                 the place of each that did.
@@ -182,7 +182,7 @@ class PhotoCalibrator:
         The extra ``local`` adds matches between photos of one scene as evidence; without it, the result says so.
 
         Args:
-            photos: files, RGB bytes or Pillow images, in any orientation, of one shape; they may be scaled.
+            photos: as for :meth:`calibrate_many`, in any orientation, of one shape; they may be scaled.
             focal_prior: as for :meth:`calibrate`; in pixels only for photos of one size.
             gravity_prior: as for :meth:`calibrate`, for each photo.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` fuses the others.

@@ -20,6 +20,7 @@ from sextant.chapters.calibration.network import CameraNetwork
 from sextant.chapters.calibration.other_networks import OtherNetwork
 from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
 from sextant.data.photos.odd_pictures import check_no_panorama, closed_around, odd_picture
+from sextant.data.picture_files import DECODE
 from sextant.data.pixel_values import eight_bits, rgb_bytes
 from sextant.data.upright import upright
 from sextant.errors import UserError
@@ -132,8 +133,11 @@ def _read(name: str, photo: AnyPhoto) -> Photo:
             raise UserError(f"{name} cannot be read: {error}", "Give another.") from None
     if not isinstance(photo, ndarray):
         raise UserError(
-            f"{name} is of type {type(photo).__name__}; a photo is a file, RGB bytes, or a Pillow image",
-            "Give its file; for several photos use calibrate_many or one_camera.",
+            f"{name} is of type {type(photo).__name__}; a photo is a file, an array of RGB values from 0 to 255, "
+            "or a Pillow image",
+            DECODE
+            if isinstance(photo, bytes | bytearray)
+            else "Give its file; for several photos use calibrate_many or one_camera.",
         )
     return photo_of_array(photo, name)
 

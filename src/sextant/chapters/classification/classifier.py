@@ -170,7 +170,7 @@ class ImageClassifier:
             if height != width:
                 raise UserError(
                     f"{self.name} takes images of {height}x{width}; only square ones are cropped to fit",
-                    f"Give arrays of bytes of {height}x{width} pixels.",
+                    f"Give arrays of {height}x{width} pixels, with values from 0 to 255.",
                 )
             image = decode_square(Path(image).expanduser(), height, channels)
         return checked_pixels(np.asarray(image), (height, width, channels))

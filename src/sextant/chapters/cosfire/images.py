@@ -12,7 +12,7 @@ from torch import Tensor
 
 from sextant.data.photos import read_photo
 from sextant.data.photos.reading import SMALLEST_SIDE
-from sextant.data.picture_files import open_picture
+from sextant.data.picture_files import DECODE, open_picture
 from sextant.data.pixel_values import eight_bits, rgb_bytes
 from sextant.data.upright import upright
 from sextant.errors import UserError
@@ -59,6 +59,8 @@ def upright_image(image: AnyImage | UprightImage, longest: int) -> UprightImage:
     """
     if isinstance(image, UprightImage):
         return image
+    if isinstance(image, bytes | bytearray):
+        raise UserError(f"the image is of type {type(image).__name__}; an image is a file or an array", DECODE)
     if not isinstance(image, ndarray):
         return read_image(Path(image), longest)
     grey = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 1)

@@ -8,7 +8,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, focal_length_of
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, shown
 
 #: points of a map: fewer inliers than this do not reach the limit of false alarms, so that nothing would be located
 LEAST_POINTS = 30
@@ -79,7 +79,7 @@ def pinhole_of(camera: Any, features: LocalFeatures) -> Pinhole:
         fx, fy, cx, cy = (float(value) for value in camera)
     except (TypeError, ValueError):
         raise ArgumentError(
-            f"camera={camera!r} must be (fx, fy, cx, cy) in pixels, a Pinhole, or have focal_px and focal_sigma"
+            f"camera={shown(camera)} must be (fx, fy, cx, cy) in pixels, a Pinhole, or have focal_px and focal_sigma"
         ) from None
     return Pinhole(features.width, features.height, fx, fy, cx, cy)
 
@@ -104,7 +104,7 @@ def cameras_of(
         number = 1 if single else len(cameras)
     except TypeError:
         raise ArgumentError(
-            f"cameras={cameras!r:.60} must be (fx, fy, cx, cy), a Pinhole, or one of each image"
+            f"cameras={shown(cameras)} must be (fx, fy, cx, cy), a Pinhole, or one of each image"
         ) from None
     if single:
         return [pinhole_of(cameras, each) for each in found]

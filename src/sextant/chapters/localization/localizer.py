@@ -34,7 +34,7 @@ from sextant.chapters.localization.map_pictures import map_pictures
 from sextant.chapters.localization.saved_filter import LEAST_PARTICLES, usual_filter, usual_particles, usual_radius
 from sextant.chapters.places.saved_descriptor import Describes, SavedDescriptor
 from sextant.data.positions import FURTHEST
-from sextant.errors import UserError
+from sextant.errors import UserError, shown
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.localization.adaptation import Adaptation
 from sextant.localization.belief import Belief
@@ -309,7 +309,9 @@ class Localizer:
         if self.pictures is None:
             return None
         if (at := _numbers(pose)).shape != (3,) or not np.isfinite(at).all():
-            raise UserError(f"pose={pose} must be three finite numbers: x, y, heading", "For example step(...).pose.")
+            raise UserError(
+                f"pose={shown(pose)} must be three finite numbers: x, y, heading", "For example step(...).pose."
+            )
         return np.asarray(self.pictures[int(self._adaptation.near.nearest(torch.from_numpy(at)[None])[0])])
 
     def describe(self, image: AnyImage) -> Float32[ndarray, " d"]:
@@ -486,14 +488,16 @@ def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
     moved = torch.from_numpy(_numbers(motion))
     if moved.shape != (3,) or not bool(moved.isfinite().all()):
         raise UserError(
-            f"motion={motion} must be three finite numbers: dx, dy, dtheta",
-            "Give None where odometry is missing.",
+            f"motion={shown(motion)} must be three finite numbers: dx, dy, dtheta",
+            "Call step(motion, image), with None for the motion where odometry is missing.",
         )
     if bool((moved.abs() > FURTHEST).any()):
-        raise UserError(f"motion={motion} is further than {FURTHEST:g}", "Give None where odometry is unreliable.")
+        raise UserError(
+            f"motion={shown(motion)} is further than {FURTHEST:g}", "Give None where odometry is unreliable."
+        )
     if abs(float(moved[2])) > 2 * math.pi:
         raise UserError(
-            f"motion={motion} turns by {float(moved[2]):g} rad, more than a full turn, in one step",
+            f"motion={shown(motion)} turns by {float(moved[2]):g} rad, more than a full turn, in one step",
             "dtheta is in rad: numpy.radians of degrees. Give None where odometry is unreliable.",
         )
     return moved
@@ -525,7 +529,8 @@ def _start_of(start: Start) -> Initialisation:
 
 def _check_start(start: Start) -> None:
     if not isinstance(start, Initialisation) and not (isinstance(start, str) and start in STARTS):
-        raise UserError(f"start={start} must be one of {', '.join(STARTS)}", "start=uniform")
+        given = start if isinstance(start, str) else shown(start)
+        raise UserError(f"start={given} must be one of {', '.join(STARTS)}", "start=uniform")
 
 
 def _check_parts(**given: Any) -> None:

@@ -23,7 +23,7 @@ from sextant.chapters.places.matching import Matches, match
 from sextant.chapters.places.photo_folder import PhotoFolder, photo_folder
 from sextant.chapters.places.saved_descriptor import Describes, SavedDescriptor, kept_baseline, named_baseline
 from sextant.chapters.places.saved_map import TOLERANCES, MapFacts, Temperature, load_map, save_map
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, shown
 from sextant.evaluation.positives import Positives
 from sextant.reporter import Advance
 from sextant.retrieval import FlatIndex
@@ -69,7 +69,7 @@ class DescribedMap:
         number = isinstance(told.value, Real) and not isinstance(told.value, bool)
         if told.value is not None and not (number and 0 < told.value < math.inf):
             raise ArgumentError(
-                f"temperature={told.value!r:.60} must be a finite number above 0", "For example temperature=0.05"
+                f"temperature={shown(told.value)} must be a finite number above 0", "For example temperature=0.05"
             )
         self.temperature, self.tolerances = told, dict(tolerances)
         self._tolerance: float | None = None
@@ -98,7 +98,7 @@ class DescribedMap:
         number = isinstance(value, Real) and not isinstance(value, bool)
         if value is not None and not (number and 0 <= value < math.inf):
             raise ArgumentError(
-                f"tolerance={value!r:.60} must be a finite number, at least 0, or None", "For example tolerance=25"
+                f"tolerance={shown(value)} must be a finite number, at least 0, or None", "For example tolerance=25"
             )
         self._tolerance = value
 
@@ -281,7 +281,7 @@ def _positions(positions: Any, photos: int) -> Float64[ndarray, "n 2"]:
     try:
         where = np.array(positions, np.float64)
     except (TypeError, ValueError):
-        raise ArgumentError(f"positions={positions!r:.60} must be numbers, x and y for each photo", fix) from None
+        raise ArgumentError(f"positions={shown(positions)} must be numbers, x and y for each photo", fix) from None
     if where.shape != (photos, 2):
         raise ArgumentError(f"positions has shape {where.shape} for {photos:,} photos", fix)
     if np.isinf(where).any():

@@ -166,7 +166,8 @@ def _decoded(
         if isinstance(photo, ndarray):
             return photo, False
         if not photo.is_file():
-            return ("is a folder, not a file" if photo.is_dir() else "there is no such file"), False
+            absent = "is a broken link" if photo.is_symlink() else "there is no such file"
+            return ("is a folder, not a file" if photo.is_dir() else absent), False
         try:
             image = decode_image(photo, size.height, size.width, size.channels, levels)
         except UnreadableImageError as error:

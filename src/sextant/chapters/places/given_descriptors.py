@@ -8,7 +8,7 @@ from jaxtyping import Float, Float32
 from numpy import ndarray
 
 from sextant.chapters.places.data.decoded_images import ImageSize
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, shown
 
 #: rows checked at a time, so that a file larger than memory is not read at once
 ROWS = 4096
@@ -103,5 +103,5 @@ def given_rows(
         path = Path(descriptors).expanduser()
         return checked_rows(open_rows(path, key), f"{key}={path}", count, fix)
     if not isinstance(descriptors, np.ndarray):
-        raise ArgumentError(f"{key}={descriptors!r:.60} must be an array or a file of one", fix)
+        raise ArgumentError(f"{key}={shown(descriptors)} must be an array or a file of one", fix)
     return checked_rows(descriptors, key, count, fix)

@@ -17,7 +17,7 @@ from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.array_folder import FolderFormat, file_sha256
 from sextant.atomic_files import write_atomically
 from sextant.chapters.places.describing import upright_size
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import ArgumentError, UserError, shown
 
 if TYPE_CHECKING:
     from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, TrunkFeatures
@@ -67,7 +67,7 @@ def checked(extractor: Any) -> "LocalFeatureExtractor":
     missing = [name for name in ("name", "model", "side", "detect", "match") if not hasattr(extractor, name)]
     if missing:
         raise ArgumentError(
-            f"local={extractor!r:.60} extracts no local features: it has no {', '.join(missing)}",
+            f"local={shown(extractor)} extracts no local features: it has no {', '.join(missing)}",
             "Give xfeat, trunk, aliked:<folder of its weights>, or a LocalFeatureExtractor.",
         )
     check = getattr(extractor, "check", None)

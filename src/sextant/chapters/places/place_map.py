@@ -229,7 +229,7 @@ class PlaceMap(DescribedMap):
         """Find the photos of the map that show the place of a photo.
 
         Args:
-            photo: a file, bytes or a Pillow image.
+            photo: a file, an array of values from 0 to 255, or a Pillow image.
             k: number of matches, at least 1; a smaller map returns all its photos.
             rerank: number of best matches that are re-ranked by local features, which are read from the map's files
                 (:mod:`sextant.correspondence.reranking`) once, and saved with the map; None: not re-ranked.

@@ -13,6 +13,7 @@ from sextant.data.name_matching import match_names
 from sextant.data.photos.header import PhotoHeader
 from sextant.data.photos.reading import SMALLEST_SIDE
 from sextant.data.reconstructions import NAMED_FORMATS
+from sextant.tables import counted
 from sextant.tools.inspection.drives import localization
 from sextant.tools.inspection.photos import camera_groups, described
 from sextant.tools.inspection.poses import FoundPoses
@@ -20,7 +21,6 @@ from sextant.tools.inspection.seen import Seen
 from sextant.tools.inspection.suggestion import Suggestion, command
 from sextant.tools.inspection.times import FolderOfPhotos
 from sextant.tools.inspection.traverses import ImageFolders, image_folders
-from sextant.tables import counted
 from sextant.user_files import table_header
 
 #: files of a dataset in its published layout, below the folder that ``paths.data`` names

@@ -12,7 +12,7 @@ from numpy import ndarray
 from PIL import Image
 
 from sextant.data.image_files import picture_bytes
-from sextant.data.videos import Frame, Size
+from sextant.data.videos import Frame, Size, silent_opencv
 from sextant.errors import UserError
 
 PREFIX = "camera:"
@@ -43,7 +43,8 @@ class Camera:
         """
         import cv2
 
-        device = cv2.VideoCapture(self.number)
+        with silent_opencv():
+            device = cv2.VideoCapture(self.number)
         if not device.isOpened():
             device.release()
             raise UserError(

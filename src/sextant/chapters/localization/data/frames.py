@@ -45,7 +45,7 @@ class Photos:
         for name in self.names:
             path = self.folder / name
             if not path.is_file():
-                yield Frame(name, None, "there is no such file")
+                yield Frame(name, None, "is a broken link" if path.is_symlink() else "there is no such file")
                 continue
             try:
                 yield Frame(name, read_photo(path, levels).image if size is None else decode_image(path, *size, levels))

@@ -219,6 +219,16 @@ def _table(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
             f"{source}: of the camera's columns {','.join(CAMERA_COLUMNS)} only {','.join(given)} are there",
             "Give all four, or none of them: the focal length is then estimated.",
         )
+    whole = [(line, cells) for line, cells in table.rows if len(cells) >= len(table.header)]
+    without = [line for line, cells in whole if not any(cells[table.header.index(name)] for name in given)]
+    if given and len(without) == len(whole):
+        given = []
+    elif given and without:
+        raise UserError(
+            f"{source}: the camera {','.join(CAMERA_COLUMNS)} is missing in {counted(len(without), 'row')} of "
+            f"{len(table.rows):,}, such as line {without[0]}",
+            "Give it in all rows, or in none: the focal length is then estimated.",
+        )
     wanted = [*COLUMNS[1:], *given]
     place, columns = table.header.index("file"), [table.header.index(name) for name in wanted]
     names, rows, problems = [], [], []
