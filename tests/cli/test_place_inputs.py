@@ -122,10 +122,10 @@ def test_rides_of_different_lengths(folder, told):
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (lambda rows: [rows[0], "1.png,,0,90", *rows[2:]], "line 3: x='' of 1.png must be finite numbers"),
-        (lambda rows: [rows[0], "1.png,nan,0,90", *rows[2:]], "line 3: x='nan' of 1.png must be finite numbers"),
-        (lambda rows: [rows[0], "1.png,1,-inf,90", *rows[2:]], "line 3: y='-inf' of 1.png must be finite numbers"),
-        (lambda rows: [rows[0], "1.png,1,0,", *rows[2:]], "line 3: heading='' of 1.png must be finite numbers"),
+        (lambda rows: [rows[0], "1.png,,0,90", *rows[2:]], "line 3: x='' of 1.png must be a finite number"),
+        (lambda rows: [rows[0], "1.png,nan,0,90", *rows[2:]], "line 3: x='nan' of 1.png must be a finite number"),
+        (lambda rows: [rows[0], "1.png,1,-inf,90", *rows[2:]], "line 3: y='-inf' of 1.png must be a finite number"),
+        (lambda rows: [rows[0], "1.png,1,0,", *rows[2:]], "line 3: heading='' of 1.png must be a finite number"),
         (lambda rows: [*rows, rows[0]], "line 8: 0.png has a row already"),
         (lambda rows: rows[1:], "dataset.test.night: 1 of 6 images have no row in"),
         (lambda rows: [*rows, "9.png,1,0,90"], "have no image\n  9.png"),
@@ -168,7 +168,7 @@ def test_names_that_tell_no_pose(folder, told):
 def test_headings_that_some_names_lack(folder, told):
     utm_names(folder, lambda n: "" if n == 4 else "90")
     said = told("dataset.places=utm")
-    assert "task.test_tolerance.m.heading_deg=40, but 1 of 12 test images have no heading\n  night/@40.0@" in said
+    assert "task.test_tolerance.m.heading_deg=40, but 1 of 12 test images has no heading\n  night/@40.0@" in said
     keys = [f"task.{key}.m.heading_deg=null" for key in ("tolerance", "test_tolerance")]
     metrics = trained(folder, "dataset.places=utm", *keys)["metrics"]
     assert metrics["test/queries_5m_night_to_day"] == COUNT
@@ -180,7 +180,7 @@ def test_headings_that_some_names_lack(folder, told):
 def test_equal_files_within_a_split_and_across(folder, told):
     (folder / "test" / "night" / "3.png").write_bytes((folder / "test" / "day" / "1.png").read_bytes())
     said = told("dataset.places=order")
-    assert "dataset.test: 1 files are duplicates of another\n  test/day/1.png = test/night/3.png" in said
+    assert "dataset.test: 1 file is a duplicate of another\n  test/day/1.png = test/night/3.png" in said
     (folder / "test" / "night" / "3.png").write_bytes((folder / "train" / "day" / "1.png").read_bytes())
     assert "  train/day/1.png = test/night/3.png" in told("dataset.places=order")
     (folder / "test" / "night" / "3.png").unlink()

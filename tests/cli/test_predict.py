@@ -97,7 +97,7 @@ def test_classes_are_written(tmp_path, picture, classifier, capsys):
     assert (out / "predictions.csv").read_bytes() == (
         f"file,class,probability,error\r\n{picture},cat,0.5,\r\n".encode()
     )
-    assert "1 images classified" in capsys.readouterr().out
+    assert "1 image classified" in capsys.readouterr().out
 
 
 def test_if_no_image_can_be_read_the_command_fails_and_names_them_all(tmp_path, classifier, capsys):
@@ -129,7 +129,7 @@ def test_images_that_were_skipped_are_in_a_table_with_reasons(tmp_path, picture,
     cells = [line.split("│")[1:3] for line in out.splitlines() if line.count("│") == 3]  # long ones are folded
     assert "".join(name.strip() for name, _ in cells).endswith("b.png")
     assert " ".join(" ".join(why for _, why in cells).split()) == "cannot be decoded (7 bytes): it is text"
-    assert "1 images classified, 1 could not be read" in said
+    assert "1 image classified, 1 could not be read" in said
 
 
 @pytest.mark.parametrize("name", ["predictions.json", "predictions.csv"])

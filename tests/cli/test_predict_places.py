@@ -390,7 +390,7 @@ def test_photos_of_another_shape_and_copies_are_told(rides, tmp_path):
     assert told["queries"]["stretched"] == ["tall.png"]
     assert any(remark.startswith("queries: 1 photos, such as tall.png, were stretched") for remark in told["remarks"])
     assert [row["query"] for row in rows if row.get("same_file")] == ["copy.png"]
-    assert any("1 queries are copies" in remark for remark in told["remarks"])
+    assert any("1 query is a copy" in remark for remark in told["remarks"])
 
 
 # --- what fails ------------------------------------------------------------------------------------------------------
@@ -462,7 +462,7 @@ def test_descriptors_that_are_not_finite_are_failures(rides, tmp_path):
         ({"map": "{tmp}/empty"}, "map=.*no photo there"),
         ({"map": "{tmp}/day/000.png"}, "is a file, not a folder"),
         ({"queries": "{tmp}/day"}, "are the same folder: 6 of 6 queries"),
-        ({"queries": "{tmp}/day/000.png"}, "1 of 1 queries are files of the map"),
+        ({"queries": "{tmp}/day/000.png"}, "1 of 1 query is in the map as well"),
         ({"map": "{tmp}"}, "share files, because one lies in the other"),
         ({"queries": "{tmp}"}, "share files, because one lies in the other"),
         ({"matches": "0"}, "matches=0 must be a whole number from 1 up"),

@@ -102,7 +102,7 @@ def test_photos_that_no_dataset_decodes_are_not_lost_silently(tmp_path, caplog):
     write(tmp_path / "a.jpg")
     (tmp_path / "b.HEIC").write_bytes(b"x")
     assert below(images_below(tmp_path), tmp_path) == ["a.jpg"]
-    assert "1 files left out, such as b.HEIC, which is .heic" in caplog.text
+    assert "1 file left out, such as b.HEIC, which is .heic" in caplog.text
 
 
 def test_classes_are_no_hidden_folders(tmp_path):

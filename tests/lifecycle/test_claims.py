@@ -375,7 +375,7 @@ def test_launcher_and_tracking_are_handed_on_and_a_board_without_verdicts_is_an_
         with pytest.raises(SystemExit, match="2"):
             cli.run("claims", [*words, *more])
     assert handed == [slurm, ["launcher.workers=2"], ["launcher=joblib", "launcher.workers=2"]]
-    assert "none of 1 claims could be decided" in capsys.readouterr().err
+    assert "none of 1 claim could be decided" in capsys.readouterr().err
     assert board.read_text() == "as it was"
 
 

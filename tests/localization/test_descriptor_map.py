@@ -51,7 +51,7 @@ def test_an_empty_map_is_refused():
 def test_values_that_are_not_finite_are_refused_with_their_rows(value):
     poses, descriptors = _poses(), _descriptors()
     poses[2, 1] = value
-    with pytest.raises(UserError, match=r"1 poses that are not finite: rows 2,"):
+    with pytest.raises(UserError, match=r"1 pose that is not finite: row 2,"):
         DescriptorMap.of(poses, descriptors)
     descriptors[[1, 3], 0] = value
     with pytest.raises(UserError, match=r"2 descriptors that are not finite: rows 1, 3,"):

@@ -174,7 +174,7 @@ def test_what_cannot_be_a_map_is_refused(tmp_path):
         finish(builder, neighbours=141)
     builder.add(POSES[30:31] + torch.tensor([0, 0, 4 * torch.pi], dtype=torch.float64), DESCRIPTORS[:1])
     builder.add(torch.tensor([[1.0, -0.0, 0.5], [1.0, 0.0, 0.5]], dtype=torch.float64), DESCRIPTORS[:2])
-    with pytest.raises(UserError, match=r"1 images share a pose with another .* images 141 and 142"):
+    with pytest.raises(UserError, match=r"1 image shares a pose with another .* images 141 and 142"):
         finish(builder)
 
 

@@ -140,7 +140,7 @@ def test_one_image_is_classified_without_lightning_and_its_network_read_once(tmp
         [sys.executable, "-c", PROBE, *arguments], capture_output=True, text=True, timeout=120, check=False
     )
     assert done.stderr == ""
-    assert "1 images classified" in done.stdout
+    assert "1 image classified" in done.stdout
     assert done.stdout.endswith("read 1 []\n")
 
 

@@ -164,7 +164,7 @@ def test_a_run_that_a_nan_stopped_is_a_dropped_pair(sweep):
 
 def test_a_sweep_without_a_finished_run_cannot_be_reported(tmp_path):
     plan = SweepPlan("none", {}, [], [Cell({}, "a", 0, 0, "d", "runs/classification/x")])
-    with pytest.raises(UserError, match="none of its 1 runs is finished yet"):
+    with pytest.raises(UserError, match="none of its 1 run is finished yet"):
         sweep_results(plan.write(tmp_path))
 
 

@@ -9,6 +9,7 @@ import cv2
 from sextant.applications.arguments import check_several
 from sextant.data.photo_files import nothing_usable
 from sextant.errors import ArgumentError, UserError
+from sextant.tables import counted
 
 #: treatment of photos that fail: an error that names them, or an entry for each among the results
 Errors = Literal["raise", "return"]
@@ -53,9 +54,9 @@ class FailedPhotosError(UserError):
             rest: advice for getting the results of the others, if there are any.
         """
         none = len(failed) == count
-        problem = f"none of {count:,} photos could be {done}"
+        problem = f"none of {counted(count, 'photo')} could be {done}"
         told = nothing_usable(
-            problem if none else f"{len(failed):,} of {count:,} photos could not be {done}",
+            problem if none else f"{len(failed):,} of {counted(count, 'photo')} could not be {done}",
             {each.name: each.error.problem for each in failed},
             None if none else f"Replace these files, or {rest}",
         )

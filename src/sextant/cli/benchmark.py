@@ -13,6 +13,7 @@ from sextant.console.arguments import SPLIT, UserPath, parse_arguments
 from sextant.console.console import console
 from sextant.console.written import make_output, tell_skipped, tell_written
 from sextant.errors import UserError
+from sextant.tables import counted
 
 USAGE = (
     "sextant benchmark calibration folder=<folder, or its name in SEXTANT_DATA> "
@@ -62,7 +63,7 @@ def main(arguments: Sequence[str]) -> None:
     with console.status("photos") as status:
         found = benchmark_calibration(
             calibrator, folder, sampling=options.sampling, cuts=options.cuts,
-            leave_out=options.leave_out, progress=lambda done: status.update(f"{done} photos"),
+            leave_out=options.leave_out, progress=lambda done: status.update(f"{counted(done, 'photo')}"),
         )  # fmt: skip
     console.print(found.markdown())
     tell_skipped(found.skipped)
@@ -71,4 +72,4 @@ def main(arguments: Sequence[str]) -> None:
         text, file = write_network_scale(found, calibrator, options.output / SCALE)
         console.print(text)
         written.append(file)
-    tell_written(f"{len(found.names)} photos measured", len(found.skipped), written, "left out")
+    tell_written(f"{counted(len(found.names), 'photo')} measured", len(found.skipped), written, "left out")

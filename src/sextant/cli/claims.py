@@ -55,6 +55,7 @@ def main(arguments: Sequence[str]) -> None:
     from sextant.lifecycle.claim_files import read_claims
     from sextant.reports.claims_board import advice, replicates_told
     from sextant.runs.outputs_folder import default_outputs
+    from sextant.tables import counted
 
     claims, stored = read_claims(options.claim), life.stored_results()
     if options.digests == "renew":
@@ -74,7 +75,8 @@ def main(arguments: Sequence[str]) -> None:
     for sweep, why in tables.left_out.items():
         console.print(f"not run: {sweep}: {why}", markup=False)
     if not decided:
-        raise UserError(f"none of {len(claims)} claims could be decided: none of their sweeps was run, see above")
+        which = f"none of {counted(len(claims), 'claim')}"
+        raise UserError(f"{which} could be decided: none of their sweeps was run, see above")
     chosen = options.output or (output if options.claim == "all" else None)  # the board in results covers all claims
     pages = life.write_board(claims, tables, command, chosen, options.html)
     table = Table("claim", "verdict", "runs", "effect in its favour, 95 %", "required", "rests on", "to decide")

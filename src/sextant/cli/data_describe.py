@@ -12,6 +12,7 @@ from sextant.console.work_progress import work_progress
 from sextant.console.written import tell_skipped
 from sextant.errors import UserError
 from sextant.kit.handler import open_run
+from sextant.tables import counted
 
 DESCRIBE = "sextant data describe run=<run> map=<photos> output=<folder> [shards=3 [shard=0]]"
 #: keys for finding the run, with their meanings
@@ -60,4 +61,4 @@ def describe(arguments: Sequence[str]) -> None:
         with work_progress("describing", "photos") as progress:
             describe_shard(places, photos, options.output, options.shard, options.shards or 1, progress)
     tell_skipped(places.described.failed)
-    console.print(f"{len(places):,} photos described: {options.output}")
+    console.print(f"{counted(len(places), 'photo')} described: {options.output}")

@@ -46,6 +46,7 @@ def main(arguments: Sequence[str]) -> None:
     from sextant.console.console import console, note_reached
     from sextant.console.work_progress import work_progress
     from sextant.console.written import make_output, tell_written
+    from sextant.tables import counted
 
     check_apart(options.output, input=options.input, map=options.map)
     if options.save is not None:
@@ -61,7 +62,7 @@ def main(arguments: Sequence[str]) -> None:
     if options.save is not None:
         poses.save(options.save)
         note_reached("map written to", str(options.save))
-    console.print(f"map: {len(poses.names):,} images, {len(poses.posed.points):,} points")
+    console.print(f"map: {counted(len(poses.names), 'image')}, {counted(len(poses.posed.points), 'point')}")
     with work_progress("located", "images") as progress:
         results = locating.locate_frames(poses, frames, camera, options.output, paths, progress)
     written = locating.write_located(results, poses, options.output)
@@ -69,7 +70,9 @@ def main(arguments: Sequence[str]) -> None:
         console.print(f"note: images were straightened, camera {frames.camera}", markup=False)
     found = sum(each.found is not None and each.found.verdict == "located" for each in results)
     unreadable = sum(each.found is None for each in results)
-    told = f"{found:,} of {len(results):,} images located" + (f", {unreadable:,} unreadable" if unreadable else "")
+    told = f"{found:,} of {counted(len(results), 'image')} located" + (
+        f", {unreadable:,} unreadable" if unreadable else ""
+    )
     tell_written(told, len(results) - found - unreadable, written, "not in the map")
 
 

@@ -18,6 +18,7 @@ from sextant.lifecycle import sweep
 from sextant.lifecycle.search.run import sweep_or_search
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.sweep_directory import find_sweep, read_plan, report_command
+from sextant.tables import counted
 
 USAGE = "sextant sweep status|attach|cancel <sweep> [outputs=<folder>]"
 
@@ -73,7 +74,7 @@ def show_dry_run(arguments: Sequence[str]) -> None:
     cells, script = sweep.dry_run(arguments, TERMINAL)
     for cell in cells:
         print(f"{cell.name}  {shlex.join(cell.overrides)}")
-    print(f"{len(cells)} runs are missing")
+    print(f"{counted(len(cells), 'run is', 'runs are')} missing")
     if script:
         print(f"\n{script}")
 

@@ -14,6 +14,7 @@ from sextant.applications.arguments import check_own_file
 from sextant.console.arguments import Options, UserPath
 from sextant.console.console import console
 from sextant.errors import UserError
+from sextant.tables import counted
 
 USAGE = (
     "sextant trajectory <reference> <estimate> [max_gap_s=0.01] [figure=plan.png] [alignment=rigid] [json=errors.json]"
@@ -51,14 +52,15 @@ def main(arguments: Sequence[str]) -> None:
 
     found = compare_trajectories(files[0], files[1], max_gap_s=options.max_gap_s)
     console.print(
-        f"{len(found.reference):,} frames in both, of {found.reference_frames:,} and {found.estimate_frames:,}; "
-        f"{found.length_m:,.1f} m"
+        f"{counted(len(found.reference), 'frame')} in both, of {found.reference_frames:,} and "
+        f"{found.estimate_frames:,}; {found.length_m:,.1f} m"
     )
     alone = min(found.reference_frames, found.estimate_frames) - len(found.reference)
     if alone > len(found.reference):
         console.print(
-            f"{alone:,} poses of the shorter file have no counterpart in the other and are excluded from these errors. "
-            f"Poses of TUM files correspond if their times differ by at most max_gap_s={options.max_gap_s:g}."
+            f"{counted(alone, 'pose')} of the shorter file {'has' if alone == 1 else 'have'} no counterpart in the "
+            f"other and {'is' if alone == 1 else 'are'} excluded from these errors. Poses of TUM files correspond if "
+            f"their times differ by at most max_gap_s={options.max_gap_s:g}."
         )
     table = Table("error", "", "rmse", "mean", "median", "max")
     for name, unit, each in found.statistics():

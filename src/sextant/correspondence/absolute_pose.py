@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from sextant.correspondence.pinhole import Pinhole, cross_matrices
 from sextant.errors import ArgumentError, naming_extras
+from sextant.tables import counted
 
 #: matches that determine a pose, with one left to check it
 LEAST_MATCHES = 4
@@ -90,7 +91,7 @@ def absolute_pose(
         True
     """
     if len(pixels) != len(points):
-        raise ArgumentError(f"{len(pixels)} pixels, but {len(points)} points")
+        raise ArgumentError(f"{len(pixels)} pixels, but {counted(len(points), 'point')}")
     pixels, points = np.asarray(pixels, np.float64), np.asarray(points, np.float64)
     if len(pixels) < LEAST_MATCHES:
         return None

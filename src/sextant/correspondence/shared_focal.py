@@ -32,6 +32,7 @@ from sextant.correspondence.pinhole import cross_matrices
 from sextant.correspondence.relative_pose import sampson_errors
 from sextant.correspondence.turned_camera import turned_focal, turns_of
 from sextant.errors import ArgumentError, naming_extras, shown
+from sextant.tables import counted
 
 #: photos that are taken; time grows with the square, and ten determine a focal length to half a per cent
 FEWEST, MOST = 2, 10
@@ -158,7 +159,8 @@ def _checked(photos: Sequence[LocalFeatures]) -> float:
         )
     if not FEWEST <= len(photos) <= MOST:
         raise ArgumentError(
-            f"{len(photos)} photos; a shared focal length needs {FEWEST} to {MOST}", "Choose photos that overlap."
+            f"{counted(len(photos), 'photo')}; a shared focal length needs {FEWEST} to {MOST}",
+            "Choose photos that overlap.",
         )
     sizes = {tuple(sorted((each.width, each.height))) for each in photos}
     if len(sizes) > 1:

@@ -9,6 +9,7 @@ from jaxtyping import Int64
 from torch import Tensor
 
 from sextant.errors import UserError, shown
+from sextant.tables import counted
 
 CHANNELS = (1, 3)
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
@@ -59,7 +60,7 @@ def require_indices(indices: Indices, count: int) -> Int64[Tensor, "b"]:
     if found.dtype == torch.bool or found.is_floating_point() or found.is_complex():
         raise UserError(f"indices hold {found.dtype}, not whole numbers", advice)
     if found.numel() != count or found.ndim > 1:
-        raise UserError(f"indices have the shape {tuple(found.shape)} for {count} images", advice)
+        raise UserError(f"indices have the shape {tuple(found.shape)} for {counted(count, 'image')}", advice)
     found = found.long().reshape(count)
     if bool((found < 0).any()):
         raise UserError(f"indices reach down to {int(found.min())}", advice)

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from sextant.compiled import compiled
+from sextant.tables import counted
 
 Border = Literal["nearest", "reflect", "mirror", "zero"]
 
@@ -68,7 +69,7 @@ def bilinear(
     """
     if rows.shape != columns.shape or len(rows) != len(images):  # the compiled loop does not check
         raise ValueError(
-            f"{len(images)} images, rows {tuple(rows.shape)} and columns {tuple(columns.shape)} do not match"
+            f"{counted(len(images), 'image')}, rows {tuple(rows.shape)} and columns {tuple(columns.shape)} do not match"
         )
     if images.device.type != "cpu" or images.dtype not in (torch.float32, torch.float64):
         return _gathered(images, rows, columns, border)

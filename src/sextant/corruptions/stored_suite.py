@@ -21,6 +21,7 @@ from sextant.corruptions.making import LABELS, RECORD
 from sextant.corruptions.suite import Condition, CorruptionSuite, Protocol
 from sextant.errors import ArgumentError, UserError
 from sextant.ranges import checked
+from sextant.tables import counted
 
 MAKE = "python -m sextant.corruptions make set={set} input=<dataset> output={folder}"
 
@@ -97,7 +98,9 @@ class StoredSuite(CorruptionSuite):
         stored, levels = self.images[condition.corruption], self._levels[condition.corruption]
         count = len(stored) // len(levels)
         if int(positions.max()) >= count:
-            raise UserError(f"{self.folder} holds {count} images per severity, the test split has more", self._remedy)
+            raise UserError(
+                f"{self.folder} holds {counted(count, 'image')} per severity, the test split has more", self._remedy
+            )
         rows = levels.index(condition.level) * count + positions.numpy()
         found = torch.from_numpy(np.ascontiguousarray(stored[rows]))
         found = found.unsqueeze(1) if found.ndim == 3 else found.permute(0, 3, 1, 2)

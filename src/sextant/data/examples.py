@@ -9,6 +9,7 @@ from numpy import ndarray
 from sextant.data.datamodule import ImageData, in_memory, stratified_split
 from sextant.data.source import LabelledImages
 from sextant.errors import ArgumentError, UserError
+from sextant.tables import counted
 
 
 @dataclass(frozen=True)
@@ -92,8 +93,8 @@ class ExampleData(ImageData):
         if settings.images is not None:
             if settings.images > len(train):
                 raise ArgumentError(
-                    f"images={settings.images:,}: dataset={self.source.name} has {len(train):,} training images, "
-                    f"and {len(validation):,} held out",
+                    f"images={settings.images:,}: dataset={self.source.name} has "
+                    f"{counted(len(train), 'training image')}, and {len(validation):,} held out",
                     f"Choose at most {len(train)}, or null for all.",
                     of=self,
                 )
@@ -116,7 +117,7 @@ class ExampleData(ImageData):
         least = min(counts, key=lambda label: counts[label])
         if counts[least] < each:
             raise ArgumentError(
-                f"examples={each}: there are {counts[least]} training images of class "
+                f"examples={each}: there are {counted(counts[least], 'training image')} of class "
                 f"{self.source.spec().classes[least]} to choose from",
                 f"Choose at most {counts[least]}, null for all, or more images."
                 if counts[least]

@@ -26,6 +26,7 @@ from sextant.data.source import (
 )
 from sextant.data.upright import upright
 from sextant.errors import ArgumentError, UserError
+from sextant.tables import counted
 
 LARGEST_IN_MEMORY = 8 * 2**30
 
@@ -68,7 +69,8 @@ class ImageFolder(ImageSource):
         classes = sorted(path.name for path in inside if any(_images(path)))
         if len(classes) < 2:
             raise MissingDataError(
-                f"folder={root}: {len(classes)} folders with images, need one for each of at least two classes",
+                f"folder={root}: {counted(len(classes), 'folder')} with images, need one for each of at least two "
+                "classes",
                 f"Arrange the images as {base}/<class>/<image>{SUFFIXES[0]}",
             )
         return classes
@@ -115,8 +117,8 @@ class ImageFolder(ImageSource):
         needed = len(paths) * self.channels * self.size**2
         if needed > LARGEST_IN_MEMORY:
             raise ArgumentError(
-                f"folder={self.folder}: {len(paths):,} images of {self.size}x{self.size} pixels "
-                f"need {needed / 2**30:.1f} GiB of memory",
+                f"folder={self.folder}: {counted(len(paths), 'image')} of {self.size}x{self.size} pixels need "
+                f"{needed / 2**30:.1f} GiB of memory",
                 f"Use smaller images, for example size={self.size // 2}",
             )
         levels = WhiteLevels((path for each in SPLITS for path in self.files(each)), str(self.folder))

@@ -14,6 +14,7 @@ from urllib.parse import unquote
 from sextant.data.file_kinds import RAW
 from sextant.data.photo_files import FOUND_IN_FOLDERS
 from sextant.errors import UserError
+from sextant.tables import counted
 
 _SUFFIX = re.compile(rf"({'|'.join(map(re.escape, (*FOUND_IN_FOLDERS, *RAW)))})$", re.IGNORECASE)
 
@@ -102,7 +103,7 @@ def _by_end(parts: Mapping[int, Sequence[str]], depth: int, whole: bool = False)
 
 def _told(images: Sequence[str], rows: Sequence[str]) -> str:
     if len(images) == 1 < len(rows) and len(set(rows)) == 1:
-        return f"{images[0]} has {len(rows)} rows"
+        return f"{images[0]} has {counted(len(rows), 'row')}"
     return f"{' and '.join(images[:3])} may be {' or '.join(rows[:3])}"
 
 

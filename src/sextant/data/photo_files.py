@@ -118,7 +118,7 @@ def image_paths(folder: Path, *, deep: bool = True) -> Iterator[Path]:
     others = [path for path in found.files if path.suffix.lower() in (*FOUND_IN_FOLDERS[len(SUFFIXES) :], *RAW)]
     if others:
         why = not_decoded(folder / others[0]) or "is not decoded here"
-        warn_once(f"{folder}: {len(others):,} files left out, such as {others[0]}, which {why}")
+        warn_once(f"{folder}: {counted(len(others), 'file')} left out, such as {others[0]}, which {why}")
     return (folder / path for path in found.files if path.suffix.lower() in SUFFIXES and (folder / path).is_file())
 
 
@@ -157,7 +157,7 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         and (os.path.isfile(p) or (os.path.islink(p) and not os.path.exists(p)))  # the reader reports broken links
     )
     videos = sorted(p for p in candidates if p.suffix.lower() in VIDEOS and p.is_file())
-    left_out = f"{len(raw):,} raw files, such as {raw[0].name}" if raw else ""
+    left_out = f"{counted(len(raw), 'raw file')}, such as {raw[0].name}" if raw else ""
     filmed = f"{counted(len(videos), 'video')}, such as {videos[0].name}" if videos else ""
     if not found:
         there = path.exists() or glob.has_magic(given)
@@ -169,7 +169,8 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         if videos:
             why += f", but {filmed}: {ALONE}"
         if hidden:
-            why += f"; {len(hidden):,} hidden files and folders are left out, such as {hidden[0]}"
+            hid = counted(len(hidden), "hidden file or folder is", "hidden files and folders are")
+            why += f"; {hid} left out, such as {hidden[0]}"
         raise UserError(
             f"{key}={why}",
             "Give a photo, a folder or a pattern such as 'photos/*.jpg'. "

@@ -14,6 +14,7 @@ from sextant.errors import UserError
 from sextant.kit.chapter import Source
 from sextant.registry import chapter_of
 from sextant.reporter import SILENT, Reporter
+from sextant.tables import counted
 
 
 def checked(raw: Mapping[str, Any]) -> Config:
@@ -104,7 +105,8 @@ def require_possible(config: Config, source: Source) -> None:
     count = chapter_of(config.task.name).training_size(config, source)
     if count is not None and config.trainer.batch_size > count:
         raise UserError(
-            f"trainer.batch_size={config.trainer.batch_size}: dataset={source.name} has {count:,} images to train on",
+            f"trainer.batch_size={config.trainer.batch_size}: dataset={source.name} has {counted(count, 'image')} to "
+            "train on",
             f"For example trainer.batch_size={min(32, count)}",
         )
 

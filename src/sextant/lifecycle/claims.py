@@ -17,7 +17,7 @@ from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.reports.claim_evidence import BASELINES, REPLICATE_TABLE, SEEDS, evidence, read_table
 from sextant.reports.claims_board import Comparison, DecidedClaim, board, comparison_rows, picture
 from sextant.runs.outputs_folder import conf_dir
-from sextant.tables import TextTable
+from sextant.tables import TextTable, counted
 
 Preset = Literal["quick", "full"]
 
@@ -264,7 +264,7 @@ def run_claims(
         except UserError as error:
             left_out[sweep] = one_line(str(error))
     told = ", ".join(f"{sweep} {runs}" for sweep, runs in missing.items())
-    reporter.say(f"{len(missing)} sweeps, {sum(missing.values())} runs missing: {told or 'none'}")
+    reporter.say(f"{counted(len(missing), 'sweep')}, {counted(sum(missing.values()), 'run')} missing: {told or 'none'}")
     for sweep in missing:
         try:
             directory = run_sweep(wanted[sweep], reporter, runs=runs).directory

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from sextant.errors import UserError
 from sextant.geometry.planar import wrap_angle
+from sextant.tables import counted
 
 #: Descriptor rows processed together, so that a mapped file larger than memory is read in pieces.
 BLOCK = 16_384
@@ -62,14 +63,20 @@ class DescriptorMap:
         """
         if len(poses) != len(descriptors):
             raise UserError(
-                f"the map has {len(poses)} poses and {len(descriptors)} descriptors",
+                f"the map has {counted(len(poses), 'pose')} and {counted(len(descriptors), 'descriptor')}",
                 "Give one pose for each image, in the same order.",
             )
         if len(poses) == 0 or descriptors.shape[1] == 0:
             raise UserError("the map is empty: it has no image with a descriptor", "Provide images with known poses.")
-        _refuse(~torch.isfinite(poses).all(dim=1), "poses that are not finite", "Leave these images out.")
+        finite = torch.isfinite(poses).all(dim=1)
+        _refuse(~finite, "pose that is not finite", "poses that are not finite", "Leave these images out.")
         broken = torch.cat([~torch.isfinite(rows).all(dim=1) for rows in descriptors.split(BLOCK)])
-        _refuse(broken, "descriptors that are not finite", "Leave these images out, or describe them again.")
+        _refuse(
+            broken,
+            "descriptor that is not finite",
+            "descriptors that are not finite",
+            "Leave these images out, or describe them again.",
+        )
         first = _first_of_equals(poses)
         repeated = first != torch.arange(len(poses))
         if merge_duplicates and bool(repeated.any()):
@@ -77,17 +84,19 @@ class DescriptorMap:
         else:
             _refuse(
                 repeated,
+                "pose equal to that of an earlier image (same x, y and heading)",
                 "poses equal to that of an earlier image (same x, y and heading)",
                 "Leave these images out, or keep one with their mean descriptor: merge_duplicates=true",
             )
         return cls(poses, descriptors, mean_of_blocks(descriptors.split(BLOCK)))
 
 
-def _refuse(wrong: Tensor, what: str, fix: str) -> None:
+def _refuse(wrong: Tensor, one: str, several: str, fix: str) -> None:
     rows = wrong.nonzero().flatten().tolist()
     if rows:
         named = ", ".join(map(str, rows[:NAMED])) + (", ..." if len(rows) > NAMED else "")
-        raise UserError(f"the map has {len(rows)} {what}: rows {named}, counted from 0", fix)
+        where = "row" if len(rows) == 1 else "rows"
+        raise UserError(f"the map has {counted(len(rows), one, several)}: {where} {named}, counted from 0", fix)
 
 
 def _first_of_equals(poses: Tensor) -> Tensor:

@@ -36,6 +36,7 @@ from sextant.localization.observation.neighbourhoods import Neighbourhoods, chec
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.saved_map import HEADER, array_path, write_header
 from sextant.reporter import Advance
+from sextant.tables import counted
 
 #: Bits for the cells along the longer side of the map: cells of 1 mm in a map of 2,000 km.
 BITS = 31
@@ -249,15 +250,16 @@ class TiledMapBuilder:
     def _check(self, poses: Tensor, descriptors: Tensor) -> None:
         if self.images and descriptors.shape[1] != self._state["dimension"]:
             raise UserError(
-                f"descriptors have {descriptors.shape[1]} values, but earlier ones have {self._state['dimension']}",
+                f"descriptors have {counted(descriptors.shape[1], 'value')}, but earlier ones have "
+                f"{self._state['dimension']}",
                 "Describe all images with the same descriptor.",
             )
         broken = ~(poses.isfinite().all(dim=1) & descriptors.isfinite().all(dim=1))
         if bool(broken.any()):
             row = self.images + int(broken.nonzero()[0])
             raise UserError(
-                f"{int(broken.sum())} images have a pose or descriptor that is not finite, the first of them image "
-                f"{row}, counted from 0",
+                f"{counted(int(broken.sum()), 'image has', 'images have')} a pose or descriptor that is not finite, "
+                f"the first of them image {row}, counted from 0",
                 "Leave these images out.",
             )
 
@@ -366,7 +368,8 @@ def _refuse_repeated(poses: Float64[Tensor, "n 3"]) -> None:
     if alike.any():
         first = int(np.flatnonzero(alike)[0])
         raise UserError(
-            f"{int(alike.sum())} images share a pose with another (same x, y and heading), such as images "
-            f"{min(order[first], order[first + 1])} and {max(order[first], order[first + 1])}, counted from 0",
+            f"{counted(int(alike.sum()), 'image shares', 'images share')} a pose with another (same x, y and "
+            f"heading), such as images {min(order[first], order[first + 1])} and "
+            f"{max(order[first], order[first + 1])}, counted from 0",
             "Leave one of them out.",
         )

@@ -24,7 +24,7 @@ def divergence(results: SweepResults) -> str:
     compared |= {text.split("=")[0] for arm in _arms(results.plan) for text in arm.get("overrides", [])}
     ended = sum(cell.outcome in ("finished", "diverged") for cell in results.cells)
     learnt = ended - len(diverged)
-    which = "None of the runs learnt" if not learnt else f"{len(diverged)} of {ended} runs did not learn"
+    which = "None of the runs learnt" if not learnt else f"{len(diverged)} of {counted(ended, 'run')} did not learn"
     trainings = [cell.training for cell in sorted(diverged, key=lambda cell: cell.cell.run) if cell.training]
     words = ["train", "-m", *results.plan.own_words]
     missing = "" if learnt else " There is nothing to compare: means and contrasts are over runs that learnt."

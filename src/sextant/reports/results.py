@@ -19,6 +19,7 @@ from sextant.evaluation.verdict import Replicate
 from sextant.kit.measure import ACCURACY, Measure, RunValues, SharedSet, conditions_in, require_answers, shared_set
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
+from sextant.tables import counted
 
 Outcome = Literal["finished", "diverged", "failed", "missing"]
 Content = TypeVar("Content")
@@ -222,7 +223,8 @@ def read_results(directory: Path, outputs: Path, measured: Callable[[str], Measu
         _load(cell, run, shared, reads.get(cell.arm), measured) for cell, run in zip(plan.cells, runs, strict=True)
     ]
     if not any(result.values or result.outcome == "diverged" for result in cells):
-        raise UserError(f"sweep {plan.name}: none of its {len(cells)} runs is finished yet", "Run the sweep first.")
+        which = f"none of its {counted(len(cells), 'run')}"
+        raise UserError(f"sweep {plan.name}: {which} is finished yet", "Run the sweep first.")
     return SweepResults(plan, directory, cells, shared)
 
 

@@ -168,7 +168,7 @@ def test_photos_of_one_camera_with_a_broken_file_among_them(calibrator, five):
     assert [type(each) is FailedPhoto for each in one.photos] == [False, False, True, False, False]
     assert len(one.fusion.kept) == len(one.cameras) == 4
     assert [camera.focal_px for camera in one.cameras] == pytest.approx([80 * one.focal_of_longer_side] * 4)
-    with pytest.raises(FailedPhotosError, match="none of 1 photos"):
+    with pytest.raises(FailedPhotosError, match="none of 1 photo could"):
         calibrator.one_camera(five[2:3], errors="return")
     with pytest.raises(UserError, match="there is no photo of the camera"):
         calibrator.one_camera([])

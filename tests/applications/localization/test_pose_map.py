@@ -200,7 +200,7 @@ def test_poses_that_are_none_are_refused(poses, said):
         ({"cameras": 500.0}, "must be .fx, fy, cx, cy., a Pinhole"),
         ({"cameras": [(1, 1, 0, 0)] * 3}, "3 cameras for 2 images"),
         ({"cameras": Pinhole.centred(100, 100, 90.0)}, "a camera of 100x100 pixels for an image of 64x64"),
-        ({"names": ["a"]}, "1 names for 2 images"),
+        ({"names": ["a"]}, "1 name for 2 images"),
         ({"side": "320"}, "must be a whole number, at least 64"),
     ],
 )
@@ -303,7 +303,7 @@ def test_blank_walls_make_no_map():
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("poses.csv", "file,x,y\na.png,1,2\n", "the columns z, qw, qx, qy, qz are missing"),
+        ("poses.csv", "file,x,y\na.png,1,2\n", "poses.csv has no column z, qw, qx, qy, qz"),
         (
             "poses.csv",
             "file,x,y,z,qw,qx,qy,qz\na.png,0,0,0,2,0,0,0\n",

@@ -247,7 +247,7 @@ def test_photos_that_fail_are_named_and_the_others_are_in_the_map(rides):
     assert failed.name == str(bad[1])
     assert len(places) == 5
     assert places.look_up(rides[1] / "001.png").best.photo == bad[0]
-    with pytest.raises(FailedPhotosError, match="none of 1 photos could be described"):
+    with pytest.raises(FailedPhotosError, match="none of 1 photo could be described"):
         places.add(bad[1])
     assert len(places) == 5
 

@@ -185,7 +185,7 @@ def test_an_image_of_the_map_that_cannot_be_read_is_left_out_with_a_remark(tmp_p
     assert kept.paths == [paths[0], paths[2]]
     assert kept.poses.tolist() == mapped.poses[[0, 2]].tolist()
     assert kept.remarks[0] == "another remark"
-    assert kept.remarks[1].startswith("1 of 3 images of the map cannot be read and are left out: ")
+    assert kept.remarks[1].startswith("1 of 3 images of the map cannot be read, hence left out: ")
     assert "b.png" in kept.remarks[1]
 
 

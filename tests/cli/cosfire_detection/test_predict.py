@@ -123,14 +123,14 @@ def test_places_are_told_in_pixels_of_the_upright_original(tmp_path, example):
 def test_other_sizes_by_shrinking_are_told_of(tmp_path, example, capsys):
     drawn(tmp_path / "large.png", (660, 480), glyphs=((300, 200),))
     detect(example, tmp_path / "large.png", tmp_path / "out", longest=220)
-    assert "1 images were shrunk to longest=220 by another factor" in " ".join(capsys.readouterr().out.split())
+    assert "1 image was shrunk to longest=220 by another factor" in " ".join(capsys.readouterr().out.split())
 
 
 def test_images_without_room_for_the_filter_are_told_of(tmp_path, example, capsys):
     Image.open(example).crop((92, 62, 128, 98)).save(tmp_path / "crop.png")
     (row,) = detect(example, tmp_path / "crop.png", tmp_path / "out")["images"]
     assert (row["detections"], row["remark"]) == ([], "smaller than the filter")
-    assert "1 images are smaller than the filter" in capsys.readouterr().out
+    assert "1 image is smaller than the filter" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -179,7 +179,7 @@ def test_a_prototype_without_structure_is_refused(tmp_path, example, point, says
 def test_if_no_image_can_be_used_the_command_fails_and_the_files_say_why(tmp_path, example):
     broken = tmp_path / "broken.png"
     broken.write_bytes(b"")
-    with pytest.raises(UserError, match=r"(?s)none of 1 images could be used.*broken.png: is empty .0 bytes"):
+    with pytest.raises(UserError, match=r"(?s)none of 1 image could be used.*broken.png: is empty .0 bytes"):
         detect(example, broken, tmp_path / "out")
     assert "error" in json.loads((tmp_path / "out" / "detections.json").read_text())["images"][0]
     with pytest.raises(UserError, match="0 bytes"):

@@ -32,7 +32,7 @@ def test_headings_that_look_like_degrees_are_remarked(tmp_path, theta, told):
         ("", "has no rows"),
         ("x,y\n0,0\n", "has the columns x, y"),
         ("x y theta\n0 0 0\n", "is neither a table with commas nor TUM; it begins with 'x y theta'"),
-        ("1 0 0 0 0 0 0 7\n", "1 lines cannot be used"),
+        ("1 0 0 0 0 0 0 7\n", "1 line cannot be used"),
     ],
 )
 def test_what_is_neither_a_table_nor_tum_is_told_with_what_would_be(tmp_path, text, told):

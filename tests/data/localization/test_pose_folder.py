@@ -225,7 +225,7 @@ def test_missing_folders_and_files_are_told(tmp_path, form):
     [("file,x,y\n" + "\n".join(f"{name},0,0" for name in names()), "has no column heading, which 8 images"),
      (csv(POSES).replace("1.5,0.5", "nan,0.5"), r"x='nan' of 1001.25.png must be finite"),
      (csv(POSES).rsplit("\n", 1)[0], r"1 of 8 images have no row(.|\n)*1007.25.png"),
-     (csv(POSES) + "\nmissing.png,1,2,3", r"1 rows of \S* have no image(.|\n)*missing.png")],
+     (csv(POSES) + "\nmissing.png,1,2,3", r"1 row of \S* has no image(.|\n)*missing.png")],
 )  # fmt: skip
 def test_a_table_that_does_not_fit_is_told(tmp_path, text, told):
     folder = write(tmp_path, "csv")

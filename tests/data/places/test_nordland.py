@@ -51,7 +51,7 @@ def test_a_missing_season_or_folder_is_told(root, tmp_path):
 
 def test_a_missing_partner_is_named_or_counted(root):
     (root / "nordland" / "winter" / NAMES[8]).unlink()
-    with pytest.raises(UserError, match=r"1 frames lack a partner(.|\n)*winter/images-00090"):
+    with pytest.raises(UserError, match=r"1 frame lacks a partner(.|\n)*winter/images-00090"):
         Nordland(roots=[root], **SMALL).files("train")
     images = Nordland(roots=[root], skip_bad=True, **SMALL).read("test")
     assert images.frame.tolist() == [7, 8, 9, 7, 9]

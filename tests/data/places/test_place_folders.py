@@ -138,7 +138,7 @@ def test_one_table_around_all_folders(folder):
         (
             ["a1.png,0,0,0", "a2.png,0,0,0", "a10.png,0,0,0", "a3.png,0,0,0"],
             None,
-            "1 rows of .* have no image\n  a3.png",
+            "1 row of .* has no image\n  a3.png",
         ),
         (["a1.png,0,0"], "file,lat,lon", r"columns file, lat, lon; the first line must name file, x and y"),
         ([], "", r"columns \(none\)"),
@@ -287,7 +287,7 @@ def test_one_folder_cannot_be_two(folder):
 
 def test_duplicate_files_are_named_or_allowed(folder):
     (folder / "query" / "b3.png").write_bytes((folder / "reference" / "a2.png").read_bytes())
-    with pytest.raises(UserError, match=r"1 files are duplicates of another\n  reference/a2.png = query/b3.png"):
+    with pytest.raises(UserError, match=r"1 file is a duplicate of another\n  reference/a2.png = query/b3.png"):
         folders(folder, places="order").read("test")
     assert len(folders(folder, places="order", allow_duplicates=True).read("test")) == 6
 

@@ -71,7 +71,7 @@ def test_poses_that_are_none_are_named(kind, tmp_path):
     else:
         number = {"colmap text": np.linalg.inv(poses[1])[0, 3], "opensfm": np.linalg.inv(poses[1])[0, 3]}
         path.write_text(path.read_text().replace(repr(float(number.get(kind, poses[1, 0, 3]))), "NaN"))
-    with pytest.raises(UserError, match="1 images cannot be used") as told:
+    with pytest.raises(UserError, match="1 image cannot be used") as told:
         read(path)
     assert {"colmap": "10.jpg", "colmap text": "line 4", "opensfm": "10.jpg", "nerfstudio": "frame 2"}[kind] in str(
         told.value
@@ -84,7 +84,7 @@ def test_positions_further_away_than_any_camera_goes_are_named(kind, tmp_path):
     poses = some_poses(3)
     poses[1, :3, 3] = 1e160
     with pytest.raises(
-        UserError, match=r"1 images cannot be used\n  10.jpg: the position .* is further away than 1e\+09"
+        UserError, match=r"1 image cannot be used\n  10.jpg: the position .* is further away than 1e\+09"
     ):
         read(write(tmp_path / file, NAMES, poses))
 
@@ -105,7 +105,7 @@ def test_positions_further_away_than_any_camera_goes_are_named(kind, tmp_path):
             "frame 1",
         ),
         ("images.txt", "1 1 0 0 0 0 0 0 1 a.jpg\n\n2 2 0 0 0 0 0 0 1 b.jpg\n", "line 3: the quaternion"),
-        ("images.txt", "1 1 0 0 0 0 0 0 1 a.jpg\n\n2 1 0 0 0 0 0 0 1 a.jpg\n\n", "1 images have two poses"),
+        ("images.txt", "1 1 0 0 0 0 0 0 1 a.jpg\n\n2 1 0 0 0 0 0 0 1 a.jpg\n\n", "1 image has two poses"),
     ],
 )
 def test_content_of_another_kind_is_one_message(file, content, said, tmp_path):
@@ -135,7 +135,7 @@ def test_the_largest_of_several_reconstructions_is_taken(tmp_path):
     path.write_text(json.dumps([small, *content]))
     found = read(path)
     assert found.names == NAMES
-    assert found.remarks == ("the largest of 2 reconstructions; 1 images of the others are in other frames",)
+    assert found.remarks == ("the largest of 2 reconstructions; 1 image of the others is in other frames",)
 
 
 def test_the_field_of_view_of_nerf_is_a_focal_length(tmp_path):

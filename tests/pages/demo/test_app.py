@@ -104,7 +104,7 @@ def test_a_digit_is_read(client):
         ("photo", [("tiny.png", png(NOISE[:8, :9]))], {}, "tiny.png has 9x8 pixels; the shorter side must"),
         ("photo", [("strip.png", png(NOISE[:20, :400]))], {}, "strip.png has 400x20 pixels"),
         ("photo", [("../../etc/passwd", b"root")], {}, "cannot be decoded (4 bytes): it is text"),
-        ("places", [("one.jpg", CHINA)], {}, "1 files were sent; 2 needed"),
+        ("places", [("one.jpg", CHINA)], {}, "1 file was sent; 2 needed"),
         ("places", [("a.jpg", CHINA), ("b.jpg", b"x")], {}, "b.jpg cannot be decoded (1 bytes)"),
         ("places", [("a.jpg", CHINA), ("grey.png", png(NOISE // 128 + 90))], {}, "grey.png is blank"),
         ("example", [("a.jpg", CHINA)], {}, "points: 0 given"),

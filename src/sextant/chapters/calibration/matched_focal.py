@@ -18,6 +18,7 @@ from numpy import ndarray
 
 from sextant.chapters.calibration.metrics.fusion import fuse
 from sextant.errors import UserError
+from sextant.tables import counted
 
 if TYPE_CHECKING:  # it imports SciPy's statistics, which two photos do not need
     from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, SharedFocalLength
@@ -185,5 +186,5 @@ def combined(found: "Mapping[tuple[str, ...], SharedFocalLength]", side: int) ->
             f"the camera zoomed, or a scene misleads: matches give {each_group}", zoomed=True, photos=photos
         )
     focal, sigma = math.exp(fused.values[0]), float(fused.sigmas[0])
-    summary = f"{photos} photos match: focal length {focal * side:.0f} ± {focal * side * sigma:.0f} px"
+    summary = f"{counted(photos, 'photo')} match: focal length {focal * side:.0f} ± {focal * side * sigma:.0f} px"
     return MatchedFocal(summary, focal, sigma, photos=photos)

@@ -21,6 +21,7 @@ from sextant.data.metadata import EXIF_BLOCK, as_text, directory, exif_of, tag_o
 from sextant.data.photos.header import MAKE, MODEL
 from sextant.data.picture_files import open_picture
 from sextant.errors import UserError
+from sextant.tables import counted
 
 SAME_SHAPE = 0.02  # largest relative difference of aspect among photos of one camera
 SAME_FOCAL = 1.05  # largest ratio of their focal lengths by EXIF, in longer sides
@@ -113,7 +114,7 @@ def fuse_as_one_camera(
         doubts.append(
             f"the photos disagree more than their intervals allow (p = {fusion.p_value:.2g}): are they from one camera?"
         )
-    basis = f"fused over {int(fusion.kept.sum())} photos, normal"
+    basis = f"fused over {counted(int(fusion.kept.sum()), 'photo')}, normal"
     kept = dict(zip(distinct, fusion.kept, strict=True))
     fused = [
         adopt(finding, fusion, basis).doubted(1, *doubts)

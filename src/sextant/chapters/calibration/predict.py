@@ -32,7 +32,7 @@ def predict_calibrations(
     written = write_cameras(
         calibrator, photos, output, **options.model_dump(exclude={"method", "network", "scale", "every"})
     )
-    tell(written, skipped_of(written.rows, f"none of {len(paths):,} photos could be calibrated"))
+    tell(written, skipped_of(written.rows, f"none of {counted(len(paths), 'photo')} could be calibrated"))
     return written.rows
 
 
@@ -51,10 +51,12 @@ def video_frames(path: Path, output: Path, every: int | None) -> list[Path]:
             advance(len(frames), len(video))
     failed = {file.name: problem for file, problem in frames if problem}
     if len(failed) == len(frames):
-        raise nothing_usable(f"input={path}: none of {len(frames):,} frames can be used", failed, "Give another video.")
+        raise nothing_usable(
+            f"input={path}: none of {counted(len(frames), 'frame')} can be used", failed, "Give another video."
+        )
     tell_skipped(failed)
     thinned = f", one of every {video.every}" if video.every > 1 else ""
-    console.print(f"{path.name}: {len(frames) - len(failed):,} of {video.frames:,} frames{thinned}")
+    console.print(f"{path.name}: {len(frames) - len(failed):,} of {counted(video.frames, 'frame')}{thinned}")
     return [file for file, problem in frames if not problem]
 
 

@@ -12,6 +12,7 @@ from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
 from sextant.kit.chapter import Chapter, Content, Source, TestRecord
 from sextant.kit.trained import image_spec
+from sextant.tables import counted
 
 if TYPE_CHECKING:
     from numpy import ndarray
@@ -110,8 +111,8 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
             )
         if len(found.classes) != len(trained.classes):
             raise UserError(
-                f"dataset={source.name} has {len(found.classes)} classes, the model was trained on "
-                f"{len(trained.classes)}"
+                f"dataset={source.name} has {counted(len(found.classes), 'class', 'classes')}, the model was trained "
+                f"on {len(trained.classes)}"
             )
         if found.classes != trained.classes:
             self.reporter.say(f"the classes of dataset={source.name} have names other than those in training")

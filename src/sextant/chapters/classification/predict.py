@@ -21,6 +21,7 @@ from sextant.data.source import ImageSpec
 from sextant.errors import UserError
 from sextant.kit.handler import Trained
 from sextant.kit.trained import image_spec
+from sextant.tables import counted
 
 BATCH = 256
 #: number of images on the contact sheet
@@ -71,10 +72,10 @@ def predict_classes(
         write_csv(output / "predictions.csv", ["file", "class", number, "error"], rows)
         if sheet:
             draw(sheet, output)
-    skipped = skipped_of(rows, f"input={given}: none of {len(rows):,} images could be read")
+    skipped = skipped_of(rows, f"input={given}: none of {counted(len(rows), 'image')} could be read")
     tell_skipped(skipped)
     written = [output / f"predictions.{kind}" for kind in ("csv", "json", "png")]
-    tell_written(f"{len(rows) - len(skipped)} images classified", len(skipped), written, "could not be read")
+    tell_written(f"{counted(len(rows) - len(skipped), 'image')} classified", len(skipped), written, "could not be read")
     return rows
 
 

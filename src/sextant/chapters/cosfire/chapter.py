@@ -24,6 +24,7 @@ from sextant.kit.assemble import about_headline, build_dataset, build_suite, bui
 from sextant.kit.chapter import Chapter, Content, Source, TestRecord
 from sextant.kit.trained import image_spec
 from sextant.runs.resolve import resolve_run
+from sextant.tables import counted
 
 if TYPE_CHECKING:
     from numpy import ndarray
@@ -110,8 +111,8 @@ class CosfireChapter(Chapter[CosfireConfig]):
         classes = len(source.spec().classes)
         if task.novel_classes and not 2 <= task.novel_classes <= classes - 2:
             raise UserError(
-                f"task.novel_classes={task.novel_classes}: dataset={source.name} has {classes} classes, and the "
-                "network and the test each need at least two",
+                f"task.novel_classes={task.novel_classes}: dataset={source.name} has "
+                f"{counted(classes, 'class', 'classes')}, and the network and the test each need at least two",
                 f"Choose 0, or a number from 2 to {classes - 2}.",
             )
         return ExampleData(
@@ -207,9 +208,9 @@ class CosfireChapter(Chapter[CosfireConfig]):
             trained.classes,
         ):
             raise UserError(
-                f"dataset={source.name} has {len(found.classes)} classes of images of {found.channels}x{found.height}x"
-                f"{found.width}, the filters were configured from {len(trained.classes)} of {trained.channels}x"
-                f"{trained.height}x{trained.width}",
+                f"dataset={source.name} has {counted(len(found.classes), 'class', 'classes')} of images of "
+                f"{found.channels}x{found.height}x{found.width}, the filters were configured from "
+                f"{len(trained.classes)} of {trained.channels}x{trained.height}x{trained.width}",
                 "Choose a dataset of the same classes and shape; image_folder and digits take dataset.size",
             )
 

@@ -16,6 +16,7 @@ from sextant.chapters.cosfire.network_image import trained_features
 from sextant.chapters.places.saved_descriptor import named_baseline
 from sextant.errors import ArgumentError
 from sextant.runs.outputs_folder import default_outputs
+from sextant.tables import counted
 
 #: images that are filtered at a time
 BATCH = 32
@@ -135,8 +136,8 @@ class Landmarks:
         )
         if features is None and self.reach * height < LEAST_REACH:
             raise ArgumentError(
-                f"reach={self.reach:g} of {height} rows is {self.reach * height:.1f} pixels, and a "
-                f"filter needs at least {LEAST_REACH}",
+                f"reach={self.reach:g} of {counted(height, 'row')} is {self.reach * height:.1f} pixels, and a filter "
+                f"needs at least {LEAST_REACH}",
                 f"reach={math.ceil(100 * LEAST_REACH / height) / 100:g}, or larger images", of=self,
             )  # fmt: skip
         detector = ExampleDetector(features, longest=max(height, width), reach=max(LEAST_REACH, self.reach * height))

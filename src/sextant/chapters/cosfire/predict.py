@@ -22,6 +22,7 @@ from sextant.console.written import skipped_of, tell_skipped, tell_written
 from sextant.data.photo_files import file_stems
 from sextant.errors import NAMED, UserError
 from sextant.figures.style import save_figure
+from sextant.tables import counted
 
 COLUMNS = ("file", "x", "y", "score")
 MOVE_COLUMNS = ("rotation_deg", "scale", "mirrored")
@@ -133,7 +134,7 @@ def predict_detections(inputs: DetectionInputs, network: TrainedFeatures | None 
         "threshold": detector.threshold,
     }
     write_detections(rows, facts, output)
-    skipped = skipped_of(rows, f"none of {len(rows):,} images could be used")
+    skipped = skipped_of(rows, f"none of {counted(len(rows), 'image')} could be used")
     written = [output / "detections.csv", output / "detections.json", output / f"{FILTER_PICTURE}.png"]
     tell(rows, skipped, _remarks(rows, facts["filter"], example.image, scales, inputs), written)
     return rows
@@ -159,12 +160,15 @@ def _remarks(
     if "run" not in facts:
         remarks[0] += "; it falls with contrast"  # kernel responses are proportional to contrast, cosines are not
     if small := sum(row.get("remark") == SMALLER for row in rows):
-        remarks.append(f"{small:,} images are smaller than the filter, so nothing can be detected in them")
+        remarks.append(
+            f"{counted(small, 'image is', 'images are')} smaller than the filter, so nothing can be detected in them"
+        )
     other = sum(max(scale / prototype.scale, prototype.scale / scale) > OTHER_SIZE for scale in shrunk)
     if other:
         remarks.append(
-            f"{other:,} images were shrunk to longest={inputs.options.longest} by another factor than the prototype, "
-            "which changes the sizes of objects: set longest= to the largest side, or scales="
+            f"{counted(other, 'image was', 'images were')} shrunk to longest={inputs.options.longest} by another "
+            "factor than the prototype, which changes the sizes of objects: set longest= to the largest side, or "
+            "scales="
         )
     return remarks
 
@@ -190,7 +194,7 @@ def tell(
     for remark in remarks:
         console.print(remark, style="dim", markup=False)
     total = sum(len(row["detections"]) for row in good)
-    tell_written(f"{total:,} detections in {len(good):,} images", len(skipped), written)
+    tell_written(f"{counted(total, 'detection')} in {counted(len(good), 'image')}", len(skipped), written)
 
 
 def _best(row: Mapping[str, Any]) -> float:

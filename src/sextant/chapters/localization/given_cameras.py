@@ -9,6 +9,7 @@ from numpy import ndarray
 
 from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, focal_length_of
 from sextant.errors import ArgumentError, UserError, shown
+from sextant.tables import counted
 
 #: points of a map: fewer inliers than this do not reach the limit of false alarms, so that nothing would be located
 LEAST_POINTS = 30
@@ -43,11 +44,14 @@ def checked_poses(poses: Any, images: int, least: int = 2) -> Float64[ndarray, "
         matrices = np.empty(0)
     if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) != images:
         raise ArgumentError(
-            f"poses have the shape {matrices.shape} for {images} images; they must be {images} x 4 x 4",
+            f"poses have the shape {matrices.shape} for {counted(images, 'image')}; they must be {images} x 4 x 4",
             "world_from_camera of each image: x right, y down, z forward.",
         )
     if images < least:
-        raise ArgumentError(f"{images} images make no map: points need two images at least", "Give more images.")
+        raise ArgumentError(
+            f"{counted(images, 'image makes', 'images make')} no map: points need two images at least",
+            "Give more images.",
+        )
     turn = matrices[:, :3, :3]
     wrong = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max((1, 2)) > ROTATION_TOLERANCE
     wrong |= (np.linalg.det(turn) < 0) | ~np.isfinite(matrices).all((1, 2))
@@ -109,7 +113,9 @@ def cameras_of(
     if single:
         return [pinhole_of(cameras, each) for each in found]
     if number != len(found):
-        raise ArgumentError(f"{number} cameras for {len(found)} images: give one, or one for each image")
+        raise ArgumentError(
+            f"{counted(number, 'camera')} for {counted(len(found), 'image')}: give one, or one for each image"
+        )
     return [pinhole_of(camera, each) for camera, each in zip(cameras, found, strict=True)]
 
 
@@ -145,7 +151,8 @@ def without_points(found: Sequence[LocalFeatures]) -> tuple[str, str]:
     few = sum(len(each) < 50 for each in found)
     if few > len(found) / 2:
         return (
-            f"{few} of {len(found)} images have fewer than 50 keypoints: blank walls or dark pictures make no map",
+            f"{few:,} of {counted(len(found), 'image')} {'has' if few == 1 else 'have'} fewer than 50 keypoints: "
+            "blank walls or dark pictures make no map",
             "Give images with texture.",
         )
     return (

@@ -19,6 +19,7 @@ from sextant.data.videos import Frame
 from sextant.errors import UserError
 from sextant.localization.constants import FORESEEN, RECOGNISED
 from sextant.reporter import SILENT, Progress
+from sextant.tables import counted
 
 #: animation of the particles, if there is to be one
 ReplayKind = Literal["mp4", "gif", "none"]
@@ -88,9 +89,11 @@ def localize_drive(
             raise
         interrupted = not drive.endless
         if interrupted:
-            drive.remarks.append(f"interrupted after {len(rows):,} of {len(drive):,} images")
+            drive.remarks.append(f"interrupted after {len(rows):,} of {counted(len(drive), 'image')}")
     if all(row.problem for row in rows):
-        raise nothing_usable(f"none of {len(rows):,} images can be used", {row.name: row.problem for row in rows})
+        raise nothing_usable(
+            f"none of {counted(len(rows), 'image')} can be used", {row.name: row.problem for row in rows}
+        )
     foreseen = sum(row.told.foreseen >= FORESEEN for row in rows)  # by odometry: then they are of the map
     if elsewhere := localizer.recognised < RECOGNISED and 2 * foreseen < len(rows):
         rows = [replace(row, told=replace(row.told, lost=True)) for row in rows]
@@ -130,13 +133,13 @@ def doubts(localizer: Localizer, rows: list[Row], elsewhere: bool) -> Iterator[s
         yield f"the distances of odometry are too {told}: in the end they were multiplied by {scale:.2f}"
     if disbelieved := sum(row.told.disbelieved for row in rows):
         yield (
-            f"at {disbelieved:,} images odometry reported a standstill while the images showed motion: there the "
-            "motion was treated as unknown"
+            f"at {counted(disbelieved, 'image')} odometry reported a standstill while the images showed motion: there "
+            "the motion was treated as unknown"
         )
     if unknown := sum(row.told.recognised < RECOGNISED for row in rows):
         yield (
-            f"{unknown:,} of {len(rows):,} images resemble the map less than its own places resemble each other: "
-            "they probably show another place, or it has changed too much"
+            f"{unknown:,} of {counted(len(rows), 'image')} {'resembles' if unknown == 1 else 'resemble'} the map less "
+            "than its own places resemble each other: they probably show another place, or it has changed too much"
         )
     beginning = takewhile(lambda row: row.told.lost and row.told.recognised < 0.5, rows)
     if early := sum(row.told.recognised >= RECOGNISED for row in beginning):
@@ -146,8 +149,8 @@ def doubts(localizer: Localizer, rows: list[Row], elsewhere: bool) -> Iterator[s
         )
     if unforeseen := sum(row.told.foreseen < FORESEEN for row in rows):
         yield (
-            f"at {unforeseen:,} images the recent ones hardly resembled the estimated place more than any other place: "
-            "either the map does not cover them, or odometry is wrong"
+            f"at {counted(unforeseen, 'image')} the recent ones hardly resembled the estimated place more than any "
+            "other place: either the map does not cover them, or odometry is wrong"
         )
 
 

@@ -54,6 +54,7 @@ from sextant.localization.recovery import Recovery
 from sextant.localization.smoothing import smoothed
 from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
+from sextant.tables import counted
 
 #: the kernel is fitted to at most this many images of a map, evenly spaced
 FITTED_TO = 600
@@ -178,8 +179,9 @@ class Localizer:
     def __repr__(self) -> str:
         whose, found = self.descriptor.facts["kind"], self.model.map
         return (
-            f"{type(self).__name__}({len(found):,} images, {found.dimension} numbers each by descriptor {whose!r}, "
-            f"spacing={self._adaptation.spacing:.2g} {self.unit}, particles={self.particles:,}, adapts={self.adapts})"
+            f"{type(self).__name__}({counted(len(found), 'image')}, {found.dimension} numbers each by descriptor "
+            f"{whose!r}, spacing={self._adaptation.spacing:.2g} {self.unit}, particles={self.particles:,}, "
+            f"adapts={self.adapts})"
         )
 
     # -- live use ------------------------------------------------------------------------------------------------------

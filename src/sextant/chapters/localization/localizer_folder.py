@@ -36,6 +36,7 @@ from sextant.localization.recovery import Recovery
 from sextant.localization.saved_map import HEADER, SavedMap, load_map, save_map
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
+from sextant.tables import counted
 
 DESCRIPTOR, PICTURES = "descriptor", "pictures"
 #: images described at a time, by a baseline and by a network
@@ -179,7 +180,9 @@ def checked_poses(poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]], imag
     except (ValueError, TypeError):
         where = np.empty(0)
     if where.shape != (images, 3):
-        raise UserError(f"poses have shape {where.shape} for {images} images", "Give x, y and heading of each image.")
+        raise UserError(
+            f"poses have shape {where.shape} for {counted(images, 'image')}", "Give x, y and heading of each image."
+        )
     if images < 2:
         raise UserError("the map has only one image, but at least two are needed", "Add images.")
     if (turned := np.abs(where[:, 2])).max() > 4 * np.pi:

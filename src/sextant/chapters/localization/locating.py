@@ -20,6 +20,7 @@ from sextant.data.image_files import decode_image
 from sextant.data.photo_files import reason_alone
 from sextant.data.videos import Video
 from sextant.errors import ArgumentError, UserError
+from sextant.tables import counted
 
 Advance = Callable[[int, int], None]
 COLUMNS = (
@@ -131,7 +132,9 @@ def locate_frames(
             drawn += 1
         progress(len(results), len(frames))
     if not any(each.found for each in results):
-        raise UserError(f"none of {len(results)} images can be read: {results[0].problem}", "Give other photos.")
+        raise UserError(
+            f"none of {counted(len(results), 'image')} can be read: {results[0].problem}", "Give other photos."
+        )
     return results
 
 

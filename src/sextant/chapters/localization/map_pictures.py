@@ -11,6 +11,7 @@ from PIL import Image
 from sextant.array_folder import FolderFormat, file_sha256
 from sextant.atomic_files import write_atomically
 from sextant.chapters.places.data.image_rows import ImageRows
+from sextant.tables import counted
 
 KIND = FolderFormat("a set of pictures", "sextant.map_pictures", 1, "pictures.json")
 ARRAY = "pictures.npy"
@@ -73,5 +74,5 @@ def load_pictures(folder: Path, images: int, *, verify: bool = True) -> UInt8[nd
     sha256 = str(KIND.read_header(folder).get("sha256"))
     pictures = KIND.open_array(folder, folder / ARRAY, "r", sha256=sha256 if verify else None)
     if pictures.dtype != np.uint8 or pictures.ndim != 4 or len(pictures) != images:
-        raise KIND.damaged(folder, f"{ARRAY} holds {pictures.dtype} {pictures.shape} for {images} images")
+        raise KIND.damaged(folder, f"{ARRAY} holds {pictures.dtype} {pictures.shape} for {counted(images, 'image')}")
     return pictures

@@ -43,6 +43,7 @@ from sextant.correspondence import (
 from sextant.errors import ArgumentError, UserError
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
+from sextant.tables import counted
 
 #: describes whole images, to choose candidates
 DESCRIPTOR = "zoo:places"
@@ -351,7 +352,9 @@ def _colour(image: AnyImage) -> ndarray:
 
 def _checked_names(names: Sequence[str] | None, images: Sequence[AnyImage]) -> list[str]:
     if names is not None and len(names) != len(images):
-        raise ArgumentError(f"{len(names)} names for {len(images)} images", "One name for each image, or none.")
+        raise ArgumentError(
+            f"{counted(len(names), 'name')} for {counted(len(images), 'image')}", "One name for each image, or none."
+        )
     return _names(images) if names is None else [str(name) for name in names]
 
 

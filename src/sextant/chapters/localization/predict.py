@@ -14,6 +14,7 @@ from sextant.console.console import console
 from sextant.console.work_progress import work_progress
 from sextant.console.written import tell_skipped
 from sextant.errors import ArgumentError, UserError
+from sextant.tables import counted
 
 #: makes, for a localizer, a context whose value is called with each step
 Watched = Callable[[Localizer], AbstractContextManager[Callable[[Moment], None] | None]]
@@ -75,12 +76,12 @@ def tell_poses(rows: list[Row], remarks: list[str], written: list[Path], *, inte
     lost, unseen = sum(row.told.lost for row in rows), {row.name: row.problem for row in rows if row.problem}
     degenerate = sum(row.told.degenerate for row in rows)
     console.print(
-        f"{len(rows):,} images, {len(rows) - lost:,} localized, {lost:,} lost"
+        f"{counted(len(rows), 'image')}, {len(rows) - lost:,} localized, {lost:,} lost"
         + (f", [red]{len(unseen):,} could not be used[/] and count as missing" if unseen else "")
     )
     tell_skipped(unseen)
     if degenerate:
-        console.print(f"{degenerate:,} images were not explained by any particle and were dropped")
+        console.print(f"{counted(degenerate, 'image was', 'images were')} not explained by any particle, and dropped")
     for remark in remarks:
         console.print(f"note: {remark}", markup=False)
     console.print("\n".join(map(str, written)), markup=False, soft_wrap=True)

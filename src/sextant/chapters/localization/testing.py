@@ -31,6 +31,7 @@ from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, MetricProposal, NoRecovery, Recovery
 from sextant.localization.resampling import Resampling
 from sextant.reporter import Advance
+from sextant.tables import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,9 +282,9 @@ def short_drives(drives: Sequence[Drive], settings: TestSettings) -> list[str]:
         if begins < settings.starts:
             steps = min(settings.horizon, -(-len(drive) // settings.every))
             notes.append(
-                f"task.horizon={settings.horizon} task.every={settings.every}: {drive.name} has {len(drive)} frames, "
-                f"so its {settings.starts} runs of {steps} steps start at only {begins} of them; runs from the "
-                "same frame differ only in their random numbers"
+                f"task.horizon={settings.horizon} task.every={settings.every}: {drive.name} has "
+                f"{counted(len(drive), 'frame')}, so its {settings.starts} runs of {steps} steps start at only "
+                f"{begins} of them; runs from the same frame differ only in their random numbers"
             )
     return notes
 

@@ -30,6 +30,7 @@ from sextant.evaluation.trajectory_error import (
     segment_errors,
 )
 from sextant.ranges import NonNegative, checked
+from sextant.tables import counted
 from sextant.user_files import read_lines, table_header
 
 Format = Literal["TUM", "KITTI", "table", "euroc", "robotcar", "nclt"] | NamedFormat
@@ -155,7 +156,7 @@ def compare_trajectories(
         truth, guess = read_kitti(reference), read_kitti(estimate)
         if len(truth) != len(guess):
             raise UserError(
-                f"{reference} has {len(truth):,} poses and {estimate} {len(guess):,}; without times they are "
+                f"{reference} has {counted(len(truth), 'pose')} and {estimate} {len(guess):,}; without times they are "
                 "matched line by line",
                 "Give TUM's format, which has times, or complete the shorter file.",
             )

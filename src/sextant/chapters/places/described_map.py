@@ -28,6 +28,7 @@ from sextant.evaluation.positives import Positives
 from sextant.reporter import Advance
 from sextant.retrieval import FlatIndex
 from sextant.retrieval.without_mean import Centring, centred
+from sextant.tables import counted
 
 DESCRIPTOR = "descriptor"
 NO_RUN = "the descriptor is not that of a run, whose test would fit a temperature"
@@ -283,7 +284,7 @@ def _positions(positions: Any, photos: int) -> Float64[ndarray, "n 2"]:
     except (TypeError, ValueError):
         raise ArgumentError(f"positions={shown(positions)} must be numbers, x and y for each photo", fix) from None
     if where.shape != (photos, 2):
-        raise ArgumentError(f"positions has shape {where.shape} for {photos:,} photos", fix)
+        raise ArgumentError(f"positions has shape {where.shape} for {counted(photos, 'photo')}", fix)
     if np.isinf(where).any():
         raise ArgumentError(f"positions: the position of photo {np.isinf(where).any(1).argmax()} is infinite", fix)
     return where

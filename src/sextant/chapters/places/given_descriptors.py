@@ -9,6 +9,7 @@ from numpy import ndarray
 
 from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.errors import ArgumentError, UserError, shown
+from sextant.tables import counted
 
 #: rows checked at a time, so that a file larger than memory is not read at once
 ROWS = 4096
@@ -69,7 +70,7 @@ def checked_rows(rows: ndarray, named: str, count: int | None, fix: str) -> Floa
         UserError: they are not as many rows of floats, or a row is not finite.
     """
     if rows.ndim != 2 or rows.dtype.kind != "f" or not rows.size or count not in (None, len(rows)):
-        needed = "rows" if count is None else f"{count} rows"
+        needed = "rows" if count is None else f"{counted(count, 'row')}"
         raise UserError(
             f"{named} has shape {rows.shape} of {rows.dtype}; {needed} of floats are needed, one per image", fix
         )
@@ -79,7 +80,8 @@ def checked_rows(rows: ndarray, named: str, count: int | None, fix: str) -> Floa
     good = np.concatenate([np.isfinite(told[k : k + ROWS]).all(axis=1) for k in range(0, len(told), ROWS)])
     if len(bad := np.flatnonzero(~good)):
         raise UserError(
-            f"{named}: {len(bad):,} of {len(told):,} rows are not finite, the first is row {bad[0]}, counted from 0",
+            f"{named}: {len(bad):,} of {counted(len(told), 'row')} {'is' if len(bad) == 1 else 'are'} not finite, the "
+            f"first is row {bad[0]}, counted from 0",
             "Describe these images again, or leave them out.",
         )
     return told

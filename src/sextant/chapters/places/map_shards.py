@@ -13,6 +13,7 @@ from sextant.chapters.places.photo_folder import HEADER, PhotoFolder
 from sextant.chapters.places.saved_map import load_map
 from sextant.errors import ArgumentError, UserError
 from sextant.reporter import Advance
+from sextant.tables import counted
 
 
 def shard_folder(folder: Path, shard: int, shards: int) -> Path:
@@ -31,7 +32,8 @@ def photos_of(photos: PhotoFolder, shard: int, shards: int) -> PhotoFolder:
     batches = -(-len(photos) // BATCH)
     if shards > batches:
         raise ArgumentError(
-            f"shards={shards}: {len(photos):,} photos are {batches} batches of {BATCH}", f"At most shards={batches}"
+            f"shards={shards}: {counted(len(photos), 'photo')} in {batches} batches of {BATCH}",
+            f"At most shards={batches}",
         )
     first, last = (number * batches // shards * BATCH for number in (shard, shard + 1))
     return PhotoFolder(photos.folder, photos.names[first:last])

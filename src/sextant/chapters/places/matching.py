@@ -25,6 +25,7 @@ from sextant.errors import UserError
 from sextant.evaluation.positives import Positives
 from sextant.reporter import Advance
 from sextant.retrieval import FlatIndex, Neighbours, SequenceMatches, match_sequences
+from sextant.tables import counted
 
 #: similarities that are held in memory at a time: 16 MiB
 BLOCK = 2**22
@@ -169,7 +170,7 @@ def check_rides(reference: int, queries: int, length: int | None) -> None:
     """Raise a ``UserError`` if there are too many images to be matched by sequences."""
     if length is not None and queries * reference > LARGEST_RIDES:
         raise UserError(
-            f"sequences of {length} need the similarities of all pairs, and {queries:,} queries x {reference:,} map "
-            f"images are more than {LARGEST_RIDES:,}",
+            f"sequences of {length} need the similarities of all pairs, and {counted(queries, 'query', 'queries')} x "
+            f"{reference:,} map images are more than {LARGEST_RIDES:,}",
             "Look up fewer queries at a time, or single photos.",
         )

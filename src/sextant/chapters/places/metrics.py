@@ -13,6 +13,7 @@ from sextant.evaluation.positives import Positives
 from sextant.evaluation.retrieval import RetrievalProtocol
 from sextant.retrieval.flat_index import FlatIndex
 from sextant.retrieval.nearest import Similarity
+from sextant.tables import counted
 
 
 @dataclass(frozen=True)
@@ -208,8 +209,8 @@ def single_image_ceiling(
     """
     if (len(query_run), len(reference_run)) != (len(positives), positives.references):
         raise ValueError(
-            f"need runs of {len(positives)} queries and {positives.references} references; "
-            f"got {len(query_run)} and {len(reference_run)}"
+            f"need runs of {counted(len(positives), 'query', 'queries')} and {positives.references} references; got "
+            f"{len(query_run)} and {len(reference_run)}"
         )
     if not len(positives):
         return float("nan")
@@ -277,8 +278,8 @@ def condition_recall(
     images, count = len(descriptors), len(conditions)
     if not len(condition) == len(positives) == positives.references == images:
         raise ValueError(
-            f"need {images} conditions, and positives of {images} images among themselves; got {len(condition)}, "
-            f"{len(positives)} and {positives.references}"
+            f"need {images} conditions, and positives of {counted(images, 'image')} among themselves; got "
+            f"{len(condition)}, {len(positives)} and {positives.references}"
         )
     if images and not 0 <= condition.min() <= condition.max() < count:
         raise ValueError(f"conditions must be in [0, {count}), the indices of their names")

@@ -12,6 +12,7 @@ from sextant.applications.arguments import check_apart
 from sextant.chapters.places.photo_folder import HEADER, KnownBy, PhotoFolder, photos_below
 from sextant.console.arguments import Options
 from sextant.errors import UserError
+from sextant.tables import counted
 
 INPUTS = {
     "map": "folder of photos of known places, or <output>/map as written with descriptors=true",
@@ -113,7 +114,8 @@ def refuse_overlap(photos: PhotoFolder, queries: PhotoFolder) -> None:
     first, second = photos.folder.resolve(), queries.folder.resolve()
     where = "are the same folder" if first == second else "share files, because one lies in the other"
     raise UserError(
-        f"map={photos.folder} and queries={queries.folder} {where}: {len(shared):,} of {len(queries):,} queries are "
-        f"files of the map, such as {shared[0].name}, and would match themselves",
+        f"map={photos.folder} and queries={queries.folder} {where}: {len(shared):,} of "
+        f"{counted(len(queries), 'query', 'queries')} {'is' if len(shared) == 1 else 'are'} in the map as well, such "
+        f"as {shared[0].name}; each would match itself",
         "Put map and queries into separate folders.",
     )

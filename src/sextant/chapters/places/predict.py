@@ -28,6 +28,7 @@ from sextant.console.written import tell_skipped, tell_written
 from sextant.data.photo_files import nothing_usable
 from sextant.errors import NAMED, UserError
 from sextant.kit.published_places import CARD, card_text
+from sextant.tables import counted
 
 
 def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -74,15 +75,16 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
         )
         features = places.features(options.local)
         remarked.append(
-            f"local features of {len(features.kept):,} photos of the map: {features.bytes_per_photo:,} bytes a photo"
+            f"local features of {counted(len(features.kept), 'photo')} of the map: {features.bytes_per_photo:,} bytes "
+            "a photo"
         )
         if options.keep:
             _save(places, inputs, "map")
     sure = places.found(found) if options.centring == "none" else None
     rows = query_rows(reference, queries, known, found, sure)
-    counted = counts(rows)
+    tally = counts(rows)
     described = {"map": reference, "queries": queries}
-    remarks = [*remarked, *_remarks(described, options, known, places.temperature, counted)]
+    remarks = [*remarked, *_remarks(described, options, known, places.temperature, tally)]
     if CARD in run:
         remarks.insert(0, card_text(run[CARD]))
     if options.places != "none" and not options.given:
@@ -96,7 +98,7 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
         "centring": options.centring,
         "places": options.places,
         "tolerance": known.tolerance.name,
-        "counts": counted,
+        "counts": tally,
         "remarks": remarks,
         **{key: photos.facts() for key, photos in described.items()},
     }
@@ -106,7 +108,7 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     kept = [path for path in (output / "map", output / "queries") if options.keep and path.is_dir()]
     if options.colmap:
         kept.append(write_row_pairs(rows, reference.photos.folder, queries.photos.folder, output))
-    tell(rows, counted, described, remarks, [output / "matches.csv", output / "matches.json", *pages, *kept])
+    tell(rows, tally, described, remarks, [output / "matches.csv", output / "matches.json", *pages, *kept])
     return rows
 
 
@@ -138,7 +140,7 @@ def _add(places: PlaceMap, key: str, photos: PhotoFolder, inputs: PlaceInputs) -
             Path(each.name).relative_to(photos.folder).as_posix(): each.error.problem.removeprefix(f"{each.name}: ")
             for each in failed
         }
-        raise nothing_usable(f"{key}={photos.folder}: none of {len(photos):,} photos can be used", named)
+        raise nothing_usable(f"{key}={photos.folder}: none of {counted(len(photos), 'photo')} can be used", named)
     if inputs.options.keep:
         _save(places, inputs, key)
 
@@ -153,7 +155,7 @@ def _remarks(
     options: PlaceOptions,
     places: KnownPlaces,
     temperature: Temperature,
-    counted: Mapping[str, Any],
+    tally: Mapping[str, Any],
 ) -> list[str]:
     """Remarks for the reader of the results."""
     told = []
@@ -170,13 +172,17 @@ def _remarks(
     for key, photos in described.items():
         if photos.stretched:
             told.append(
-                f"{key}: {len(photos.stretched):,} photos, such as {photos.stretched[0]}, were stretched to "
-                f"the aspect ratio of the network's images, by a factor above {LARGEST_STRETCH}"
+                f"{key}: {counted(len(photos.stretched), 'photo was', 'photos were')} stretched, such as "
+                f"{photos.stretched[0]}, to the aspect ratio of the network's images, by a factor above "
+                f"{LARGEST_STRETCH}"
             )
     if options.matches > len(described["map"].index):
-        told.append(f"matches={options.matches}: the map has only {len(described['map'].index):,} images")
-    if counted["same_file"]:
-        told.append(f"{counted['same_file']:,} queries are copies of their best match and do not test the network")
+        told.append(f"matches={options.matches}: the map has only {counted(len(described['map'].index), 'image')}")
+    if tally["same_file"]:
+        told.append(
+            f"{counted(tally['same_file'], 'query is a copy of its', 'queries are copies of their')} best match, "
+            "which does not test the network"
+        )
     return [*told, *places.remarks]
 
 
@@ -207,7 +213,7 @@ ALONE = "each map image counts as a place of its own; if the map is a ride, give
 
 def tell(
     rows: Sequence[Mapping[str, Any]],
-    counted: Mapping[str, Any],
+    tally: Mapping[str, Any],
     described: Mapping[str, DescribedPhotos],
     remarks: Sequence[str],
     written: Sequence[Path],
@@ -221,10 +227,12 @@ def tell(
         tell_skipped(photos.failed, f"Skipped of {key}")
     for remark in remarks:
         console.print(remark, style="dim", markup=False, soft_wrap=True)
-    if "right" in counted:
-        console.print(_truth(counted))
-    done = f"{len(good):,} queries looked up among {len(described['map'].index):,} map images"
-    tell_written(done, counted["failed"], written)
+    if "right" in tally:
+        console.print(_truth(tally))
+    done = (
+        f"{counted(len(good), 'query', 'queries')} looked up among {counted(len(described['map'].index), 'map image')}"
+    )
+    tell_written(done, tally["failed"], written)
 
 
 def _line(row: Mapping[str, Any]) -> dict[str, str]:
@@ -250,13 +258,13 @@ def _verdict(row: Mapping[str, Any], match: Mapping[str, Any]) -> str:
     return "not in the map" if not row["in_map"] else "yes" if match["right"] else "no"
 
 
-def _truth(counted: Mapping[str, Any]) -> str:
-    inside, looked_up = counted["in_map"], counted["queries"] - counted["failed"]
+def _truth(tally: Mapping[str, Any]) -> str:
+    inside, looked_up = tally["in_map"], tally["queries"] - tally["failed"]
     if not inside:
         return f"none of the {looked_up:,} queries has its place in the map, so no match can be right"
-    told = f"best match right: {counted['right']:,} of the {inside:,} queries whose place is in the map"
-    if "mean_confidence_in_map" in counted:
-        told += f" (mean confidence {counted['mean_confidence_in_map']:.2f})"
-    if "right_by_sequence" in counted:
-        told += f", by sequences {counted['right_by_sequence']:,}"
+    told = f"best match right: {tally['right']:,} of {counted(inside, 'query', 'queries')} whose place is in the map"
+    if "mean_confidence_in_map" in tally:
+        told += f" (mean confidence {tally['mean_confidence_in_map']:.2f})"
+    if "right_by_sequence" in tally:
+        told += f", by sequences {tally['right_by_sequence']:,}"
     return told + (f". {looked_up - inside:,} have no place in the map" if looked_up > inside else "")

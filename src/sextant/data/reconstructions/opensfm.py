@@ -23,6 +23,7 @@ from sextant.data.reconstructions.reconstruction import (
     unusable,
 )
 from sextant.errors import UserError
+from sextant.tables import counted
 
 FIX = "It is the reconstruction.json that opensfm reconstruct or align_submodels wrote."
 
@@ -44,7 +45,8 @@ def read_opensfm(path: Path) -> Reconstruction:
     if len(shots) > 1:
         others = sum(map(len, shots)) - len(shots[largest])
         remarks.append(
-            f"the largest of {len(shots)} reconstructions; {others:,} images of the others are in other frames"
+            f"the largest of {len(shots)} reconstructions; "
+            f"{counted(others, 'image of the others is', 'images of the others are')} in other frames"
         )
     images: list[PosedImage] = []
     problems: list[str] = []

@@ -16,6 +16,7 @@ from sextant.data.image_files import natural_key
 from sextant.data.name_matching import NameMatches, match_names
 from sextant.data.positions import too_far
 from sextant.errors import UserError, problem_list
+from sextant.tables import counted
 
 #: numbers in files are rounded: largest difference of a matrix from a rotation
 ROTATION_TOLERANCE = 1e-2
@@ -93,7 +94,10 @@ def reconstruction_of(path: Path, images: Iterable[PosedImage], remarks: Sequenc
         raise UserError(f"{path}: it has no posed image", "Was the reconstruction successful? Export it again.")
     twice = [one.name for one, other in pairwise(found) if one.name == other.name]
     if twice:
-        raise UserError(f"{path}: {len(twice)} images have two poses\n{problem_list(twice)}", "Export it again.")
+        raise UserError(
+            f"{path}: {counted(len(twice), 'image has', 'images have')} two poses\n{problem_list(twice)}",
+            "Export it again.",
+        )
     far = [f"{each.name}: {why}" for each in found if (why := too_far(each.world_from_camera[:3, 3].tolist()))]
     if far:
         raise unusable(path, far, "Correct these images, or remove them.")
@@ -128,4 +132,4 @@ def finite(value: Any, *shape: int) -> Float64[ndarray, "..."] | None:
 
 def unusable(path: Path, problems: Sequence[str], what: str) -> UserError:
     """The error for a file with images that cannot be used."""
-    return UserError(f"{path}: {len(problems)} images cannot be used\n{problem_list(problems)}", what)
+    return UserError(f"{path}: {counted(len(problems), 'image')} cannot be used\n{problem_list(problems)}", what)

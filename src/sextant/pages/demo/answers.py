@@ -11,6 +11,7 @@ from typing import Any
 
 from sextant.chapters.calibration.calibrator import PhotoCalibrator
 from sextant.errors import UserError
+from sextant.tables import counted
 from sextant.tools.demonstration.digit import DigitTrial
 from sextant.tools.demonstration.photo import photo_answer
 from sextant.tools.demonstration.pictures import page_picture
@@ -107,7 +108,9 @@ def answer(question: str, files: Sequence[tuple[str, bytes]], settings: Mapping[
     least, most, ask = QUESTIONS[question]
     if not least <= len(files) <= most:
         wanted = f"{least}" if least == most else f"{least} to {most}"
-        raise UserError(f"{len(files)} files were sent; {wanted} needed", "Choose or drop a photo first.")
+        raise UserError(
+            f"{counted(len(files), 'file was', 'files were')} sent; {wanted} needed", "Choose or drop a photo first."
+        )
     with _one_at_a_time, _stored(files) as paths:
         return ask(paths, settings)
 

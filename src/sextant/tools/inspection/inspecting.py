@@ -8,6 +8,7 @@ from typing import Any
 from sextant.chapters.places.data.gps_poses import doubtful
 from sextant.errors import ArgumentError
 from sextant.reporter import SILENT, Progress
+from sextant.tables import counted
 from sextant.tools.inspection.gps import extent_m, poses_by_gps, positions
 from sextant.tools.inspection.photos import camera_groups, described, duplicates, panoramas, read_headers
 from sextant.tools.inspection.poses import FoundPoses, found_poses, odometry_tables, separate_models
@@ -133,7 +134,7 @@ def _remarks(seen: Seen) -> list[str]:
         )
     if seen.panoramas and photos:
         said.append(
-            f"{len(seen.panoramas):,} panoramas of 360 degrees among {photos:,} photos, such as "
+            f"{counted(len(seen.panoramas), 'panorama')} of 360 degrees among {counted(photos, 'photo')}, such as "
             f"{seen.panoramas[0].as_posix()}: these are no photos through a lens, and commands for photos refuse them"
         )
     if len(seen.cameras) > 1 and photos:
@@ -141,7 +142,8 @@ def _remarks(seen: Seen) -> list[str]:
     if seen.duplicates:
         more = sum(len(group) - 1 for group in seen.duplicates)
         said.append(
-            f"{more:,} images are duplicates of another, such as {seen.duplicates[0][1]} = {seen.duplicates[0][0]}"
+            f"{counted(more, 'image is a duplicate', 'images are duplicates')} of another, such as "
+            f"{seen.duplicates[0][1]} = {seen.duplicates[0][0]}"
         )
     for missing, what in ((False, "doubtful"), (True, "left out")):
         found = {file.as_posix(): each.gps for file, each in seen.headers.items()}
@@ -162,8 +164,8 @@ def _remarks(seen: Seen) -> list[str]:
             )
         if each.same_stem:
             said.append(
-                f"{where}: {len(each.same_stem):,} names differ only in suffix or case, such as "
-                f"{each.same_stem[0]} and {each.same_stem[1]}"
+                f"{where}: {counted(len(each.same_stem), 'name differs', 'names differ')} only in suffix or case, "
+                f"such as {each.same_stem[0]} and {each.same_stem[1]}"
             )
     said += [f"{link.as_posix()} is a link to a folder and was not followed" for link in seen.files.links]
     said += filter(None, [separate_models(seen.poses)])
@@ -175,9 +177,12 @@ def _remarks_on_poses(poses: FoundPoses) -> list[str]:
     if poses.problem or poses.images is None:
         return said
     if poses.unposed and poses.posed:
-        said.append(f"{poses.file.as_posix()}: {poses.unposed:,} images in {poses.images.as_posix()} have no pose")
+        said.append(
+            f"{poses.file.as_posix()}: {counted(poses.unposed, 'image')} in {poses.images.as_posix()} "
+            f"{'has' if poses.unposed == 1 else 'have'} no pose"
+        )
     if poses.without_image:
-        said.append(f"{poses.file.as_posix()}: {poses.without_image:,} poses have no image")
+        said.append(f"{poses.file.as_posix()}: {counted(poses.without_image, 'pose has', 'poses have')} no image")
     if not poses.headings:
         said.append(f"{poses.file.as_posix()}: no column heading, which localization needs")
     return said

@@ -22,6 +22,7 @@ from sextant.data.photo_files import reason_alone
 from sextant.data.reconstructions import NAMED_FORMATS, named_format, read_reconstruction
 from sextant.data.reconstructions.json_file import read_foreign_json
 from sextant.errors import UserError
+from sextant.tables import counted
 from sextant.user_files import table_header
 from sextant.worlds.trajectories import load_cold
 
@@ -83,7 +84,7 @@ def separate_models(poses: Sequence[FoundPoses]) -> str:
     for folder in dict.fromkeys(path.parent for path in models):
         beside = sorted((each for path, each in models.items() if path.parent == folder), key=lambda each: -each.posed)
         if len(beside) > 1 and folder not in models:
-            named = ", ".join(f"{each.file.as_posix()} ({each.posed:,} images)" for each in beside)
+            named = ", ".join(f"{each.file.as_posix()} ({counted(each.posed, 'image')})" for each in beside)
             return (
                 f"{len(beside)} reconstructions, each in its own frame: {named}; the largest is used; another is "
                 "chosen by dataset.pose_file=<file>, or by map=<file> of sextant walk"
@@ -237,7 +238,7 @@ def _by_time_or_number(
     if taken is None or times_s is None:
         if len(images) in (0, count):
             return len(images), count - len(images), ()
-        remark = f"{count:,} poses for {len(images):,} images, and no times by which to match them"
+        remark = f"{counted(count, 'pose')} for {counted(len(images), 'image')}, and no times by which to match them"
         return 0, 0, (remark,)
     after = np.clip(np.searchsorted(times_s, taken), 1, max(1, count - 1))
     gaps = np.minimum(np.abs(taken - times_s[after - 1]), np.abs(taken - times_s[np.minimum(after, count - 1)]))

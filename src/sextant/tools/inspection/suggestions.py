@@ -219,7 +219,7 @@ def _panoramas(seen: Seen) -> Iterator[Suggestion]:
         )
         for each in pure
     ]
-    why = f"{len(around):,} panoramas, from which photos of known cameras are cut; they must be level"
+    why = f"{counted(len(around), 'panorama')}, from which photos of known cameras are cut; they must be level"
     if not pure:
         why += "; first move them into a folder of their own"
     yield Suggestion("train a calibration network on the panoramas", why, tuple(commands))
@@ -257,7 +257,7 @@ def _classes(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
     words: tuple[str, ...] = ("dataset=image_folder", f"dataset.folder={override(seen.folder / folders.base)}")
     words += _smaller_batch(sum(folders.classes.values()) // 2, BATCH)
     names = sorted(folders.classes)
-    why = f"{len(names):,} folders of images, {names[0]} to {names[-1]}: if each is a class"
+    why = f"{counted(len(names), 'folder')} of images, {names[0]} to {names[-1]}: if each is a class"
     yield Suggestion("classify images", why, (command("train", *words),))
 
 

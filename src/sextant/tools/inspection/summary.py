@@ -8,6 +8,7 @@ from pathlib import Path
 from sextant.chapters.localization.data.rosbag import bag_summary
 from sextant.data.photos.gps import GpsPosition
 from sextant.errors import UserError
+from sextant.tables import counted
 from sextant.tools.inspection.gps import extent_m, positions
 from sextant.tools.inspection.photos import CameraGroup
 from sextant.tools.inspection.poses import FoundPoses
@@ -35,7 +36,7 @@ def summary(seen: Seen) -> dict[str, str]:
         "videos": _listed(map(_video, seen.videos)),
         "recordings": _listed(_recording(seen, path) for path in seen.files.recordings),
         "poses": _listed(map(_poses, seen.poses)),
-        "odometry": _listed(f"{file.as_posix()}: {rows:,} rows" for file, rows in seen.odometry.items()),
+        "odometry": _listed(f"{file.as_posix()}: {counted(rows, 'row')}" for file, rows in seen.odometry.items()),
         "cannot be read": f"{len(seen.unreadable):,}" if seen.unreadable else "",
     }
     return {name: text for name, text in counted.items() if text}
@@ -47,7 +48,7 @@ def _gps(found: list[GpsPosition]) -> str:
     east, north = extent_m(found)
     directed, magnetic = sum(each.direction_deg is not None for each in found), sum(each.magnetic for each in found)
     compass = f" ({magnetic:,} by compass)" if magnetic else ""
-    return f"{len(found):,} images over {east:,.0f} x {north:,.0f} m, {directed:,} with a direction{compass}"
+    return f"{counted(len(found), 'image')} over {east:,.0f} x {north:,.0f} m, {directed:,} with a direction{compass}"
 
 
 def _listed(lines: Iterable[str]) -> str:
@@ -67,14 +68,14 @@ def _span(each: FolderOfPhotos) -> str:
     odd = [f"{len(each.jumps):,} jumps"] * bool(each.jumps) + [f"{len(each.backwards):,} backwards"] * bool(
         each.backwards
     )
-    return f"{each.folder.as_posix()}: {len(each.files):,} images in {seconds} by {each.times_from}" + (
+    return f"{each.folder.as_posix()}: {counted(len(each.files), 'image')} in {seconds} by {each.times_from}" + (
         f", {', '.join(odd)}" if odd else ""
     )
 
 
 def _video(each: FoundVideo) -> str:
     rate = f", {each.frames / each.per_second:,.1f} s, {each.per_second:.3g} Hz" if each.per_second else ""
-    return f"{each.name}: {each.frames:,} frames of {each.width}x{each.height}{rate}"
+    return f"{each.name}: {counted(each.frames, 'frame')} of {each.width}x{each.height}{rate}"
 
 
 def _recording(seen: Seen, path: Path) -> str:
@@ -88,5 +89,5 @@ def _poses(each: FoundPoses) -> str:
     name = f"{each.file.as_posix()} ({each.format})"
     if each.problem:
         return f"{name}: {each.problem}"
-    images = "" if each.images is None else f", of {each.posed:,} of {each.posed + each.unposed:,} images"
-    return f"{name}: {each.count:,} poses{images}"
+    images = "" if each.images is None else f", of {each.posed:,} of {counted(each.posed + each.unposed, 'image')}"
+    return f"{name}: {counted(each.count, 'pose')}{images}"

@@ -29,6 +29,7 @@ from sextant.data.videos import Frame
 from sextant.errors import ArgumentError, UserError
 from sextant.reporter import SILENT, Progress
 from sextant.runs.outputs_folder import default_outputs
+from sextant.tables import counted
 from sextant.tools.walks.posed_images import PosedImages, posed_images
 from sextant.tools.walks.shared_camera import Held, SharedCamera, check_held, check_view, shared_view
 from sextant.tools.walks.walk import MOST_SHOWN, Walk, write_walk_report
@@ -194,7 +195,10 @@ def _straightened_map(
         read.append(number)
     if not problems:
         return np.stack(images), mapped
-    told = f"{len(problems)} of {len(mapped.paths)} images of the map cannot be read and are left out: {problems[0]}"
+    told = (
+        f"{len(problems)} of {counted(len(mapped.paths), 'image')} of the map cannot be read, hence left out: "
+        f"{problems[0]}"
+    )
     paths, remarks = [mapped.paths[number] for number in read], (*mapped.remarks, told)
     return np.stack(images), replace(mapped, paths=paths, poses=mapped.poses[read], remarks=remarks)
 

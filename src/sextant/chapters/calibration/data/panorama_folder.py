@@ -27,6 +27,7 @@ from sextant.data.source import MissingDataError, first_folder
 from sextant.data.upright import upright, upright_size
 from sextant.errors import ArgumentError
 from sextant.kept_array import keep_array, open_kept
+from sextant.tables import counted
 
 #: width over height may differ from 2 by this share
 TOLERANCE = 0.01
@@ -153,8 +154,8 @@ class PanoramaFolder:
         wanted = [split for split in SPLITS if self.fractions[split] > 0]
         if len(scenes) < len(wanted):
             raise MissingDataError(
-                f"folder={self.folder}: {len(paths)} images of {len(scenes)} scenes, "
-                f"too few for the splits {', '.join(wanted)}",
+                f"folder={self.folder}: {counted(len(paths), 'image')} of {len(scenes)} scenes, too few for the "
+                f"splits {', '.join(wanted)}",
                 f"Add panoramas ({', '.join(SUFFIXES[:3])}, ...), or check `groups` and `together`.",
             )
         side = split_scenes({scene: len(files) for scene, files in scenes.items()}, self.fractions, self.seed)

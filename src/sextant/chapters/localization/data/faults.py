@@ -9,6 +9,7 @@ from numpy import ndarray
 
 from sextant.chapters.localization.data.drive import Drive, LocalizationData, compose_over
 from sextant.errors import ArgumentError, UserError
+from sextant.tables import counted
 
 __all__ = [
     "Blackout",
@@ -93,7 +94,7 @@ def stretch_at(frame: float | int, length: int, drive: Drive, name: str) -> slic
     first = frame_at(frame, drive, f"{name}.frame")
     if length < 1 or first + length > len(drive):
         raise UserError(
-            f"{name}.length={length} from frame {first} on: {drive.name} has {len(drive)} frames",
+            f"{name}.length={length} from frame {first} on: {drive.name} has {counted(len(drive), 'frame')}",
             f"{name}.length={max(1, len(drive) - first)} at most",
         )
     return slice(first, first + length)
@@ -195,7 +196,7 @@ class Kidnap(Fault):
         if not len(there):
             raise UserError(
                 f"fault=kidnap: no frame of {pool.name} is {self.distance:g} away from frame {here} and has {after} "
-                f"of {len(pool)} frames left",
+                f"of {counted(len(pool), 'frame')} left",
                 f"For example fault.distance={apart.max() / 2:.3g} or fault.after={max(1, len(drive) // 4)}",
             )
         return int(rng.choice(there))

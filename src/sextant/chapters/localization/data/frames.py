@@ -17,6 +17,7 @@ from sextant.data.picture_files import UnreadableImageError
 from sextant.data.pixel_values import WhiteLevels
 from sextant.data.videos import Frame, Size, Video, is_video
 from sextant.errors import UserError
+from sextant.tables import counted
 
 #: files written into the output folder, which may be the folder of the photos
 WRITTEN = ("trajectory.png", "from_above.png")
@@ -61,7 +62,8 @@ class Photos:
         rows = match_names(self.names, names).refuse_ambiguous(f"odometry={given}").rows
         if missing := [name for name, row in zip(self.names, rows, strict=True) if row is None]:
             raise UserError(
-                f"odometry={given} has no row for {len(missing):,} of {len(self):,} photos, such as {missing[0]}",
+                f"odometry={given} has no row for {len(missing):,} of {counted(len(self), 'photo')}, such as "
+                f"{missing[0]}",
                 "One row per image, with its file name relative to the folder; or leave out the column file.",
             )
         photos = {row: name for name, row in zip(self.names, rows, strict=True)}

@@ -22,6 +22,7 @@ from sextant.chapters.localization.data.pose_times import EPOCH_UNITS, SAME_S, S
 from sextant.chapters.localization.data.recorded_poses import read_recorded, recorded_format
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
+from sextant.tables import counted
 from sextant.user_files import TextTable, read_table, table_header
 
 T = TypeVar("T")
@@ -135,7 +136,8 @@ def motions_of(
         unused = odometry.times_s is not None and times_s is None
         why = f"; its times cannot be used: {no_times(names)}" if unused else ""
         raise UserError(
-            f"odometry={given} has {len(poses):,} rows for {len(names):,} images, {names[0]} to {names[-1]}{why}",
+            f"odometry={given} has {counted(len(poses), 'row')} for {counted(len(names), 'image')}, {names[0]} to "
+            f"{names[-1]}{why}",
             "One row per image, in order; or a trajectory in TUM's format and file names in seconds; or a table "
             "with a column file.",
         )
@@ -151,7 +153,10 @@ def motions_of(
             )
     unknown = int((~np.isfinite(poses).all(axis=1)).sum())
     if unknown and at_images is None:
-        remarks.append(f"odometry: {unknown:,} of {len(poses):,} rows are empty: motion to and from them is unknown")
+        remarks.append(
+            f"odometry: {unknown:,} of {counted(len(poses), 'row')} {'is' if unknown == 1 else 'are'} empty: motion "
+            "to and from them is unknown"
+        )
     moved = between(poses[:-1], poses[1:])
     far = np.nan_to_num(np.abs(moved).max(axis=1)) > FURTHEST
     if far.any():
@@ -190,8 +195,8 @@ def _at_images(
         remarks.append("odometry: poses are interpolated at the times of the images")
     if missing := [name for name, there in zip(names, known, strict=True) if not there]:
         remarks.append(
-            f"odometry: {len(missing):,} images such as {missing[0]} lie outside of the trajectory or in gaps of "
-            f"more than {GAP_S:g} s: their motion is unknown"
+            f"odometry: {counted(len(missing), 'image lies', 'images lie')} outside of the trajectory or in gaps of "
+            f"more than {GAP_S:g} s, such as {missing[0]}: motion to and from there is unknown"
         )
     return poses
 
@@ -218,7 +223,7 @@ def _of_table(table: TextTable) -> OdometryFile:
     path, header, rows = table.path, list(table.header), table.rows
     if header and table.number(header[0]) is not None:  # no header
         if len(header) != 3:
-            raise UserError(f"odometry={path} has {len(header)} columns and no header", FIX)
+            raise UserError(f"odometry={path} has {counted(len(header), 'column')} and no header", FIX)
         header, rows = ["x", "y", "theta"], [(1, header), *rows]
     if not rows:
         raise UserError(f"odometry={path} has no rows", FIX)
@@ -281,7 +286,9 @@ def _timed(
                 "Remove one of them.",
             )
     if len(kept) < len(order):
-        remarks.append(f"odometry: {len(order) - len(kept):,} rows repeat a time and a pose, and were left out")
+        remarks.append(
+            f"odometry: {counted(len(order) - len(kept), 'row repeats', 'rows repeat')} a time and a pose: left out"
+        )
     return OdometryFile(
         poses[kept], np.array([found[row] / SECOND for row in kept]), remarks=tuple(remarks), timed_rows=True
     )

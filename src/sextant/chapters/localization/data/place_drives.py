@@ -15,6 +15,7 @@ from sextant.chapters.localization.data.simulated import (
 )
 from sextant.chapters.places.data import ImageRows, Nordland, PlaceFolders, PlaceImages
 from sextant.errors import ArgumentError, UserError
+from sextant.tables import counted
 
 #: of each test drive, if there are no drives for validation
 VALIDATION_SHARE = 0.25
@@ -154,8 +155,8 @@ class PlaceFolderDrives:
         degrees = np.full(len(rows), np.nan) if images.heading_deg is None else images.heading_deg[rows]
         if unknown := np.flatnonzero(np.isnan(degrees)).tolist():
             raise UserError(
-                f"dataset={self.name}: {len(unknown):,} of {len(rows):,} images of {condition} have no heading, "
-                f"{images.names[rows[unknown[0]]]} for one",
+                f"dataset={self.name}: {len(unknown):,} of {counted(len(rows), 'image')} of {condition} "
+                f"{'has' if len(unknown) == 1 else 'have'} no heading, {images.names[rows[unknown[0]]]} for one",
                 "Add a column heading to the tables (degrees counter-clockwise from x), "
                 "or the field heading to the names.",
             )

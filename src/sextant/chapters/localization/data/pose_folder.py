@@ -50,6 +50,7 @@ from sextant.errors import ArgumentError, problem_list
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
 from sextant.localization.map_support import map_spacing
 from sextant.ranges import Positive, checked
+from sextant.tables import counted
 
 PoseFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "euroc", "robotcar", "nclt"]
 FILES: dict[PoseFormat, str] = {
@@ -353,7 +354,8 @@ class PoseFolder:
             poses = poses_at(table.times_s, poses, times, names, self.max_gap_s, f"{key}, {file.name}")
         if len(poses) != len(paths):
             raise ArgumentError(
-                f"{key}: {file.name} has {len(poses):,} rows for {len(paths):,} images, {names[0]} to {names[-1]}",
+                f"{key}: {file.name} has {counted(len(poses), 'row')} for {counted(len(paths), 'image')}, {names[0]} "
+                f"to {names[-1]}",
                 "One row per image, in order; or a column time, and images whose names contain times.",
             )
         return compose(poses, np.repeat(self.mounting, len(poses), axis=0))
@@ -386,7 +388,7 @@ class PoseFolder:
                 poses, told = poses_at(told, poses, times, names, self.max_gap_s, f"{key}, {file.name}"), times
         if len(poses) != len(paths):
             raise ArgumentError(
-                f"{key}: {file.name} has {len(poses):,} poses for {len(paths):,} images, "
+                f"{key}: {file.name} has {counted(len(poses), 'pose')} for {counted(len(paths), 'image')}, "
                 f"{paths[0].name} to {paths[-1].name}; without times they must be the same frames",
                 "Remove unmatched images or poses, or give the times of TUM poses: times=names or a file.",
             )
@@ -397,7 +399,7 @@ class PoseFolder:
         without = [path.name for path, row in zip(paths, rows, strict=True) if row.heading_deg is None]
         if without:
             raise ArgumentError(
-                f"{key}: {file} has no column heading, which {len(without):,} images need",
+                f"{key}: {file} has no column heading, which {counted(len(without), 'image needs', 'images need')}",
                 "file,x,y,heading\nfirst.jpg,12.5,-3.0,90    (degrees counter-clockwise from x)",
             )
         return np.array([(row.x, row.y, np.radians(row.heading_deg or 0.0)) for row in rows])
@@ -409,7 +411,8 @@ class PoseFolder:
         rows = found.match(names).refuse_ambiguous(f"{key}: {file}").rows
         if without := [name for name, row in zip(names, rows, strict=True) if row is None]:
             raise ArgumentError(
-                f"{key}: {len(without):,} of {len(names):,} images have no pose in {file}\n{problem_list(without)}",
+                f"{key}: {len(without):,} of {counted(len(names), 'image')} {'has' if len(without) == 1 else 'have'} "
+                f"no pose in {file}\n{problem_list(without)}",
                 "Move these images out of the folder, or estimate their poses with that program.",
             )
         poses = to_plane(found.poses, self.plane, self.ahead, str(file))
@@ -422,7 +425,8 @@ class PoseFolder:
         named = [f"{paths[i].name} = {paths[first[which.ravel()[i]]].name}" for i in double.tolist()]
         if named and not self.skip_bad:
             raise ArgumentError(
-                f"{key}: {len(named):,} of {len(poses):,} images have the same pose as another\n{problem_list(named)}",
+                f"{key}: {len(named):,} of {counted(len(poses), 'image')} {'has' if len(named) == 1 else 'have'} the "
+                f"same pose as another\n{problem_list(named)}",
                 "Remove one of each (is a pose repeated for frames without one?), or skip them: skip_bad=true",
             )
         notes += [f"left out {name}" for name in named]
@@ -434,7 +438,7 @@ def _only(folder: Path, name: str, argument: str) -> Path:
     found = sorted(folder.glob(name)) if "*" in name else []
     if len(found) > 1:
         raise ArgumentError(
-            f"{folder / name} are {len(found)} files: {', '.join(each.name for each in found[:5])}",
+            f"{folder / name} are {counted(len(found), 'file')}: {', '.join(each.name for each in found[:5])}",
             f"Name one: {argument}={found[0].relative_to(folder).as_posix()}",
         )
     return found[0] if found else folder / name

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from sextant.atomic_files import write_atomically
 from sextant.data.positions import too_far
 from sextant.errors import ArgumentError, UserError, problem_list
+from sextant.tables import counted
 from sextant.user_files import read_lines
 from sextant.worlds.trajectories import load_kitti_poses
 
@@ -55,8 +56,8 @@ def to_plane(
     if len(wrong):
         listed = problem_list([f"pose {i + 1}: {steep[i]:.0f} degrees" for i in wrong.tolist()])
         raise ArgumentError(
-            f"{what}: the {ahead} axis of {len(wrong):,} of {len(axis):,} poses is nearly perpendicular to the "
-            f"plane {plane}, so its heading is unknown\n{listed}",
+            f"{what}: the {ahead} axis of {len(wrong):,} of {counted(len(axis), 'pose')} is nearly perpendicular to "
+            f"the plane {plane}, so its heading is unknown\n{listed}",
             "Name the plane that the camera moves in (plane=xz where y is down, as in KITTI; xy where z is "
             "up), and the axis\nof the poses that points ahead (ahead=z for a camera, x for a robot).",
         )
@@ -120,7 +121,7 @@ def read_tum_matrices(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[
             numbers.append(number)
     if problems or not rows:
         raise UserError(
-            f"{path}: {f'{len(problems)} lines cannot be used' if problems else 'it has no poses'}\n"
+            f"{path}: {counted(len(problems), 'line') + ' cannot be used' if problems else 'it has no poses'}\n"
             f"{problem_list(problems)}".rstrip(),
             "Each line: timestamp tx ty tz qx qy qz qw, in order of time.",
         )

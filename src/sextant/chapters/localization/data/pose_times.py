@@ -24,6 +24,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.errors import ArgumentError, UserError, problem_list
+from sextant.tables import counted
 from sextant.user_files import read_lines
 
 #: an image this near to a pose in time has that pose
@@ -130,7 +131,10 @@ def names_without_time(names: Sequence[str]) -> list[str]:
 def no_times(names: Sequence[str]) -> str:
     """Why names contain no times, for messages."""
     if without := names_without_time(names):
-        return f"{len(without):,} of {len(names):,} names contain no time of a known form, such as {without[0]}"
+        return (
+            f"{len(without):,} of {counted(len(names), 'name')} {'contains' if len(without) == 1 else 'contain'} no "
+            f"time of a known form, such as {without[0]}"
+        )
     return f"the times in the names are of several forms, or the same in several names: {names[0]} to {names[-1]}"
 
 
@@ -146,7 +150,7 @@ def times_of_file(path: Path, count: int) -> Float64[ndarray, "n"]:
     except ValueError as error:
         raise UserError(f"{path} cannot be read as times: {error}", fix) from None
     if len(times) != count or not np.isfinite(times).all():
-        raise UserError(f"{path} has {len(times):,} times for {count:,} images", fix)
+        raise UserError(f"{path} has {len(times):,} times for {counted(count, 'image')}", fix)
     return times
 
 
@@ -206,8 +210,8 @@ def poses_at(
     if wrong:
         listed = problem_list([f"{names[i]} at {wanted_s[i]:.6f} s: nearest is {nearest[i]:.3f} s off" for i in wrong])
         raise ArgumentError(
-            f"{key}: {len(wrong):,} of {len(names):,} images have no pose at their time "
-            f"({times_s[0]:.6f} s to {times_s[-1]:.6f} s, gaps up to max_gap_s={max_gap_s})\n{listed}",
+            f"{key}: {len(wrong):,} of {counted(len(names), 'image')} {'has' if len(wrong) == 1 else 'have'} no pose "
+            f"at their time ({times_s[0]:.6f} s to {times_s[-1]:.6f} s, gaps up to max_gap_s={max_gap_s})\n{listed}",
             "Remove these images, complete the trajectory, or allow wider gaps: max_gap_s=<seconds>",
         )
     x, y = (np.interp(wanted_s, times_s, poses[:, k]) for k in (0, 1))

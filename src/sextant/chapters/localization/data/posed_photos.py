@@ -166,7 +166,9 @@ def _of_names(folder: Path, source: Path, photos: Sequence[Path]) -> PosedPhotos
     rows = found.refuse_ambiguous(f"map={source}").rows
     kept = [(path, row) for path, row in zip(photos, rows, strict=True) if row is not None]
     if not kept:
-        raise UserError(f"{source} has poses of {len(names):,} images, but of none of the photos below {folder}", FIX)
+        raise UserError(
+            f"{source} has poses of {counted(len(names), 'image')}, but of none of the photos below {folder}", FIX
+        )
     if without := [path.relative_to(folder).as_posix() for path, row in zip(photos, rows, strict=True) if row is None]:
         warn_once(f"{source}: {_examples(without, 'photo')} left out: without a pose")
     used = {*rows}
@@ -212,7 +214,7 @@ def _table(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
     table = read_table(source, FIX)
     missing = [name for name in COLUMNS if name not in table.header]
     if missing:
-        raise UserError(f"{source}: the columns {', '.join(missing)} are missing", FIX)
+        raise UserError(f"{source} has no column {', '.join(missing)}", FIX)
     given = [name for name in CAMERA_COLUMNS if name in table.header]
     if given and len(given) < len(CAMERA_COLUMNS):
         raise UserError(
@@ -234,7 +236,7 @@ def _table(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
     names, rows, problems = [], [], []
     for line, cells in table.rows:
         if len(cells) < len(table.header) or any(cells[len(table.header) :]):
-            problems.append(f"line {line}: {len(cells)} values for {len(table.header)} columns")
+            problems.append(f"line {line}: {counted(len(cells), 'value')} for {counted(len(table.header), 'column')}")
             continue
         row = [table.number(cells[column]) for column in columns]
         if None in row:

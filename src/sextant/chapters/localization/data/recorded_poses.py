@@ -30,6 +30,7 @@ from sextant.chapters.localization.data.pose_formats import LENGTH_TOLERANCE, po
 from sextant.chapters.localization.data.pose_times import SECOND, epoch_ns
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError, problem_list
+from sextant.tables import counted
 from sextant.user_files import TextTable, read_table, table_header
 
 Recorded = Literal["euroc", "robotcar", "nclt"]
@@ -181,4 +182,4 @@ def _check(
         found["destination_timestamp is not the source_timestamp of the line before"] = jumps
     problems = [f"line {rows[k][0]}: {what}" for what, bad in found.items() for k in np.flatnonzero(bad).tolist()]
     if problems:
-        raise UserError(f"{path}: {len(problems):,} lines cannot be used\n{problem_list(problems)}")
+        raise UserError(f"{path}: {counted(len(problems), 'line')} cannot be used\n{problem_list(problems)}")

@@ -27,6 +27,7 @@ from sextant.data.image_files import picture_bytes
 from sextant.data.pixel_values import WhiteLevels
 from sextant.data.videos import Frame, Size
 from sextant.errors import ArgumentError, UserError, how_to_install
+from sextant.tables import counted
 
 #: suffix of a ROS 1 bag, the file that makes a folder a ROS 2 bag, and suffixes of what it holds
 FIRST, METADATA, STORED = ".bag", "metadata.yaml", (".mcap", ".db3")
@@ -274,8 +275,8 @@ def _odometry(bag: _Opened, topic: str) -> tuple[OdometryFile | None, str]:
     if not posed.all():
         bad = int(np.flatnonzero(~posed)[0])
         problem = (
-            f"odometry of {topic}: {int((~posed).sum()):,} of {len(posed):,} poses cannot be used, such as number "
-            f"{bad + 1}, whose orientation is a quaternion of length {length[bad]:.3g}, not 1, or not finite"
+            f"odometry of {topic}: {int((~posed).sum()):,} of {counted(len(posed), 'pose')} cannot be used, such as "
+            f"number {bad + 1}, whose orientation is a quaternion of length {length[bad]:.3g}, not 1, or not finite"
         )
     if not fine.any():
         return None, f"{problem}: motion is unknown"

@@ -8,6 +8,7 @@ from sextant.data.image_files import natural_key
 from sextant.data.photo_files import images_below
 from sextant.data.source import MissingDataError
 from sextant.errors import ArgumentError, problem_list
+from sextant.tables import counted
 from sextant.user_files import absent
 
 
@@ -91,8 +92,8 @@ def align_by_name(
     if missing and not skip_missing:
         counts = ", ".join(f"{name} {len(own):,}" for name, own in named.items())
         raise ArgumentError(
-            f"{key}: equal names are equal places, and {len(missing):,} frames lack a partner ({counts} frames)\n"
-            f"{problem_list(missing)}",
+            f"{key}: equal names are equal places, and {counted(len(missing), 'frame lacks', 'frames lack')} a "
+            f"partner ({counts} frames)\n{problem_list(missing)}",
             "Add them, or go on without (they are counted): skip_bad=true",
         )
     numbered = {name: {i: own[stem] for i, stem in enumerate(stems) if stem in own} for name, own in named.items()}
@@ -108,7 +109,10 @@ def align_by_order(files: Mapping[str, Sequence[Path]], key: str) -> AlignedRide
     counts = {name: len(paths) for name, paths in files.items()}
     if len(set(counts.values())) > 1:
         listed = problem_list(
-            [f"{name}: {n:,} images, {files[name][0].name} to {files[name][-1].name}" for name, n in counts.items()]
+            [
+                f"{name}: {counted(n, 'image')}, {files[name][0].name} to {files[name][-1].name}"
+                for name, n in counts.items()
+            ]
         )
         raise ArgumentError(
             f"{key}: places=order treats the i-th images of all traverses as one place, "

@@ -33,7 +33,8 @@ def check_headings(images: PlaceImages, split: str, tolerance: PlaceTolerance, k
     if len(unknown):
         raise ArgumentError(
             f"{key}.{tolerance.unit}.heading_deg={tolerance.heading_deg:g}, but {len(unknown):,} of {len(images):,} "
-            f"{split} images have no heading\n{problem_list([images.names[row] for row in unknown])}",
+            f"{split} images {'has' if len(unknown) == 1 else 'have'} no "
+            f"heading\n{problem_list([images.names[row] for row in unknown])}",
             f"Give each a heading, or ignore headings: {key}.{tolerance.unit}.heading_deg=null",
             of=PARENT,
         )

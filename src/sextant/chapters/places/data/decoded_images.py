@@ -25,6 +25,7 @@ from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.lock import notify_every
 from sextant.errors import ArgumentError, UserError, problem_list
 from sextant.kept_array import keep_array, open_kept
+from sextant.tables import counted
 
 #: changes whenever the same files decode into other pixels
 DECODER = 1
@@ -86,7 +87,9 @@ def read_images(
         )
     kept = np.array([i for i in range(len(paths)) if i not in bad], np.int64)
     if not len(kept):
-        raise UserError(f"{what}: none of {len(paths):,} files can be read\n{problem_list(named)}", "Replace them.")
+        raise UserError(
+            f"{what}: none of {counted(len(paths), 'file')} can be read\n{problem_list(named)}", "Replace them."
+        )
     return DecodedImages(ImageRows(images, kept), kept, named)
 
 

@@ -21,6 +21,7 @@ from numpy import ndarray
 from sextant.chapters.places.data.pose_files import Pose
 from sextant.data.geodesy import geocentric, local_axes
 from sextant.errors import ArgumentError, problem_list
+from sextant.tables import counted
 
 if TYPE_CHECKING:
     from sextant.data.photos.gps import GpsPosition
@@ -58,7 +59,8 @@ def _positions(paths: Sequence[Path], key: str, notes: list[str]) -> "list[GpsPo
     found = [(path.name, *photo_gps(path)) for path in paths]
     if without := [f"{name}{problem and ': '}{problem}" for name, position, problem in found if position is None]:
         raise ArgumentError(
-            f"{key}: {len(without):,} of {len(paths):,} images have no GPS position in EXIF\n{problem_list(without)}",
+            f"{key}: {len(without):,} of {counted(len(paths), 'image')} {'has' if len(without) == 1 else 'have'} no "
+            f"GPS position in EXIF\n{problem_list(without)}",
             "Move these images out of the folder, or give positions in a table: file,x,y,heading.",
         )
     notes += [f"{key}: {doubt}" for doubt in doubtful({name: problem for name, _, problem in found})]
@@ -72,7 +74,7 @@ def doubtful(problems: Mapping[str, str], what: str = "doubtful") -> list[str]:
         if problem:
             kinds.setdefault(re.sub(r"-?\d[\d.,e+ -]*\d|\d", "#", problem), []).append(name)
     return [
-        f"the positions of {len(names):,} of {len(problems):,} images are {what}, such as {names[0]}: "
+        f"the positions of {len(names)} of {counted(len(problems), 'image')} are {what}, such as {names[0]}: "
         f"{problems[names[0]]}"
         for names in kinds.values()
     ]
@@ -118,7 +120,10 @@ def drive_by_gps(paths: Sequence[Path], first: Path, key: str, notes: list[str])
     headings = [row.heading_deg for row in rows if row.heading_deg is not None]
     if len(headings) == len(rows):
         return np.column_stack([places, np.radians(headings)])
-    lacking = f"{key}: {len(rows) - len(headings):,} of {len(rows):,} images have no viewing direction in EXIF"
+    lacking = (
+        f"{key}: {len(rows) - len(headings):,} of {counted(len(rows), 'image')} "
+        f"{'has' if len(rows) - len(headings) == 1 else 'have'} no viewing direction in EXIF"
+    )
     course = course_deg(places)
     if course is None:
         raise ArgumentError(f"{lacking}, and they lie within {STEP_M:g} m", "Give a table: file,x,y,heading.")

@@ -19,6 +19,7 @@ from sextant.chapters.places.data.pose_files import Pose, table_poses, utm_poses
 from sextant.data.source import MissingDataError, first_folder
 from sextant.errors import ArgumentError, problem_list
 from sextant.ranges import checked
+from sextant.tables import counted
 
 Places = Literal["csv", "utm", "gps", "order", "name"]
 #: traverses of a test that does not name any, map first
@@ -245,7 +246,8 @@ class PlaceFolders:
                 first[digest] = path
         if double:
             raise ArgumentError(
-                f"{split}: {len(double):,} files are duplicates of another\n{problem_list(double)}",
+                f"{split}: {counted(len(double), 'file is a duplicate', 'files are duplicates')} of "
+                f"another\n{problem_list(double)}",
                 "Remove one of each pair, or, if this is intended, allow_duplicates=true",
             )
 

@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 from sextant.data.name_matching import match_names
 from sextant.errors import ArgumentError, UserError, problem_list
+from sextant.tables import counted
 from sextant.user_files import read_table
 
 COLUMNS = ("file", "x", "y", "heading")
@@ -64,14 +65,17 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
         line = f"line {number}"
         if len(row) < len(header):
             if any(row):
-                problems.append(f"{line}: {len(row)} values for {len(header)} columns")
+                problems.append(f"{line}: {counted(len(row), 'value')} for {counted(len(header), 'column')}")
             continue
         file, *cells = (row[k] for k in where)
         numbers = [table.number(cell) for cell in cells]
         wrong = [f"{name}={cell!r}" for name, cell, n in zip(COLUMNS[1:], cells, numbers, strict=False) if n is None]
         name = Path(file).as_posix()
         if wrong:
-            problems.append(f"{line}: {', '.join(wrong)} of {name} must be finite numbers")
+            problems.append(
+                f"{line}: {', '.join(wrong)} of {name} must be "
+                f"{'a finite number' if len(wrong) == 1 else 'finite numbers'}"
+            )
         elif name in poses:
             problems.append(f"{line}: {name} has a row already")
         else:
@@ -79,7 +83,7 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
             poses[name] = Pose(x, y, heading[0] if heading else None)
     if problems:
         raise UserError(
-            f"{path}: {len(problems)} rows cannot be used\n{problem_list(problems)}",
+            f"{path}: {counted(len(problems), 'row')} cannot be used\n{problem_list(problems)}",
             "Correct them, or remove these rows and their images.",
         )
     return poses
@@ -111,7 +115,8 @@ def utm_poses(paths: Sequence[Path], key: str) -> list[Pose]:
     wrong = [path.name for path, pose in zip(paths, poses, strict=True) if pose is None]
     if wrong:
         raise ArgumentError(
-            f"{key}: {len(wrong):,} of {len(paths):,} names contain no pose\n{problem_list(wrong)}",
+            f"{key}: {len(wrong):,} of {counted(len(paths), 'name')} {'contains' if len(wrong) == 1 else 'contain'} "
+            f"no pose\n{problem_list(wrong)}",
             "places=utm needs names such as @0548939.41@4179162.31@10@S@@@@@180@@@@@@.jpg: easting, northing "
             "in metres,\nzone number, zone letter, latitude, longitude, pano_id, tile, heading, pitch, roll, height, "
             "time, note; all after northing may be empty.",
@@ -137,7 +142,8 @@ def table_poses(paths: Sequence[Path], folder: Path, table: Path, key: str) -> l
     rows = match_names(names, listed, whole=inside != Path()).refuse_ambiguous(f"{key}: {table}").rows
     if unplaced := [name for name, row in zip(names, rows, strict=True) if row is None]:
         raise ArgumentError(
-            f"{key}: {len(unplaced):,} of {len(names):,} images have no row in {table}\n{problem_list(unplaced)}",
+            f"{key}: {len(unplaced):,} of {counted(len(names), 'image')} {'has' if len(unplaced) == 1 else 'have'} no "
+            f"row in {table}\n{problem_list(unplaced)}",
             "Add rows of file,x,y, with paths relative to the table's folder, or remove these images.",
         )
     below = f"{inside.as_posix()}/"
@@ -146,7 +152,8 @@ def table_poses(paths: Sequence[Path], folder: Path, table: Path, key: str) -> l
     absent = sorted(name for name in own - set(matched) if not (table.parent / name).is_file())
     if absent:
         raise ArgumentError(
-            f"{key}: {len(absent):,} rows of {table} have no image\n{problem_list(absent)}",
+            f"{key}: {counted(len(absent), 'row')} of {table} {'has' if len(absent) == 1 else 'have'} no "
+            f"image\n{problem_list(absent)}",
             "Add these images, or remove their rows.",
         )
     return [poses[name] for name in matched]

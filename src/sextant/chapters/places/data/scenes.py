@@ -17,6 +17,7 @@ from sextant.chapters.places.data.source import PlaceSource
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.data.source import ImageSource, ImageSpec, LabelledImages, Split, channels_first
 from sextant.errors import UserError
+from sextant.tables import counted
 
 #: a spacing is too small if more than this share of scenes lie too close to the previous one
 CROWDED = 0.1
@@ -303,7 +304,7 @@ class Scenes(ImageSource):
             left_out = "".join(f"\n  {text}" for text in found.left_out[:5])
             raise UserError(
                 f"spacing={self.spacing}, neighbours={self.neighbours}: {len(found.examples)} scenes in "
-                f"{len(self._drive.along)} frames, but recognition needs two{left_out}",
+                f"{counted(len(self._drive.along), 'frame')}, but recognition needs two{left_out}",
                 "Use a smaller spacing, fewer neighbours, or a longer drive.",
             )
         return found

@@ -7,6 +7,7 @@ from pathlib import Path
 from sextant.chapters.places.data.images import SPLITS, PlaceImages, Split
 from sextant.chapters.places.data.source import PlaceSource
 from sextant.errors import ArgumentError
+from sextant.tables import counted
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class FrameRanges:
         start, stop = getattr(self, split)
         if start >= count or (stop is not None and stop > count):
             raise ArgumentError(
-                f"frames.{split}=[{start}, {stop}]: there are {count:,} frames, numbered from 0",
+                f"frames.{split}=[{start}, {stop}]: there are {counted(count, 'frame')}, numbered from 0",
                 f"The second number may be at most {count}; null takes all that follow.",
             )
         return range(start, count if stop is None else stop)
