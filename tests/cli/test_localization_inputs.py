@@ -107,7 +107,7 @@ def replaced(old, new):
 def test_images_of_the_map_at_one_pose(folder, told):
     change(folder, "map", "poses", replaced("004.png,4.0", "004.png,3.0"))
     said = told(arguments(folder))
-    assert "dataset.map: 1 of 30 images have the same pose as another" in said
+    assert "dataset.map: 1 of 30 images has the same pose as another" in said
     assert "004.png = 003.png" in said
     assert "dataset.skip_bad=true" in said
 

@@ -127,8 +127,8 @@ def test_rides_of_different_lengths(folder, told):
         (lambda rows: [rows[0], "1.png,1,-inf,90", *rows[2:]], "line 3: y='-inf' of 1.png must be a finite number"),
         (lambda rows: [rows[0], "1.png,1,0,", *rows[2:]], "line 3: heading='' of 1.png must be a finite number"),
         (lambda rows: [*rows, rows[0]], "line 8: 0.png has a row already"),
-        (lambda rows: rows[1:], "dataset.test.night: 1 of 6 images have no row in"),
-        (lambda rows: [*rows, "9.png,1,0,90"], "have no image\n  9.png"),
+        (lambda rows: rows[1:], "dataset.test.night: 1 of 6 images has no row in"),
+        (lambda rows: [*rows, "9.png,1,0,90"], "has no image\n  9.png"),
     ],
     ids=["missing", "nan", "inf", "heading missing", "twice", "no row", "no file"],
 )
@@ -161,7 +161,7 @@ def test_names_that_tell_no_pose(folder, told):
     utm_names(folder)
     path = next((folder / "test" / "night").glob("@0.0@*"))
     path.rename(path.with_name("@east@100.0@.png"))
-    assert "dataset.test.night: 1 of 6 names contain no pose\n  @east@100.0@.png" in told("dataset.places=utm")
+    assert "dataset.test.night: 1 of 6 names contains no pose\n  @east@100.0@.png" in told("dataset.places=utm")
 
 
 @pytest.mark.slow

@@ -388,7 +388,7 @@ def test_photos_of_another_shape_and_copies_are_told(rides, tmp_path):
     shutil.copy(day / "004.png", night / "copy.png")
     rows, told = look_up(day, night, tmp_path / "out")
     assert told["queries"]["stretched"] == ["tall.png"]
-    assert any(remark.startswith("queries: 1 photos, such as tall.png, were stretched") for remark in told["remarks"])
+    assert any(remark.startswith("queries: 1 photo was stretched, such as tall.png, to") for remark in told["remarks"])
     assert [row["query"] for row in rows if row.get("same_file")] == ["copy.png"]
     assert any("1 query is a copy" in remark for remark in told["remarks"])
 

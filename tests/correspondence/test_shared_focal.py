@@ -150,7 +150,7 @@ def test_photos_that_cannot_share_it_are_refused():
     ]
     with pytest.raises(ArgumentError, match="640x480 pixels have no focal length in pixels in common"):
         shared_focal_length(empty)
-    with pytest.raises(ArgumentError, match="1 photos; a shared focal length needs 2 to 10"):
+    with pytest.raises(ArgumentError, match="1 photo; a shared focal length needs 2 to 10"):
         shared_focal_length(empty[:1])
 
 

@@ -87,7 +87,7 @@ def test_a_legend_has_what_is_drawn(name):
     ("lost", "expected"),
     [
         ([False, False], ["localized", "first"]),
-        ([True, False], ["lost (1 images)", "localized", "first"]),
+        ([True, False], ["lost (1 image)", "localized", "first"]),
         ([True, True], ["lost (2 images)"]),
     ],
 )

@@ -68,7 +68,7 @@ def test_equal_poses_are_refused_with_their_rows():
 
 def test_poses_a_turn_apart_or_of_either_zero_are_equal():
     poses = torch.tensor([[0.0, 1.0, 0.0], [-0.0, 1.0, 2 * math.pi]], dtype=torch.float64)
-    with pytest.raises(UserError, match="rows 1,"):
+    with pytest.raises(UserError, match="row 1,"):
         DescriptorMap.of(poses, _descriptors(2))
 
 

@@ -296,7 +296,7 @@ def test_blank_walls_make_no_map():
     poses[1, 0, 3] = 1
     with pytest.raises(UserError, match="blank walls"):
         PoseMap.from_images([np.full((96, 128, 3), 90, np.uint8)] * 2, poses, (100, 100, 64, 48))
-    with pytest.raises(UserError, match="make no map"):
+    with pytest.raises(UserError, match="1 image makes no map"):
         PoseMap.from_images([np.zeros((96, 128, 3), np.uint8)], poses[:1])
 
 

@@ -68,7 +68,7 @@ def test_files_are_matched_by_the_command_and_written_by_it(rides, tmp_path):
         (np.ones((5, 3), np.float32), r"shape \(5, 3\) of float32; 6 rows of floats"),
         (np.ones((6, 3), np.int64), "of int64; 6 rows of floats"),
         (np.ones(6, np.float32), r"shape \(6,\)"),
-        (np.array([[1.0, np.nan]] + [[1.0, 2.0]] * 5), "1 of 6 rows are not finite, the first is row 0"),
+        (np.array([[1.0, np.nan]] + [[1.0, 2.0]] * 5), "1 of 6 rows is not finite, the first is row 0"),
         (np.array([{"a": 1}] * 6, object), "cannot be read"),
         (np.array(3.0), "a single number"),
     ],

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from support import imported_anew
 from test_imports import HEAVY
 from tiny_places import Pixels, ride, scene, tiny_checkpoint

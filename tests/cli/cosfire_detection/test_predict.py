@@ -283,4 +283,4 @@ def test_the_command_line_does_the_same(tmp_path, example):
         [sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=120, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert re.search(r"1 detections in 1 images", done.stdout)
+    assert re.search(r"1 detection in 1 image", done.stdout)

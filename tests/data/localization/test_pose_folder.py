@@ -126,7 +126,7 @@ def test_gps_of_all_drives_is_in_the_frame_of_the_maps_first_image(tmp_path, dir
 def test_images_that_a_reconstruction_has_not_posed_are_named(tmp_path):
     write(tmp_path, "opensfm")
     write_pictures(tmp_path / "map", ["unposed.png"])
-    with pytest.raises(UserError, match=r"1 of 9 images have no pose in .*reconstruction.json(.|\n)*unposed.png"):
+    with pytest.raises(UserError, match=r"1 of 9 images has no pose in .*reconstruction.json(.|\n)*unposed.png"):
         source(tmp_path, "opensfm").read()
 
 
@@ -146,7 +146,7 @@ def test_images_between_poses_are_interpolated(tmp_path):
     times = 1000.25 + np.arange(0, N - 0.9, 0.5)
     poses = np.column_stack([np.interp(times, 1000.25 + np.arange(N), column) for column in POSES.T])
     write_tum(tmp_path / "run" / "poses.txt", times + 0.1, poses)
-    with pytest.raises(UserError, match=r"1 of 8 images have no pose(.|\n)*1000.25.png"):
+    with pytest.raises(UserError, match=r"1 of 8 images has no pose(.|\n)*1000.25.png"):
         source(tmp_path, "tum").read()
     (tmp_path / "run" / "1000.25.png").unlink()
     late = source(tmp_path, "tum").read().test[0]
@@ -223,8 +223,8 @@ def test_missing_folders_and_files_are_told(tmp_path, form):
 @pytest.mark.parametrize(
     ("text", "told"),
     [("file,x,y\n" + "\n".join(f"{name},0,0" for name in names()), "has no column heading, which 8 images"),
-     (csv(POSES).replace("1.5,0.5", "nan,0.5"), r"x='nan' of 1001.25.png must be finite"),
-     (csv(POSES).rsplit("\n", 1)[0], r"1 of 8 images have no row(.|\n)*1007.25.png"),
+     (csv(POSES).replace("1.5,0.5", "nan,0.5"), r"x='nan' of 1001.25.png must be a finite"),
+     (csv(POSES).rsplit("\n", 1)[0], r"1 of 8 images has no row(.|\n)*1007.25.png"),
      (csv(POSES) + "\nmissing.png,1,2,3", r"1 row of \S* has no image(.|\n)*missing.png")],
 )  # fmt: skip
 def test_a_table_that_does_not_fit_is_told(tmp_path, text, told):
@@ -250,7 +250,7 @@ def test_images_out_of_order_are_told(tmp_path):
     folder = write(tmp_path, "tum")
     (folder / "run" / names()[3]).rename(folder / "run" / "a_1000.50.png")
     with pytest.raises(
-        UserError, match=r"test.run: 1 of 8 names contain no time of a known form, such as a_1000.50.png"
+        UserError, match=r"test.run: 1 of 8 names contains no time of a known form, such as a_1000.50.png"
     ):
         source(folder, "tum").read()
     for k, name in enumerate(sorted(path.name for path in (folder / "run").glob("*.png"))):
@@ -281,7 +281,7 @@ def test_two_images_of_the_map_at_one_pose_are_told_or_left_out(tmp_path):
     twice = POSES.copy()
     twice[5] = twice[2]
     (folder / "map" / "poses.csv").write_text(csv(twice))
-    with pytest.raises(UserError, match=r"map: 1 of 8 images have the same pose(.|\n)*1005.25.png = 1002.25"):
+    with pytest.raises(UserError, match=r"map: 1 of 8 images has the same pose(.|\n)*1005.25.png = 1002.25"):
         source(folder).read()
     data = source(folder, skip_bad=True).read()
     assert np.array_equal(data.map.images[5], picture(6))

@@ -178,7 +178,7 @@ def test_images_without_a_pose_at_their_time_are_named():
         poses_at(times, poses, wanted, list("abcde"), 2.0, "k")
     assert "d at" not in str(error.value)
     assert len(poses_at(times[:1], poses[:1], np.array([0.0]), ["a"], 2.0, "k")) == 1
-    with pytest.raises(UserError, match="1 of 1 images"):
+    with pytest.raises(UserError, match="1 of 1 image"):
         poses_at(times[:1], poses[:1], np.array([0.1]), ["a"], 2.0, "k")
 
 

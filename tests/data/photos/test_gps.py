@@ -221,6 +221,6 @@ def test_doubts_are_notes_and_reasons_are_in_the_error(tmp_path):
         "places=gps: the positions of 1 of 2 images are doubtful, such as b.jpg: its latitude has no reference: taken "
         "as north; its longitude has no reference: taken as east"
     ]
-    with pytest.raises(ArgumentError, match=r"1 of 2 images have no GPS.*\n.*c\.jpg: its latitude 91 is beyond"):
+    with pytest.raises(ArgumentError, match=r"1 of 2 images has no GPS.*\n.*c\.jpg: its latitude 91 is beyond"):
         gps_poses([good, bad], "places=gps")
     assert photo_gps(tmp_path / "none.jpg") == (None, "")

@@ -40,7 +40,7 @@ def test_photos_without_a_position_are_named(tmp_path):
     add_gps(tmp_path / "a.png", 3, 4, 30)
     assert photo_gps(tmp_path / "a.png").position.direction_deg == pytest.approx(60)
     assert photo_gps(tmp_path / "gone.png").position is None
-    with pytest.raises(ArgumentError, match=r"map: 1 of 2 images have no GPS position in EXIF\n.*b\.png"):
+    with pytest.raises(ArgumentError, match=r"map: 1 of 2 images has no GPS position in EXIF\n.*b\.png"):
         gps_poses([tmp_path / "a.png", tmp_path / "b.png"], "map")
 
 

@@ -128,13 +128,13 @@ def test_one_table_around_all_folders(folder):
 @pytest.mark.parametrize(
     ("rows", "header", "told"),
     [
-        (["a1.png,0,0,0", "a2.png,0,nan,0", "a10.png,0,0,0"], None, "line 3: y='nan' of a2.png must be finite"),
+        (["a1.png,0,0,0", "a2.png,0,nan,0", "a10.png,0,0,0"], None, "line 3: y='nan' of a2.png must be a finite"),
         (["a1.png,0,0,0", "a2.png,0,,0", "a10.png,0,0,0"], None, "y='' of a2.png"),
         (["a1.png,0,0,0", "a2.png,0,0,", "a10.png,0,0,0"], None, "heading='' of a2.png"),
         (["a1.png,east,0,0", "a2.png,0,0,0", "a10.png,0,0,0"], None, "line 2: x='east'"),
         (["a1.png,0,0,0", "a1.png,0,0,0", "a2.png,0,0,0", "a10.png,0,0,0"], None, "line 3: a1.png has a row already"),
         (["a1.png,0,0,0", "a2.png,0", "a10.png,0,0,0"], None, "line 3: 2 values for 4 columns"),
-        (["a1.png,0,0,0", "a10.png,0,0,0"], None, "1 of 3 images have no row"),
+        (["a1.png,0,0,0", "a10.png,0,0,0"], None, "1 of 3 images has no row"),
         (
             ["a1.png,0,0,0", "a2.png,0,0,0", "a10.png,0,0,0", "a3.png,0,0,0"],
             None,
@@ -215,7 +215,7 @@ def test_neighbours_across_the_equator_are_near():
 def test_gps_folders(folder):
     for k, file in enumerate(("reference/a1.png", "reference/a2.png", "query/b1.png", "query/b2.png", "query/b3.png")):
         add_gps(folder / file, 10 * k, -5 * k)
-    with pytest.raises(UserError, match=r"test: 1 of 6 images have no GPS position in EXIF\n.*a10.png"):
+    with pytest.raises(UserError, match=r"test: 1 of 6 images has no GPS position in EXIF\n.*a10.png"):
         folders(folder, places="gps").read("test")
     (folder / "reference" / "a10.png").unlink()
     source = folders(folder, places="gps")
@@ -235,7 +235,7 @@ def test_utm_folders(tmp_path):
     found = images.positives(np.array([2]), np.array([0, 1]), PlaceTolerance("m", 5, 25))
     assert found.toarray().tolist() == [[True, False]]
     write_pictures(tmp_path / "query", ["late.png"], first=6)
-    with pytest.raises(UserError, match=r"1 of 2 names contain no pose\n  late.png"):
+    with pytest.raises(UserError, match=r"1 of 2 names contains no pose\n  late.png"):
         folders(tmp_path, places="utm").read("test")
 
 

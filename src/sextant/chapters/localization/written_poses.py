@@ -14,6 +14,7 @@ from sextant.chapters.localization.data.pose_formats import write_tum
 from sextant.chapters.localization.localizer import LocalizedPose, Localizer
 from sextant.chapters.localization.map_pictures import thumbnail
 from sextant.errors import ArgumentError
+from sextant.tables import counted
 
 if TYPE_CHECKING:
     from sextant.chapters.localization.figures.particles import ParticleFrame
@@ -156,7 +157,14 @@ def draw_trajectory(rows: Sequence[Row], positions: Float64[ndarray, "n 2"], out
     lost = np.array([row.told.lost for row in rows])
     known = np.where(lost[:, None], np.nan, way)
     if lost.any():
-        axes.plot(way[lost, 0], way[lost, 1], "x", color=LOST, markersize=4, label=f"lost ({int(lost.sum()):,} images)")
+        axes.plot(
+            way[lost, 0],
+            way[lost, 1],
+            "x",
+            color=LOST,
+            markersize=4,
+            label=f"lost ({counted(int(lost.sum()), 'image')})",
+        )
     if (found := np.flatnonzero(~lost)).size:
         axes.plot(*known.T, "-", color=ESTIMATE, linewidth=1.4, marker=".", markersize=3, label="localized")
         axes.plot(*way[found[0]], "o", color=ESTIMATE, markeredgecolor="white", markersize=7, label="first")

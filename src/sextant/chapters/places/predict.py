@@ -262,7 +262,9 @@ def _truth(tally: Mapping[str, Any]) -> str:
     inside, looked_up = tally["in_map"], tally["queries"] - tally["failed"]
     if not inside:
         return f"none of the {looked_up:,} queries has its place in the map, so no match can be right"
-    told = f"best match right: {tally['right']:,} of {counted(inside, 'query', 'queries')} whose place is in the map"
+    told = (
+        f"best match right: {tally['right']:,} of the {counted(inside, 'query', 'queries')} whose place is in the map"
+    )
     if "mean_confidence_in_map" in tally:
         told += f" (mean confidence {tally['mean_confidence_in_map']:.2f})"
     if "right_by_sequence" in tally:

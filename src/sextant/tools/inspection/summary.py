@@ -24,7 +24,7 @@ def summary(seen: Seen) -> dict[str, str]:
     headers = list(seen.headers.values())
     sizes = Counter((each.width, each.height) for each in headers).most_common()
     gravity = Counter(each.gravity for each in headers if each.gravity)
-    counted = {
+    lines = {
         "images": f"{len(headers):,} ({sum(each.bytes for each in headers) / 1e6:,.1f} MB)" if headers else "",
         "sizes": _listed(f"{width}x{height} ({count:,})" for (width, height), count in sizes),
         "cameras": _listed(_camera(group) for group in seen.cameras if group.camera or group.focal_px),
@@ -39,7 +39,7 @@ def summary(seen: Seen) -> dict[str, str]:
         "odometry": _listed(f"{file.as_posix()}: {counted(rows, 'row')}" for file, rows in seen.odometry.items()),
         "cannot be read": f"{len(seen.unreadable):,}" if seen.unreadable else "",
     }
-    return {name: text for name, text in counted.items() if text}
+    return {name: text for name, text in lines.items() if text}
 
 
 def _gps(found: list[GpsPosition]) -> str:

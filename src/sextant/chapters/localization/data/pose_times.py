@@ -210,8 +210,9 @@ def poses_at(
     if wrong:
         listed = problem_list([f"{names[i]} at {wanted_s[i]:.6f} s: nearest is {nearest[i]:.3f} s off" for i in wrong])
         raise ArgumentError(
-            f"{key}: {len(wrong):,} of {counted(len(names), 'image')} {'has' if len(wrong) == 1 else 'have'} no pose "
-            f"at their time ({times_s[0]:.6f} s to {times_s[-1]:.6f} s, gaps up to max_gap_s={max_gap_s})\n{listed}",
+            f"{key}: {len(wrong):,} of {counted(len(names), 'image')} "
+            f"{'has no pose at its' if len(wrong) == 1 else 'have no pose at their'} time ({times_s[0]:.6f} s to "
+            f"{times_s[-1]:.6f} s, gaps up to max_gap_s={max_gap_s})\n{listed}",
             "Remove these images, complete the trajectory, or allow wider gaps: max_gap_s=<seconds>",
         )
     x, y = (np.interp(wanted_s, times_s, poses[:, k]) for k in (0, 1))
