@@ -367,7 +367,7 @@ FOLDERS = {
     ),
     "no EXIF": (photos, ["if one camera with one zoom took them all", "camera=one"]),
     "mixed cameras": (_mixed, ["4 photos of 2 cameras or settings of a lens, each", "the photos of one at a time"]),
-    "small photos too": (_small_ones_too, ["4 photos of 2 sizes, each by itself"]),
+    "small photos too": (_small_ones_too, ["4 photos of 2 sizes, each by itself", "photos of 2 sizes: camera=one"]),
     "a panorama among photos": (_among, ["1 panorama of 360 degrees among 3 photos, such as hall.png"]),
     "panoramas": (
         lambda folder: [panorama(folder / f"{k}.png", k) for k in range(4)],

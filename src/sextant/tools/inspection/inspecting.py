@@ -10,7 +10,14 @@ from sextant.errors import ArgumentError
 from sextant.reporter import SILENT, Progress
 from sextant.tables import counted
 from sextant.tools.inspection.gps import extent_m, poses_by_gps, positions
-from sextant.tools.inspection.photos import camera_groups, described, duplicates, panoramas, read_headers
+from sextant.tools.inspection.photos import (
+    camera_groups,
+    described,
+    duplicates,
+    fit_for_calibration,
+    panoramas,
+    read_headers,
+)
 from sextant.tools.inspection.poses import FoundPoses, found_poses, odometry_tables, separate_models
 from sextant.tools.inspection.seen import FoundVideo, Seen, found_files, found_video
 from sextant.tools.inspection.suggestion import Suggestion
@@ -137,8 +144,9 @@ def _remarks(seen: Seen) -> list[str]:
             f"{counted(len(seen.panoramas), 'panorama')} of 360 degrees among {counted(photos, 'photo')}, such as "
             f"{seen.panoramas[0].as_posix()}: these are no photos through a lens, and commands for photos refuse them"
         )
-    if len(seen.cameras) > 1 and photos:
-        said.append(f"photos of {described(seen.cameras)}: camera=one is for the photos of one at a time")
+    cameras = camera_groups(list(fit_for_calibration(seen.headers, seen.panoramas).values()))
+    if len(cameras) > 1:
+        said.append(f"photos of {described(cameras)}: camera=one is for the photos of one at a time")
     if seen.duplicates:
         more = sum(len(group) - 1 for group in seen.duplicates)
         said.append(

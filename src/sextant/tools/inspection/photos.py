@@ -11,7 +11,7 @@ from sextant.atomic_files import file_sha256
 from sextant.data.image_files import decode_image
 from sextant.data.photos.header import PhotoHeader, read_header
 from sextant.data.photos.odd_pictures import is_panorama
-from sextant.data.photos.reading import without_pillow_limit
+from sextant.data.photos.reading import SMALLEST_SIDE, without_pillow_limit
 from sextant.data.picture_files import UnreadableImageError
 from sextant.reporter import Advance
 
@@ -78,6 +78,13 @@ def camera_groups(headers: Sequence[PhotoHeader]) -> list[CameraGroup]:
         for each in headers
     )
     return [CameraGroup(*key, photos) for key, photos in keys.most_common()]
+
+
+def fit_for_calibration(headers: dict[Path, PhotoHeader], panoramas: Sequence[Path]) -> dict[Path, PhotoHeader]:
+    """The photos that ``sextant predict`` calibrates."""
+    around = set(panoramas)
+    large = {file: each for file, each in headers.items() if min(each.width, each.height) >= SMALLEST_SIDE}
+    return {file: each for file, each in large.items() if file not in around}
 
 
 def described(groups: Sequence[CameraGroup]) -> str:

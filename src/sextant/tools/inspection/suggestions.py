@@ -11,11 +11,10 @@ import numpy as np
 from sextant.config.override_words import override
 from sextant.data.name_matching import match_names
 from sextant.data.photos.header import PhotoHeader
-from sextant.data.photos.reading import SMALLEST_SIDE
 from sextant.data.reconstructions import NAMED_FORMATS
 from sextant.tables import counted
 from sextant.tools.inspection.drives import localization
-from sextant.tools.inspection.photos import camera_groups, described
+from sextant.tools.inspection.photos import camera_groups, described, fit_for_calibration
 from sextant.tools.inspection.poses import FoundPoses
 from sextant.tools.inspection.seen import Seen
 from sextant.tools.inspection.suggestion import Suggestion, command
@@ -127,7 +126,7 @@ def suggestions(seen: Seen) -> Iterator[Suggestion]:
     """Tasks that fit, those with the fewest requirements first."""
     photos = {file: header for file, header in seen.headers.items() if file not in set(seen.panoramas)}
     folders = image_folders(seen)
-    yield from _calibration(seen, photos)
+    yield from _calibration(seen)
     yield from _calibration_of_videos(seen)
     yield from _benchmark(seen, photos)
     yield from _panoramas(seen)
@@ -143,8 +142,8 @@ def suggestions(seen: Seen) -> Iterator[Suggestion]:
         )
 
 
-def _calibration(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Suggestion]:
-    photos = {file: each for file, each in photos.items() if min(each.width, each.height) >= SMALLEST_SIDE}
+def _calibration(seen: Seen) -> Iterator[Suggestion]:
+    photos = fit_for_calibration(seen.headers, seen.panoramas)
     fine = sum(min(each.width, each.height) >= SMALLEST_PHOTO for each in photos.values())
     if not fine or fine < len(photos) / 2:
         return
