@@ -103,7 +103,7 @@ def test_a_missing_folder_is_named_as_it_was_looked_for(tmp_path, monkeypatch):
 
 
 def test_one_class_is_too_few(tmp_path):
-    with pytest.raises(MissingDataError, match="1 folders with images"):
+    with pytest.raises(MissingDataError, match="1 folder with images"):
         ImageFolder(str(fill(tmp_path, cat=3)), 8).read("train")
 
 

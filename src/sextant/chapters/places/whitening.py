@@ -12,7 +12,6 @@ from sextant.chapters.places.methods import training_pairs
 from sextant.errors import ArgumentError
 from sextant.models.learned_whitening import learned_whitening
 from sextant.models.place_net import PlaceNet
-from sextant.tables import counted
 
 #: images described at a time
 BATCH = 256
@@ -104,7 +103,7 @@ def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int
     used = len(_thinned(rows, place, most)[0])
     if len(rows) - 1 < dimension:
         raise ArgumentError(
-            f"whitening: places of {counted(len(rows), 'training image')} have images under two conditions; for "
+            f"whitening: {len(rows)} training images show places with images under two conditions; for "
             f"dimension={dimension} more than {dimension} are needed",
             f"whitening=null, or dimension={max(1, len(rows) - 1)} or less",
             of="PlaceRecognition",
