@@ -43,9 +43,11 @@ def photos(tmp_path_factory):
 @pytest.mark.slow
 def test_all_methods_are_measured_and_written(benchmark, photos, tmp_path):
     checkpoint = tiny_checkpoint(tmp_path / "last.ckpt")
-    status, said = benchmark("calibration", f"run={checkpoint}", f"folder={photos}", f"output={tmp_path / 'out'}")
+    given = (f"run={checkpoint}", f"folder={photos}", f"output={tmp_path / 'out'}", "cuts=3")
+    status, said = benchmark("calibration", *given)
     assert status == 0, said
     assert "3 photos measured" in said
+    assert "cuts=3 is for panoramas, of which this folder has none" in said
     with open(tmp_path / "out" / "benchmark.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["method"], row["photo"]) for row in rows[:4]] == [

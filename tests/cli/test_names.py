@@ -96,3 +96,4 @@ def test_the_results_of_photos_of_long_names_have_names_of_their_own(tmp_path):
     assert len(set(stems)) == 4
     assert all(len(f"{stem}_undistorted_overlay.png".encode()) < 255 for stem in stems)
     assert file_stems([tmp_path / "a.jpg", tmp_path / "a.png"]) == ["a", "a_png"]
+    assert file_stems([tmp_path / "a.jpg", tmp_path / "All.jpg"], ["all"]) == ["a", "All_jpg"]

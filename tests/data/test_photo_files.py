@@ -52,6 +52,21 @@ def listed(folder):
     ]
 
 
+def test_a_pattern_does_not_follow_links_to_folders(tmp_path, caplog):
+    """Not even those that lead back to where it began."""
+    for name in ("a.jpg", "sub/b.jpg", "sub/deep/c.jpg", "sub/.hidden/d.jpg"):
+        write(tmp_path / "photos" / name)
+    write(tmp_path / "elsewhere" / "e.jpg")
+    (tmp_path / "photos" / "sub" / "loop").symlink_to(tmp_path / "photos")
+    (tmp_path / "photos" / "other").symlink_to(tmp_path / "elsewhere")
+    found = find_photos(f"{tmp_path}/photos/**/*.jpg", None)
+    assert below(found, tmp_path / "photos") == ["a.jpg", "sub/b.jpg", "sub/deep/c.jpg"]
+    assert "left out, as it is a link to a folder" in caplog.text
+    assert below(find_photos(f"{tmp_path}/photos/**/deep/**/*.jpg", None), tmp_path / "photos") == ["sub/deep/c.jpg"]
+    assert below(find_photos(f"{tmp_path}/photos/other/*.jpg", None), tmp_path / "photos") == ["other/e.jpg"]
+    assert below(find_photos(f"{tmp_path}/photos/sub/**", None), tmp_path / "photos") == ["sub/b.jpg", "sub/deep/c.jpg"]
+
+
 @pytest.mark.parametrize("name", HIDDEN)
 def test_hidden_images_are_nobodys(tmp_path, name):
     for shown in SHOWN:

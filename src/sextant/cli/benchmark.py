@@ -66,6 +66,8 @@ def main(arguments: Sequence[str]) -> None:
             leave_out=options.leave_out, progress=lambda done: status.update(f"{counted(done, 'photo')}"),
         )  # fmt: skip
     console.print(found.markdown())
+    if "cuts" in options.model_fields_set and not any("#" in name for name in found.names):
+        console.print(f"note: cuts={options.cuts} is for panoramas, of which this folder has none")
     tell_skipped(found.skipped)
     written = write_benchmark(found, options.output)
     if options.network is not None and options.scale is None:

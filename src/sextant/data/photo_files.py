@@ -144,7 +144,9 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         candidates, hidden = [path / file for file in walked.files], [path / file for file in walked.hidden]
     else:
         spelt = {part for part in path.parts if not glob.has_magic(part)}
-        matched = [Path(name) for name in glob.glob(str(path), recursive=True)]  # leaves out names with a dot itself
+        matched, links = _matching(path)  # without names with a dot
+        if links:
+            log.warning("%s=%s: left out, as it is a link to a folder: %s", key, given, ", ".join(map(str, links)))
         hidden = [p for p in matched if any(SYSTEM.fullmatch(part.lower()) for part in {*p.parts} - spelt)]
         candidates = [p for p in matched if p not in set(hidden)]
     written = None if output is None else output.resolve()
@@ -183,6 +185,23 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
     return found
 
 
+def _matching(pattern: Path) -> tuple[list[Path], list[Path]]:
+    """What matches a pattern, and the links to folders that its ``**`` does not enter, as they may be circular."""
+    if "**" not in pattern.parts:
+        return [Path(name) for name in glob.glob(str(pattern))], []
+    at = pattern.parts.index("**")
+    rest = pattern.parts[at + 1 :] or ("*",)
+    found, links = dict[Path, None](), dict[Path, None]()
+    for base in glob.glob(str(Path(*pattern.parts[:at]))):
+        for here, folders, _ in os.walk(base):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            links |= dict.fromkeys(Path(here, name) for name in folders if os.path.islink(os.path.join(here, name)))
+            inner, further = _matching(Path(glob.escape(here), *rest))
+            found |= dict.fromkeys(inner)
+            links |= dict.fromkeys(further)
+    return list(found), list(links)
+
+
 def _is_written(photo: Path, written: Path, given: Path) -> bool:
     """Whether a prediction wrote a file into a folder; frames count as photos if their folder is given."""
     asked_for = photo.parent == (given if given.is_dir() else given.parent)
@@ -195,9 +214,14 @@ def _is_written(photo: Path, written: Path, given: Path) -> bool:
 LONGEST = 200
 
 
-def file_stems(paths: Sequence[Path]) -> list[str]:
-    """A name for each photo's files: its own without suffix; with suffix, folder or a number if that is taken."""
-    taken: set[str] = set()
+def file_stems(paths: Sequence[Path], reserved: Sequence[str] = ()) -> list[str]:
+    """A name for each photo's files: its own without suffix; with suffix, folder or a number if that is taken.
+
+    Args:
+        paths: the photos.
+        reserved: names of other files that are written there, without suffix.
+    """
+    taken = {name.lower() for name in reserved}
     stems = []
     for path in paths:
         own, folder = (os.fsencode(name)[:LONGEST].decode(errors="ignore") for name in (path.stem, path.parent.name))

@@ -163,6 +163,28 @@ def test_files_of_a_folder_and_the_project_for_blender(tmp_path):
         assert parameters["horizontalFieldOfView"] == pytest.approx(2 * math.atan(40 / row["undistorted"]["focal_px"]))
 
 
+def test_photos_named_as_the_files_of_all_have_files_of_their_own(tmp_path):
+    paths = [photo(tmp_path / "in" / f"{name}.png") for name in ("calibrations", "Transforms")]
+    out = tmp_path / "out"
+    calibrate(paths, out, exports=("nerfstudio",))
+    assert len(json.loads((out / "calibrations.json").read_text())["photos"]) == 2
+    assert len(json.loads((out / "transforms.json").read_text())["frames"]) == 2
+    own = [json.loads((out / f"{name}_png.json").read_text())["file"] for name in ("calibrations", "Transforms")]
+    assert own == [str(path) for path in paths]
+
+
+def test_what_an_earlier_run_left_is_told_and_kept(tmp_path, capsys):
+    first, other = photo(tmp_path / "in" / "a.png"), photo(tmp_path / "in" / "b.png")
+    out = tmp_path / "out"
+    calibrate([first], out, exports=("nerfstudio",))
+    calibrate([first], out, exports=("nerfstudio",))
+    assert "earlier run" not in capsys.readouterr().out
+    calibrate([other], out)
+    told = f"note: {out} also holds results of an earlier run: 1 photo, such as a.png; transforms.json"
+    assert told in capsys.readouterr().out.replace("\n", "")
+    assert (out / "a.json").is_file()
+
+
 def test_what_cannot_be_written_is_told(tmp_path):
     with pytest.raises(UserError, match="exports=fspy: fSpy has no distortion") as error:
         calibrate([photo(tmp_path / "a.png")], tmp_path / "out", exports=("fspy",), undistort="none")

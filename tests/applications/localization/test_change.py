@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter
 from sextant import Localizer
 from sextant.atomic_files import write_sealed_json
 from sextant.chapters.localization.data.own_drive import open_drive
-from sextant.chapters.localization.localized_drive import doubts, localize_drive
+from sextant.chapters.localization.localized_drive import doubts, far_steps, localize_drive
 from sextant.chapters.localization.localizer import LocalizedPose, fitted_kernel
 from sextant.chapters.localization.saved_filter import filter_of, filter_values
 from sextant.chapters.localization.written_poses import Row
@@ -204,6 +204,14 @@ def test_first_images_that_say_too_little_are_remarked_on(recognised, lost, says
     found = list(doubts(SimpleNamespace(recognised=0.7, odometry_scale=1.0), rows, False))
     assert len(found) == len(says)
     assert all(remark.startswith(said) for remark, said in zip(found, says, strict=True))
+
+
+@pytest.mark.parametrize(("scale", "told"), [(1.0, 0), (1000.0, 1), (np.nan, 0)])
+def test_odometry_in_another_unit_than_the_map_is_remarked_on(scale, told):
+    drive = SimpleNamespace(motions=[None, *(np.array([scale, 0.0, 0.0]) if scale > 0 else None for _ in range(5))])
+    found = list(far_steps(drive, np.array([[0.0, 0.0], [59.0, 0.0]]), "m"))
+    assert len(found) == told
+    assert all("step of odometry, 1,000, is longer than the whole map, 59 m: x and y must" in said for said in found)
 
 
 def test_odometry_that_says_a_moving_camera_stands_is_not_believed(street, localizer):

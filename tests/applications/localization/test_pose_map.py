@@ -200,6 +200,8 @@ def test_poses_that_are_none_are_refused(poses, said):
         ({"cameras": 500.0}, "must be .fx, fy, cx, cy., a Pinhole"),
         ({"cameras": [(1, 1, 0, 0)] * 3}, "3 cameras for 2 images"),
         ({"cameras": Pinhole.centred(100, 100, 90.0)}, "a camera of 100x100 pixels for an image of 64x64"),
+        ({"cameras": (2.1, 2.1, 32, 32)}, r"camera=2.1,2.1,32,32: .* must be from 10 to 3840 pixels .*not millimetres"),
+        ({"cameras": (60, 60, 320, 240)}, "principal point 320, 240 is far outside of an image of 64x64 pixels"),
         ({"names": ["a"]}, "1 name for 2 images"),
         ({"side": "320"}, "must be a whole number, at least 64"),
     ],

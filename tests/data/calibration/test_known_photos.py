@@ -98,6 +98,19 @@ def test_lines_of_a_table_that_cannot_be_used_are_told_before_a_photo_is_read(tm
         next(known_photos(tmp_path, distribution()))
 
 
+@pytest.mark.parametrize(
+    ("size", "fits"), [("80,60", True), ("60,80", True), ("80.0,60.0", True), (",", True), ("160,120", False)]
+)
+def test_focal_lengths_of_photos_of_another_size_are_refused(tmp_path, size, fits):
+    save(tmp_path / "a.png")
+    (tmp_path / "t.csv").write_text(f"file,f_px,width,height\na.png,90,{size}\n")
+    if fits:
+        assert len(of(tmp_path)) == 1
+    else:
+        with pytest.raises(UserError, match=r"a\.png has 80x60 pixels, but its row says 160x120"):
+            of(tmp_path)
+
+
 def test_photos_that_cannot_be_read_are_left_out_with_the_reason(tmp_path):
     save(tmp_path / "b.png")
     (tmp_path / "a.png").write_text("text")

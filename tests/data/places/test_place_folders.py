@@ -115,6 +115,27 @@ def test_a_table_in_each_folder_places_its_images(folder):
     )
 
 
+def circle(unit):
+    angles = np.linspace(0, 2 * np.pi, 40)
+    return [f"{k}.png,{10 * np.sin(a)},{-10 * np.cos(a)},{a * unit}" for k, a in enumerate(angles)]
+
+
+@pytest.mark.parametrize(
+    ("rows", "header", "told"),
+    [
+        (circle(1.0), "file,x,y,heading", "headings of at most 6.28 follow the way as radians, not as degrees"),
+        (circle(180 / np.pi), "file,x,y,heading", ""),
+        ([f"{k}.png,{k},0,{0.01 * k}" for k in range(9)], "file,x,y,heading", ""),
+        (["a.png,0,0,1", "b.png,1,0,1"], "file,x,y,theta", "the column theta is not read; headings are degrees"),
+    ],
+    ids=["radians", "degrees", "straight", "theta"],
+)
+def test_headings_in_another_unit_or_column_are_warned_of(tmp_path, caplog, rows, header, told):
+    (tmp_path / "poses.csv").write_text("\n".join([header, *rows]))
+    read_pose_table(tmp_path / "poses.csv")
+    assert told in caplog.text if told else not caplog.text
+
+
 def test_one_table_around_all_folders(folder):
     names = [f"reference/a{k}.png" for k in (1, 2, 10)] + [f"query/b{k}.png" for k in (1, 2, 3)]
     (folder / "all.csv").write_text(

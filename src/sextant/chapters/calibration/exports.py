@@ -45,6 +45,8 @@ from sextant.errors import ArgumentError, UserError
 from sextant.geometry import rotation_from_tilt_roll
 
 EXPORTS: tuple[Export, ...] = get_args(Export)
+#: stems of the files for all photos together, which no photo's own may have
+COLLECTED = ("calibrations", "transforms")
 #: from the gravity frame (x right, y down, z forward) to a world whose z points up, and in which it looks to (1, 1, 0)
 Z_UP = np.array([[math.sqrt(0.5), 0.0, math.sqrt(0.5)], [-math.sqrt(0.5), 0.0, math.sqrt(0.5)], [0.0, -1.0, 0.0]])
 #: to a camera whose x points right, y up and z backward, from one whose y points down and z forward
@@ -203,7 +205,7 @@ def _contents(
     cameras: Sequence[PhotoCamera], undistorted: Sequence[Path], output: Path, exports: Sequence[Export], keep: Keep
 ) -> Iterator[tuple[str, bytes]]:
     """Names and contents of the files, one at a time."""
-    stems = file_stems([Path(camera.name) for camera in cameras])
+    stems = file_stems([Path(camera.name) for camera in cameras], COLLECTED)
     if "nerfstudio" in exports:
         frames = [
             {"file_path": Path(os.path.relpath(camera.name, output)).as_posix(), **nerfstudio_frame(camera)}

@@ -101,6 +101,9 @@ def tell(written: WrittenCameras, skipped: Mapping[str, str]) -> None:
         )
         told = f"{len(summary['kept'])} of {counted(summary['photos'], 'photo')}"
         console.print(f"One camera from {told}: {agreement}; {summary['matches']}")
+    if written.earlier:
+        folder, told = written.files[0].parent, "; ".join(written.earlier)
+        console.print(f"note: {folder} also holds results of an earlier run: {told}", markup=False, soft_wrap=True)
     tell_written(f"{counted(len(table), 'photo')} calibrated", len(skipped), written.files)
 
 

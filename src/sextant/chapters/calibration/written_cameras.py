@@ -18,13 +18,14 @@ from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically, write_csv, write_json
 from sextant.chapters.calibration.calibrator import PhotoCalibrator
 from sextant.chapters.calibration.colmap_database import check_colmap, write_colmap
-from sextant.chapters.calibration.exports import check_exports, write_exports
+from sextant.chapters.calibration.exports import COLLECTED, check_exports, write_exports
 from sextant.chapters.calibration.finding import LEVELS
 from sextant.chapters.calibration.options import Export
 from sextant.chapters.calibration.photo_camera import PhotoCamera
 from sextant.chapters.calibration.priors import FocalPrior, GravityPrior
 from sextant.data.photo_files import file_stems
 from sextant.data.photos import Keep, read_photo
+from sextant.tables import counted
 
 if TYPE_CHECKING:
     from sextant.chapters.calibration.figures.overlay import CalibratedPhoto
@@ -97,7 +98,8 @@ def write_photos(
     sheet: list[CalibratedPhoto] = []
     rows = [each.row() for each in found]
     good = [(each, row) for each, row in zip(found, rows, strict=True) if isinstance(each, PhotoCamera)]
-    for (camera, row), stem in zip(good, file_stems([Path(camera.name) for camera, _ in good]), strict=True):
+    stems = file_stems([Path(camera.name) for camera, _ in good], COLLECTED)
+    for (camera, row), stem in zip(good, stems, strict=True):
         image = read_photo(Path(camera.name)).image  # read again, so that only one photo at a time is in memory
         with telling_write_errors(output):
             _forget_straight(output, stem)
@@ -148,11 +150,13 @@ class WrittenCameras:
         rows: plain values of each photo, including those that failed.
         summary: summary of the one camera, if they are of one.
         files: files for all photos together.
+        earlier: results of an earlier run that the folder still holds, for a message.
     """
 
     rows: list[dict[str, Any]]
     summary: dict[str, Any] | None
     files: list[Path]
+    earlier: Sequence[str] = ()
 
 
 def write_cameras(
@@ -186,6 +190,7 @@ def write_cameras(
     check_exports(exports, undistort)
     if colmap:
         check_colmap(output / "colmap")
+    before = _photos_of(output)
     found, summary = _calibrated(
         calibrator, paths, camera, {"focal_prior": focal_prior, "gravity_prior": gravity_prior}
     )
@@ -198,7 +203,23 @@ def write_cameras(
     if exports and good:
         copies = [output / row["undistorted"]["file"] for row in rows if "undistorted" in row]
         files += write_exports(good, copies, output, exports, "all" if undistort == "all" else "crop")
-    return WrittenCameras(rows, summary, files)
+    now = {Path(row["file"]).name for row in rows}
+    earlier = [f"{counted(len(left), 'photo')}, such as {left[0]}"] if (left := sorted(before - now)) else []
+    earlier += [name for name in ("transforms.json", "colmap") if (output / name).exists() and not _has(files, name)]
+    return WrittenCameras(rows, summary, files, earlier)
+
+
+def _photos_of(output: Path) -> set[str]:
+    """Names of the photos that an earlier run calibrated into a folder."""
+    try:
+        rows = json.loads((output / "calibrations.json").read_text("utf-8"))["photos"]
+        return {Path(row["file"]).name for row in rows if "error" not in row}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+
+
+def _has(files: Sequence[Path], name: str) -> bool:
+    return any(name in (path.name, path.parent.name) for path in files)
 
 
 def _calibrated(

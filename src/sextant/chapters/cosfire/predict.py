@@ -103,8 +103,7 @@ def predict_detections(inputs: DetectionInputs, network: TrainedFeatures | None 
     rows: list[dict[str, Any]] = []
     scales: list[float] = []
     with work_progress("detecting", "images") as progress:
-        # the first stem is reserved for the filter's picture
-        stems = file_stems([Path(FILTER_PICTURE.removesuffix("_overlay")), *inputs.paths])[1:]
+        stems = file_stems(inputs.paths, [FILTER_PICTURE.removesuffix("_overlay")])
         for number, (path, stem) in enumerate(zip(inputs.paths, stems, strict=True)):
             progress(number, len(inputs.paths))
             try:

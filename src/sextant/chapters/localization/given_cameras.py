@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from sextant.baselines.calibration import FOCAL_HEIGHTS
 from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, focal_length_of
 from sextant.errors import ArgumentError, UserError, shown
 from sextant.tables import counted
@@ -70,7 +71,8 @@ def pinhole_of(camera: Any, features: LocalFeatures) -> Pinhole:
     """The camera of an image with these features.
 
     Raises:
-        ArgumentError: it is no camera, or of another image size.
+        ArgumentError: it is no camera, or of another image: its size differs, its focal length is outside of the range
+            of calibration, or its principal point is outside by more than half of the image.
     """
     if isinstance(camera, Pinhole):
         if (camera.width, camera.height) != (features.width, features.height):
@@ -85,7 +87,21 @@ def pinhole_of(camera: Any, features: LocalFeatures) -> Pinhole:
         raise ArgumentError(
             f"camera={shown(camera)} must be (fx, fy, cx, cy) in pixels, a Pinhole, or have focal_px and focal_sigma"
         ) from None
-    return Pinhole(features.width, features.height, fx, fy, cx, cy)
+    width, height = features.width, features.height
+    low, high = (height * end for end in FOCAL_HEIGHTS)
+    if not (low <= fx <= high and low <= fy <= high):
+        raise ArgumentError(
+            f"camera={fx:g},{fy:g},{cx:g},{cy:g}: focal lengths of an image {height} pixels high must be from "
+            f"{low:.0f} to {high:.0f} pixels (of the image, not millimetres)",
+            "Give fx, fy, cx, cy in pixels of this image, or no camera.",
+        )
+    if not (abs(cx - width / 2) <= width and abs(cy - height / 2) <= height):
+        raise ArgumentError(
+            f"camera={fx:g},{fy:g},{cx:g},{cy:g}: the principal point {cx:g}, {cy:g} is far outside of an image of "
+            f"{width}x{height} pixels",
+            "Give fx, fy, cx, cy in pixels of this image: scale them if it was resized.",
+        )
+    return Pinhole(width, height, fx, fy, cx, cy)
 
 
 def cameras_of(

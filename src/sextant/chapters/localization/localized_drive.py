@@ -97,8 +97,8 @@ def localize_drive(
     foreseen = sum(row.told.foreseen >= FORESEEN for row in rows)  # by odometry: then they are of the map
     if elsewhere := localizer.recognised < RECOGNISED and 2 * foreseen < len(rows):
         rows = [replace(row, told=replace(row.told, lost=True)) for row in rows]
-    drive.remarks.extend(doubts(localizer, rows, elsewhere))
     positions, times = localizer.model.map.poses[:, :2].numpy(), drive.times_of(len(rows))
+    drive.remarks.extend([*far_steps(drive, positions, localizer.unit), *doubts(localizer, rows, elsewhere)])
     with telling_write_errors(output):
         write_poses(rows, times, output)
         written = [output / "poses.csv", output / "trajectory.tum"]
@@ -117,6 +117,17 @@ def localize_drive(
             interrupted = True
             drive.remarks.append(f"interrupted after {written[-1].name}: only the files named here are complete")
     return LocalizedDrive(rows, written, interrupted)
+
+
+def far_steps(drive: OwnDrive, positions: np.ndarray, unit: str) -> Iterator[str]:
+    """A remark where a usual step of odometry is longer than the whole map."""
+    steps = [float(np.hypot(*motion[:2])) for motion in drive.motions if motion is not None]
+    across = float(np.hypot(*np.ptp(positions, axis=0)))
+    if steps and (step := float(np.median(steps))) > across > 0:
+        yield (
+            f"a usual step of odometry, {step:,.4g}, is longer than the whole map, {across:,.4g} {unit}: x and y must "
+            "be in the map's unit, usually metres"
+        )
 
 
 def doubts(localizer: Localizer, rows: list[Row], elsewhere: bool) -> Iterator[str]:

@@ -9,6 +9,7 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from sextant.chapters.localization.data.pose_formats import read_kitti, read_tum_matrices
+from sextant.chapters.localization.data.posed_photos import read_posed_table
 from sextant.chapters.localization.data.recorded_poses import RECORDED, read_recorded, recorded_format
 from sextant.chapters.places.data.pose_files import read_pose_table
 from sextant.data.reconstructions import (
@@ -200,6 +201,9 @@ def pose_format(path: Path | str) -> Format:
 def _named(path: Path, form: Format) -> Reconstruction:
     if form in NAMED_FORMATS:
         return read_reconstruction(path, form)
+    if {"qw", "qx", "qy", "qz"} <= set(table_header(path)):
+        names, poses, _ = read_posed_table(path, unlocated=True)
+        return reconstruction_of(path, [PosedImage(*each) for each in zip(names, poses, strict=True)])
     images = []
     for name, row in read_pose_table(path).items():
         if row.heading_deg is None:

@@ -90,6 +90,8 @@ def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
         UserError: an option is invalid, a folder does not exist or has no photos, or queries are files of the map.
     """
     options, output = PlaceOptions.of(given), Path(given.get("output", "matches")).expanduser()
+    if options.rerank is None and "local" in options.model_fields_set and options.local != "none":
+        raise UserError(f"local={options.local} is for rerank=, which is not given", f"rerank=15 local={options.local}")
     path = Path(given["map"]).expanduser()
     saved = (path / HEADER).is_file()
     if saved and options.given:
@@ -99,6 +101,8 @@ def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
         )
     reference = path if saved else photos_below(given["map"], "map", output, one=False)
     queries = photos_below(given["queries"], "queries", output)
+    if options.sequence is not None and options.sequence > len(queries):
+        raise UserError(f"sequence={options.sequence}: there are only {len(queries):,} queries", "Leave out sequence=.")
     if isinstance(reference, PhotoFolder):
         refuse_overlap(reference, queries)
     check_apart(output, queries.paths, map=path, queries=given["queries"])

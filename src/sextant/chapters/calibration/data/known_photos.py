@@ -4,7 +4,8 @@ A folder is one of
 
 - photos with a table, any ``.csv`` in it with the columns ``file`` and ``f_px`` (pixels of the file) and, where known,
   ``tilt_deg``, ``roll_deg``, ``k1`` and ``cluster`` (photos of the same cluster are not independent);
-  ``f_sfm_px``, a focal length from structure from motion, takes precedence over ``f_px``;
+  ``f_sfm_px``, a focal length from structure from motion, takes precedence over ``f_px``; ``width`` and ``height``, if
+  there, must be those of the file;
 - level 2:1 panoramas with a table that has the column ``file`` but not ``f_px``, and optionally ``cluster``; photos are
   cut from them at evenly spaced headings, with cameras drawn from a distribution. A table of pictures that are not 2:1
   is ignored;
@@ -258,6 +259,12 @@ def _numbers(path: Path, read: Callable[[str], tuple[str | float, ...]]) -> list
 def _of_row(folder: Path, row: Row) -> Iterator[KnownPhoto]:
     values = {key: float(row[key]) if row.get(key) else UNKNOWN for key in COLUMNS}
     photo = read_photo(folder / row["file"])
+    stated = [row[side].removesuffix(".0") for side in ("width", "height") if row.get(side)]
+    if len(stated) == 2 and sorted(stated) != sorted((str(photo.width), str(photo.height))):
+        raise UserError(
+            f"{row['file']} has {photo.width}x{photo.height} pixels, but its row says {'x'.join(stated)}",
+            "Give f_px in pixels of the file, with its width and height, or without these columns.",
+        )
     focal = values["f_px"] if math.isnan(values["f_sfm_px"]) else values["f_sfm_px"]
     cluster = row.get("cluster") or (f"{row.get('source_owner')} {row['model']}" if row.get("model") else row["file"])
     tilt, roll = math.radians(values["tilt_deg"]), math.radians(values["roll_deg"])

@@ -161,7 +161,7 @@ def _in_order(source: Path, photos: Sequence[Path]) -> PosedPhotos:
 
 
 def _of_names(folder: Path, source: Path, photos: Sequence[Path]) -> PosedPhotos:
-    names, poses, cameras = _table(source) if source.suffix == ".csv" else _reconstruction(source)
+    names, poses, cameras = read_posed_table(source) if source.suffix == ".csv" else _reconstruction(source)
     found = match_names([path.relative_to(folder).as_posix() for path in photos], names)
     rows = found.refuse_ambiguous(f"map={source}").rows
     kept = [(path, row) for path, row in zip(photos, rows, strict=True) if row is not None]
@@ -210,7 +210,16 @@ def _reconstruction(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] |
     return found.names, found.poses, cameras
 
 
-def _table(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
+def read_posed_table(source: Path, *, unlocated: bool = False) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
+    """Names, poses ``world_from_camera`` and cameras, if there are any, of a table ``file,x,y,z,qw,qx,qy,qz``.
+
+    Args:
+        source: the table.
+        unlocated: pass over rows without any number of a pose, which ``sextant locate`` writes of images not found.
+
+    Raises:
+        UserError: a column is missing, or a row cannot be used.
+    """
     table = read_table(source, FIX)
     missing = [name for name in COLUMNS if name not in table.header]
     if missing:
@@ -239,6 +248,8 @@ def _table(source: Path) -> tuple[list[str], ndarray, list[PhotoLens] | None]:
             problems.append(f"line {line}: {counted(len(cells), 'value')} for {counted(len(table.header), 'column')}")
             continue
         row = [table.number(cells[column]) for column in columns]
+        if unlocated and not any(cells[column] for column in columns[:7]):
+            continue
         if None in row:
             at = row.index(None)
             problems.append(f"line {line}: {wanted[at]} is {cells[columns[at]] or 'empty'}, not a finite number")

@@ -21,7 +21,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from sextant.data.name_matching import match_names
+from sextant.data.pixel_values import warn_once
 from sextant.errors import ArgumentError, UserError, problem_list
 from sextant.tables import counted
 from sextant.user_files import read_table
@@ -81,12 +84,39 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
         else:
             x, y, *heading = (float(n) for n in numbers if n is not None)
             poses[name] = Pose(x, y, heading[0] if heading else None)
+    if poses:
+        _warn_of_headings(path, list(poses.values()), table.header)
     if problems:
         raise UserError(
             f"{path}: {counted(len(problems), 'row')} cannot be used\n{problem_list(problems)}",
             "Correct them, or remove these rows and their images.",
         )
     return poses
+
+
+#: how well headings follow the way: the length of the mean unit vector between them, 1 at best
+FOLLOWS, DOES_NOT = 0.9, 0.5
+
+
+def _warn_of_headings(path: Path, poses: list[Pose], header: Sequence[str]) -> None:
+    """Warn of headings in a column that is not read, and of those that only follow the way if they are radians."""
+    unread = next((name for name in ("theta", "yaw") if name in header), None)
+    if poses[0].heading_deg is None and unread is not None:
+        warn_once(f"{path}: the column {unread} is not read; headings are degrees in a column heading")
+    if poses[0].heading_deg is None or len(poses) < 3:
+        return
+    x, y, headings = np.array(poses, float).T
+    steps, turned = np.diff(x) + 1j * np.diff(y), np.abs(headings).max() <= 2 * math.pi
+    moved, before = np.abs(steps) > 0, headings[:-1]
+    if not (turned and moved.any()):
+        return
+    way = steps[moved] / np.abs(steps[moved])
+    degrees, radians = (abs(np.mean(way * np.exp(-1j * scale * before[moved]))) for scale in (math.pi / 180, 1.0))
+    if radians > FOLLOWS and degrees < DOES_NOT:
+        warn_once(
+            f"{path}: headings of at most {np.abs(headings).max():.3g} follow the way as radians, not as degrees: the "
+            "column heading must be in degrees"
+        )
 
 
 def parse_utm_name(name: str) -> Pose | None:
