@@ -467,7 +467,7 @@ def test_descriptors_that_are_not_finite_are_failures(rides, tmp_path):
         ({"queries": "{tmp}"}, "share files, because one lies in the other"),
         ({"matches": "0"}, "matches=0 must be a whole number from 1 up"),
         ({"sequence": "1"}, "sequence=1 must be a whole number from 2 up"),
-        ({"sequence": "100"}, "sequence=100: there are only 6 queries"),
+        ({"sequence": "100"}, "sequence=100 is above the number of queries, 6"),
         ({"local": "trunk"}, "local=trunk is for rerank="),
         ({"places": "imu"}, "places=imu must be one of none, csv, utm, gps, name, order"),
         ({"tolerance": "-1"}, "tolerance=-1 must be a number from 0 up"),

@@ -190,7 +190,11 @@ def test_what_images_say_against_odometry_is_remarked_on(street, localizer, tmp_
     ("recognised", "lost", "says"),
     [
         ([0.45, 0.48, 0.7], [True, True, False], ["2 of the first images resemble the map hardly more"]),
-        ([0.35, 0.45, 0.7], [True, True, False], ["1 of 3 images resemble the map less", "1 of the first images"]),
+        (
+            [0.35, 0.45, 0.7],
+            [True, True, False],
+            ["1 of 3 images resembles the map less", "1 of the first images resembles"],
+        ),
         ([0.45, 0.7, 0.45], [False, False, True], []),
         ([np.nan, 0.45, 0.45], [True, True, True], []),
     ],

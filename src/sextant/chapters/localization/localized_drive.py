@@ -155,8 +155,8 @@ def doubts(localizer: Localizer, rows: list[Row], elsewhere: bool) -> Iterator[s
     beginning = takewhile(lambda row: row.told.lost and row.told.recognised < 0.5, rows)
     if early := sum(row.told.recognised >= RECOGNISED for row in beginning):
         yield (
-            f"{early:,} of the first images resemble the map hardly more than its places resemble each other: they are "
-            "marked as lost, as so few cannot tell this place from another"
+            f"{early:,} of the first images {'resembles' if early == 1 else 'resemble'} the map hardly more than its "
+            "places resemble each other: marked as lost, as so few cannot tell this place from another"
         )
     if unforeseen := sum(row.told.foreseen < FORESEEN for row in rows):
         yield (

@@ -102,7 +102,9 @@ def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
     reference = path if saved else photos_below(given["map"], "map", output, one=False)
     queries = photos_below(given["queries"], "queries", output)
     if options.sequence is not None and options.sequence > len(queries):
-        raise UserError(f"sequence={options.sequence}: there are only {len(queries):,} queries", "Leave out sequence=.")
+        raise UserError(
+            f"sequence={options.sequence} is above the number of queries, {len(queries):,}", "Leave out sequence=."
+        )
     if isinstance(reference, PhotoFolder):
         refuse_overlap(reference, queries)
     check_apart(output, queries.paths, map=path, queries=given["queries"])
