@@ -27,6 +27,8 @@ def test_the_parts_of_a_message_are_apart_on_one_line():
     listed = "b.csv: 2 rows cannot be used\n  line 4: x=nan\n  line 9: y=nan"
     assert one_line(listed) == "b.csv: 2 rows cannot be used: line 4: x=nan; line 9: y=nan"
     assert one_line("one\n\n") == "one"
+    assert one_line("") == ""
+    assert one_line("a is steep\nName the axis\nof the pose.") == "a is steep. Name the axis of the pose."
 
 
 @pytest.mark.parametrize(

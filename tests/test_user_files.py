@@ -28,6 +28,7 @@ def test_a_broken_link_and_a_file_in_place_of_a_folder_are_named(tmp_path):
     link, file = tmp_path / "link.jpg", tmp_path / "a.jpg"
     link.symlink_to("gone.jpg")
     file.write_text("")
+    assert absent(tmp_path) == f"{tmp_path} is a folder"
     assert absent(link) == f"{link} is a broken link to gone.jpg"
     assert absent(link / "b") == f"{link / 'b'} does not exist: {link} is a broken link to gone.jpg"
     assert absent(file / "b") == f"{file / 'b'} does not exist: {file} is a file"

@@ -114,17 +114,18 @@ class LossNotFiniteError(UserError):
 
 
 def one_line(text: str) -> str:
-    """The lines of a message as one: a full stop ends a line that has no mark; a list follows a colon.
+    """The lines of a message as one: a full stop ends a sentence that has no mark; a list follows a colon.
 
     >>> one_line("b.csv: 2 rows cannot be used\\n  line 4: x=nan\\n  line 9: y=nan\\nCorrect them.")
     'b.csv: 2 rows cannot be used: line 4: x=nan; line 9: y=nan. Correct them.'
     """
     lines = [line for line in text.splitlines() if line.strip()]
     told = ""
-    for line, after in zip(lines, [*lines[1:], ""], strict=True):
+    for line, after in zip(lines, [*lines, ""][1:], strict=False):
         words, listed = " ".join(line.split()), line.startswith(" ")
         mark = "." if not after.startswith(" ") else ";" if listed else ":"
-        told += f"{words}{'' if not after or words[-1] in '.:;,!?' else mark} "
+        goes_on = not after or words[-1] in ".:;,!?" or (after[0].islower() and not listed)
+        told += f"{words}{'' if goes_on else mark} "
     return told.rstrip()
 
 
@@ -135,9 +136,9 @@ def shown(value: object) -> str:
     ("(1, 0, 'a')", 'an array of the shape (12,)')
     """
     shape = getattr(value, "shape", ())
-    if isinstance(shape, tuple) and math.prod(shape) > FEW:
+    if isinstance(shape, tuple) and all(isinstance(side, int) for side in shape) and math.prod(shape) > FEW:
         return f"an array of the shape {shape}"
-    return f"{str(value) if shape else repr(value):.60}"
+    return f"{' '.join(str(value).split()) if shape else repr(value):.60}"
 
 
 def how_to_install(extra: str) -> str:

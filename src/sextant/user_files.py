@@ -33,7 +33,8 @@ def absent(path: Path | str) -> str:
     """
     missing, near = _first_missing(Path(path)), nearest_path(path)
     if os.path.lexists(missing):
-        is_what = "is a file" if missing.exists() else f"is a broken link to {os.readlink(missing)}"
+        kind = "is a folder" if missing.is_dir() else "is a file"
+        is_what = kind if missing.exists() else f"is a broken link to {os.readlink(missing)}"
         return f"{path} {is_what}" if missing == Path(path) else f"{path} does not exist: {missing} {is_what}"
     where = "" if missing == Path(path) else f": there is no {missing.name} in {missing.parent}"
     return f"{path} does not exist{where}" + (f"; did you mean {near}?" if near else "")

@@ -63,6 +63,10 @@ def test_a_pattern_does_not_follow_links_to_folders(tmp_path, caplog):
     assert below(found, tmp_path / "photos") == ["a.jpg", "sub/b.jpg", "sub/deep/c.jpg"]
     assert "left out, as it is a link to a folder" in caplog.text
     assert below(find_photos(f"{tmp_path}/photos/**/deep/**/*.jpg", None), tmp_path / "photos") == ["sub/deep/c.jpg"]
+    found = find_photos(f"{tmp_path}/photos/**/*/*.jpg", None)
+    assert below(found, tmp_path / "photos") == ["sub/b.jpg", "sub/deep/c.jpg"]
+    with pytest.raises(UserError, match="no photo there"):
+        find_photos(f"{tmp_path}/photos/**/other/*.jpg", None)
     assert below(find_photos(f"{tmp_path}/photos/other/*.jpg", None), tmp_path / "photos") == ["other/e.jpg"]
     assert below(find_photos(f"{tmp_path}/photos/sub/**", None), tmp_path / "photos") == ["sub/b.jpg", "sub/deep/c.jpg"]
 

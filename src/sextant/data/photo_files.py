@@ -199,7 +199,7 @@ def _matching(pattern: Path) -> tuple[list[Path], list[Path]]:
             inner, further = _matching(Path(glob.escape(here), *rest))
             found |= dict.fromkeys(inner)
             links |= dict.fromkeys(further)
-    return list(found), list(links)
+    return [path for path in found if not any(parent in links for parent in path.parents)], list(links)
 
 
 def _is_written(photo: Path, written: Path, given: Path) -> bool:

@@ -46,9 +46,9 @@ images. A claim
 
 Several comparisons must all hold, and one that fails decides, with Bonferroni's correction. If verdicts differ, a table
 has the worst conditions that do not hold; [comparisons.csv](claims/comparisons.csv) has everything. Runs older than
-the claim *explore* it, later ones *confirm* or *refute* it, and without runs it is *planned*. `sextant claims plan`
-lists the next runs. If all {estimated} estimated effects were at their borders, at most {chance:.1f} would be decided
-by chance; {decided} are.
+the claim, and figures without a date, *explore* it, later ones *confirm* or *refute* it, and without runs it is
+*planned*. `sextant claims plan` lists the next runs. If all {estimated} estimated effects were at their borders, at
+most {chance:.1f} would be decided by chance; {decided} are.
 """
 
 
@@ -249,7 +249,7 @@ def advice(comparison: Comparison, parts: int) -> str:
     if more is None:
         return f"how many more {unit} is not known"
     if math.isfinite(more):
-        return f"{'at least' if more and math.isnan(found.error) else 'about'} {more:.0f} more {unit}"
+        return f"{'at least' if more and (found.alike or math.isnan(found.error)) else 'about'} {more:.0f} more {unit}"
     if math.isfinite(times):
         return f"not more {unit}, but about {times:.0f} times as many test images"
     seeds_alone = replace(found, error=math.sqrt(max(0.0, found.error**2 - found.images**2)), images=0.0)
@@ -349,7 +349,7 @@ def _answer(claim: DecidedClaim) -> str:
 def _how_sure(claim: DecidedClaim) -> str:
     """What the interval is over, and what would decide the claim."""
     if claim.counted:
-        return f"{claim.runs[:1].upper()}{claim.runs[1:]}."
+        return f"{claim.runs}." if claim.runs.startswith("sextant ") else f"{claim.runs[:1].upper()}{claim.runs[1:]}."
     first = claim.deciding
     images = " and a sample of images" if first.estimate.images > 0 else ""
     if not first.estimate.run:
@@ -370,4 +370,4 @@ def _distance(comparison: Comparison) -> float:
     """How far the interval of an effect that holds lies beyond its border, relative to the interval's width."""
     low, high = comparison.estimate.interval()
     border = comparison.matters if comparison.expects == "better" else -comparison.matters
-    return (low - border) / (high - low) if high > low else math.inf
+    return (low - border) / (high - low) if 0 < high - low < math.inf else math.inf

@@ -129,8 +129,8 @@ def test_tables_are_joined_by_the_names_of_images_also_the_one_that_localization
     assert (len(found.reference), found.reference_frames, found.estimate_frames) == (10, 12, 10)
     assert found.absolute_m["none"].rmse == pytest.approx(1)
     assert found.absolute_deg["none"].max == pytest.approx(3)
-    in_space = ["0.jpg,located,1,2,3,1,0,0,0", "1.jpg,not in the map,,,,,,,", "2.jpg,located,1,2,5,1,0,0,0"]
-    own.write_text("\n".join(["file,verdict,x,y,z,qw,qx,qy,qz", *in_space]))  # by sextant locate
+    in_space = [f"{k}.jpg,located,1,2,{k},1,0,0,0,90,90,40,30" for k in (0, 2)] + ["1.jpg,not in the map" + 11 * ","]
+    own.write_text("\n".join(["file,verdict,x,y,z,qw,qx,qy,qz,fx,fy,cx,cy", *in_space]))  # by sextant locate
     found = compare_trajectories(own, own)
     assert (len(found.reference), found.absolute_m["none"].max) == (2, 0)
     cameras = read_reconstruction(colmap_text(tmp_path / "images.txt", ["0.jpg"], poses_along(1)), "colmap")

@@ -1,5 +1,6 @@
 """Poses and cameras of photos as a user gives them, checked."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
@@ -14,6 +15,8 @@ from sextant.tables import counted
 
 #: points of a map: fewer inliers than this do not reach the limit of false alarms, so that nothing would be located
 LEAST_POINTS = 30
+#: largest distance of an image's centre from its principal point in focal lengths, 63 degrees: further crops are none
+ASIDE = 2.0
 #: largest deviation of a rotation from an orthonormal matrix
 ROTATION_TOLERANCE = 1e-3
 
@@ -72,7 +75,7 @@ def pinhole_of(camera: Any, features: LocalFeatures) -> Pinhole:
 
     Raises:
         ArgumentError: it is no camera, or of another image: its size differs, its focal length is outside of the range
-            of calibration, or its principal point is outside by more than half of the image.
+            of calibration, or the image's centre is seen further aside than :data:`ASIDE`.
     """
     if isinstance(camera, Pinhole):
         if (camera.width, camera.height) != (features.width, features.height):
@@ -80,28 +83,31 @@ def pinhole_of(camera: Any, features: LocalFeatures) -> Pinhole:
                 f"a camera of {camera.width}x{camera.height} pixels for an image of {features.width}x{features.height}",
                 "Scale the camera with the image.",
             )
-        return camera
-    try:
-        fx, fy, cx, cy = (float(value) for value in camera)
-    except (TypeError, ValueError):
+    else:
+        try:
+            fx, fy, cx, cy = (float(value) for value in camera)
+        except (TypeError, ValueError):
+            raise ArgumentError(
+                f"camera={shown(camera)} must be (fx, fy, cx, cy) in pixels, a Pinhole, or have focal_px and "
+                "focal_sigma"
+            ) from None
+        camera = Pinhole(features.width, features.height, fx, fy, cx, cy)
+    low, high = (features.height * end for end in FOCAL_HEIGHTS)
+    told = f"camera={camera.fx:g},{camera.fy:g},{camera.cx:g},{camera.cy:g}"
+    if not (low <= camera.fx <= high and low <= camera.fy <= high):
         raise ArgumentError(
-            f"camera={shown(camera)} must be (fx, fy, cx, cy) in pixels, a Pinhole, or have focal_px and focal_sigma"
-        ) from None
-    width, height = features.width, features.height
-    low, high = (height * end for end in FOCAL_HEIGHTS)
-    if not (low <= fx <= high and low <= fy <= high):
-        raise ArgumentError(
-            f"camera={fx:g},{fy:g},{cx:g},{cy:g}: focal lengths of an image {height} pixels high must be from "
-            f"{low:.0f} to {high:.0f} pixels (of the image, not millimetres)",
+            f"{told}: focal lengths of an image {features.height} pixels high must be from {low:.0f} to {high:.0f} "
+            "pixels (of the image, not millimetres)",
             "Give fx, fy, cx, cy in pixels of this image, or no camera.",
         )
-    if not (abs(cx - width / 2) <= width and abs(cy - height / 2) <= height):
+    aside = math.hypot((features.width / 2 - camera.cx) / camera.fx, (features.height / 2 - camera.cy) / camera.fy)
+    if not aside <= ASIDE:
         raise ArgumentError(
-            f"camera={fx:g},{fy:g},{cx:g},{cy:g}: the principal point {cx:g}, {cy:g} is far outside of an image of "
-            f"{width}x{height} pixels",
+            f"{told}: the principal point is {aside:.1f} focal lengths from the centre of an image of "
+            f"{features.width}x{features.height} pixels",
             "Give fx, fy, cx, cy in pixels of this image: scale them if it was resized.",
         )
-    return Pinhole(width, height, fx, fy, cx, cy)
+    return camera
 
 
 def cameras_of(

@@ -215,7 +215,8 @@ def read_posed_table(source: Path, *, unlocated: bool = False) -> tuple[list[str
 
     Args:
         source: the table.
-        unlocated: pass over rows without any number of a pose, which ``sextant locate`` writes of images not found.
+        unlocated: pass over rows without any number of a pose, which ``sextant locate`` writes of images not found,
+            and over cameras.
 
     Raises:
         UserError: a column is missing, or a row cannot be used.
@@ -224,7 +225,7 @@ def read_posed_table(source: Path, *, unlocated: bool = False) -> tuple[list[str
     missing = [name for name in COLUMNS if name not in table.header]
     if missing:
         raise UserError(f"{source} has no column {', '.join(missing)}", FIX)
-    given = [name for name in CAMERA_COLUMNS if name in table.header]
+    given = [name for name in CAMERA_COLUMNS if name in table.header and not unlocated]
     if given and len(given) < len(CAMERA_COLUMNS):
         raise UserError(
             f"{source}: of the camera's columns {','.join(CAMERA_COLUMNS)} only {','.join(given)} are there",

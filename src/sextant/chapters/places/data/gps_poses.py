@@ -74,7 +74,7 @@ def doubtful(problems: Mapping[str, str], what: str = "doubtful") -> list[str]:
         if problem:
             kinds.setdefault(re.sub(r"-?\d[\d.,e+ -]*\d|\d", "#", problem), []).append(name)
     return [
-        f"the positions of {len(names)} of {counted(len(problems), 'image')} are {what}, such as {names[0]}: "
+        f"the positions of {len(names):,} of {counted(len(problems), 'image')} are {what}, such as {names[0]}: "
         f"{problems[names[0]]}"
         for names in kinds.values()
     ]
