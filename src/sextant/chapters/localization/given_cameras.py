@@ -83,6 +83,7 @@ def pinhole_of(camera: Any, features: LocalFeatures) -> Pinhole:
                 f"a camera of {camera.width}x{camera.height} pixels for an image of {features.width}x{features.height}",
                 "Scale the camera with the image.",
             )
+        found = camera
     else:
         try:
             fx, fy, cx, cy = (float(value) for value in camera)
@@ -91,23 +92,23 @@ def pinhole_of(camera: Any, features: LocalFeatures) -> Pinhole:
                 f"camera={shown(camera)} must be (fx, fy, cx, cy) in pixels, a Pinhole, or have focal_px and "
                 "focal_sigma"
             ) from None
-        camera = Pinhole(features.width, features.height, fx, fy, cx, cy)
+        found = Pinhole(features.width, features.height, fx, fy, cx, cy)
     low, high = (features.height * end for end in FOCAL_HEIGHTS)
-    told = f"camera={camera.fx:g},{camera.fy:g},{camera.cx:g},{camera.cy:g}"
-    if not (low <= camera.fx <= high and low <= camera.fy <= high):
+    told = f"camera={found.fx:g},{found.fy:g},{found.cx:g},{found.cy:g}"
+    if not (low <= found.fx <= high and low <= found.fy <= high):
         raise ArgumentError(
             f"{told}: focal lengths of an image {features.height} pixels high must be from {low:.0f} to {high:.0f} "
             "pixels (of the image, not millimetres)",
-            "Give fx, fy, cx, cy in pixels of this image, or no camera.",
+            "Give fx, fy, cx, cy in pixels of this image, or no found.",
         )
-    aside = math.hypot((features.width / 2 - camera.cx) / camera.fx, (features.height / 2 - camera.cy) / camera.fy)
+    aside = math.hypot((features.width / 2 - found.cx) / found.fx, (features.height / 2 - found.cy) / found.fy)
     if not aside <= ASIDE:
         raise ArgumentError(
             f"{told}: the principal point is {aside:.1f} focal lengths from the centre of an image of "
             f"{features.width}x{features.height} pixels",
             "Give fx, fy, cx, cy in pixels of this image: scale them if it was resized.",
         )
-    return camera
+    return found
 
 
 def cameras_of(
