@@ -99,7 +99,7 @@ def pinhole_of(camera: Any, features: LocalFeatures) -> Pinhole:
         raise ArgumentError(
             f"{told}: focal lengths of an image {features.height} pixels high must be from {low:.0f} to {high:.0f} "
             "pixels (of the image, not millimetres)",
-            "Give fx, fy, cx, cy in pixels of this image, or no found.",
+            "Give fx, fy, cx, cy in pixels of this image, or no camera.",
         )
     aside = math.hypot((features.width / 2 - found.cx) / found.fx, (features.height / 2 - found.cy) / found.fy)
     if not aside <= ASIDE:
