@@ -24,7 +24,7 @@ def divergence(results: SweepResults) -> str:
     compared |= {text.split("=")[0] for arm in _arms(results.plan) for text in arm.get("overrides", [])}
     ended = sum(cell.outcome in ("finished", "diverged") for cell in results.cells)
     learnt = ended - len(diverged)
-    which = "None of the runs learnt" if not learnt else f"{len(diverged)} of {counted(ended, 'run')} did not learn"
+    which = "None of the runs learnt" if not learnt else f"{len(diverged)} of {ended} runs did not learn"
     trainings = [cell.training for cell in sorted(diverged, key=lambda cell: cell.cell.run) if cell.training]
     words = ["train", "-m", *results.plan.own_words]
     missing = "" if learnt else " There is nothing to compare: means and contrasts are over runs that learnt."
@@ -49,7 +49,7 @@ def what_to_do(measure: Measure, trainings: Sequence[Training], words: Sequence[
     first = trainings[0]
     rate, batch = first.rate, first.batch_size
     if measure.trained_by and first.epochs is not None and first.steps is not None and rate is not None:
-        steps = f"{counted(first.epochs, 'epoch')}, {counted(first.steps, 'step')}"
+        steps = f"{counted(first.epochs, 'epoch')}, {first.steps} step{'s' * (first.steps != 1)}"
         text += f" {'They' if len(trainings) > 1 else 'It'} trained for {steps}, at a learning rate of {rate:g}."
     changes: dict[str, Any] = {}
     if by_nan:

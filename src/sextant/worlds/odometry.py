@@ -8,7 +8,6 @@ from numpy import ndarray
 from scipy.optimize import nnls
 
 from sextant.errors import UserError
-from sextant.tables import counted
 
 #: Windows over which errors are collected by `fit_odometry_noise`: long enough that jitter of the true poses averages
 #: out (on COLD it is 1 cm and 0.01 rad), short enough that there are many.
@@ -112,7 +111,7 @@ def fit_odometry_noise(true_poses: Float[ndarray, "n 3"], odometry: Float[ndarra
     """
     if true_poses.shape != odometry.shape:
         raise UserError(
-            f"odometry: {counted(len(odometry), 'pose')} for {len(true_poses)} true poses; they must be the same frames"
+            f"odometry: {len(odometry)} poses for {len(true_poses)} true poses; they must be the same frames"
         )
     u = increments(odometry)
     lever = float(increments(true_poses)[:, 1] @ u[:, 2] / max(u[:, 2] @ u[:, 2], 1e-12))

@@ -76,7 +76,7 @@ def test_a_lost_damaged_or_foreign_part_is_named_and_is_all_that_is_made_again(p
 
 
 def test_wrong_numbers_are_refused(photos, run, tmp_path):
-    for shard, shards, told in ((3, 3, "there are shards 0 to 2"), (0, 7, "12 photos are 6 batches of 2")):
+    for shard, shards, told in ((3, 3, "there are shards 0 to 2"), (0, 7, "12 photos in 6 batches of 2")):
         with pytest.raises(ArgumentError, match=told):
             describe_shard(PlaceMap.load(run), photos, tmp_path, shard, shards)
 
