@@ -43,8 +43,12 @@ def test_in_the_wrong_building_all_is_lost_and_in_the_right_one_hardly_anything(
         line = np.column_stack([0.5 * np.arange(len(images)), np.zeros((len(images), 2))])
         localizer = Localizer.from_images(images, line, particles=300)
         for place, walked in seen.items():
-            localizer.reset()
-            lost = np.mean([localizer.step(None, image).lost for image in walked])
+            described, lost = [localizer.describe(image) for image in walked], []
+            # by night 3.9 % are lost (200 seeds): of one seed's twenty, two are by chance every fifth time
+            for seed in range(60 if place.startswith(home) else 1):
+                localizer.reset(seed)
+                lost.append(np.mean([localizer.step(None, descriptor=row).lost for row in described]))
+            lost = np.mean(lost)
             assert (localizer.recognised < RECOGNISED) != place.startswith(home), (home, place, localizer.recognised)
             if place.startswith(home):
                 assert lost <= 0.05, (home, place)
