@@ -15,7 +15,8 @@ from sextant.tables import counted
 
 #: points of a map: fewer inliers than this do not reach the limit of false alarms, so that nothing would be located
 LEAST_POINTS = 30
-#: largest distance of an image's centre from its principal point in focal lengths, 63 degrees: further crops are none
+#: largest distance of an image's centre from its principal point, in focal lengths: 63 degrees off the axis. Set by
+#: hand; a crop of a perspective photo hardly lies further out
 ASIDE = 2.0
 #: largest deviation of a rotation from an orthonormal matrix
 ROTATION_TOLERANCE = 1e-3

@@ -94,7 +94,8 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
     return poses
 
 
-#: how well headings follow the way: the length of the mean unit vector between them, 1 at best
+#: headings follow the way if the length of the mean unit vector between them is above the first, and do not if it is
+#: below the second; set by hand, between 1 for headings along the way and 0 for unrelated ones
 FOLLOWS, DOES_NOT = 0.9, 0.5
 
 
