@@ -292,7 +292,7 @@ def _section(claim: DecidedClaim, pictures: str, again: DecidedClaim | None) -> 
         f'## <a name="{claim.name}"></a>`{claim.name}`: {claim.verdict}\n\n{claim.sentence} '
         f"[Details]({claim.page})\n\n"
         f"- **Requires** {required} ({claim.reason}).{published}\n"
-        f"- **Found**: {_answer(claim)} {_how_sure(claim)}{quick}\n"
+        f"- **Found**: {' '.join(filter(None, (_answer(claim), _how_sure(claim))))}{quick}\n"
         f"- **Not covered**: {claim.not_covered}\n\n"
         f"![intervals]({pictures}/{claim.name}.svg)\n{_table(claim)}\n"
         f"```bash\n{commands}\n```\n"
@@ -339,6 +339,8 @@ def _answer(claim: DecidedClaim) -> str:
         "undecided": f"{some} undecided,",
     }[claim.verdict]
     waiting = sum(not each.estimate.run for each in claim.counting)
+    if waiting == total:
+        return "no comparison has been run yet."
     if claim.verdict == "undecided" and waiting:
         others = f"; {alike - waiting} of the others undecided" if alike > waiting else ""
         return f"{waiting} of {counted(total, 'comparison')} {'is' if waiting == 1 else 'are'} not run yet{others}."
