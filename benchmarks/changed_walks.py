@@ -23,7 +23,7 @@ from rich.table import Table
 
 from sextant import Localizer
 from sextant.baselines import WhitenedPCA
-from sextant.chapters.localization.localizer import fitted_kernel
+from sextant.chapters.localization.saved_filter import fitted_kernel
 from sextant.chapters.places.saved_descriptor import SavedDescriptor
 from sextant.console.arguments import parse_arguments
 from sextant.evaluation import share_interval

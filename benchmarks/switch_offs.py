@@ -195,7 +195,7 @@ def _town(seed: str) -> dict:
 
 def _described(images: ndarray, poses: ndarray, driven: dict, elsewhere: ndarray | None = None) -> dict:
     from sextant import Localizer
-    from sextant.chapters.localization.localizer import fitted_kernel
+    from sextant.chapters.localization.saved_filter import fitted_kernel
 
     made = Localizer.from_images(images, poses)
     found = made.model.map

@@ -21,7 +21,7 @@ from sextant.chapters.calibration.options import CalibrationOptions
 from sextant.chapters.calibration.predict import predict_calibrations
 from sextant.chapters.classification import predict as classifying
 from sextant.chapters.cosfire.images import read_image
-from sextant.chapters.localization.localizer import LocalizedPose
+from sextant.chapters.localization.localized_pose import LocalizedPose
 from sextant.chapters.places.options import read_inputs
 from sextant.chapters.places.place_map import PlaceMap
 from sextant.chapters.places.predict import predict_places

@@ -37,12 +37,13 @@ LIMITS = {
         "_spread": [16, 0x0000FFFF0000FFFF, 8, 0x00FF00FF00FF00FF, 0x0F0F0F0F0F0F0F0F, 0x3333333333333333,
                     0x5555555555555555],
     },
-    "localizer": {
-        "FITTED_TO": [600], "LEARNING_RATE": [0.05], "MOST_PARTICLES": [1_000_000],
-        "from_images": [60, 16], "fitted_kernel": [60],
-    },
+    "localizer": {"from_images": [60, 16]},
+    "localizer_arguments": {"MOST_PARTICLES": [1_000_000]},
     "localized_drive": {"MISTAKEN": [1.1]},  # of a remark
-    "saved_filter": {"LEAST_PARTICLES MOST_USUAL": [2000, 10_000]},
+    "saved_filter": {
+        "FITTED_TO": [600], "LEARNING_RATE": [0.05], "fitted_kernel": [60],
+        "LEAST_PARTICLES MOST_USUAL": [2000, 10_000],
+    },
 }  # fmt: skip
 #: settings of parts that a configuration names in place of those of the default localizer
 ALTERNATIVES = {
@@ -82,7 +83,7 @@ def modules():
         name = ".".join(path.relative_to(LIBRARY).with_suffix("").parts)
         if name != "constants" and name.split(".")[0] not in ELSEWHERE:
             yield name, path
-    for name in ("localizer", "localized_drive", "saved_filter"):
+    for name in ("localizer", "localizer_arguments", "localized_drive", "saved_filter"):
         yield name, CHAPTER / f"{name}.py"
 
 

@@ -14,7 +14,7 @@ _HERE = {
     "FailedPhotosError": "sextant.applications.failures",
     "ImageClassifier": "sextant.chapters.classification.classifier",
     "LocatedPhoto": "sextant.chapters.localization.pose_map",
-    "LocalizedPose": "sextant.chapters.localization.localizer",
+    "LocalizedPose": "sextant.chapters.localization.localized_pose",
     "Localizer": "sextant.chapters.localization.localizer",
     "LookedUp": "sextant.chapters.places.looked_up",
     "OneCamera": "sextant.chapters.calibration.one_camera",

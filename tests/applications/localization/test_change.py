@@ -16,8 +16,8 @@ from sextant import Localizer
 from sextant.atomic_files import write_sealed_json
 from sextant.chapters.localization.data.own_drive import open_drive
 from sextant.chapters.localization.localized_drive import doubts, far_steps, localize_drive
-from sextant.chapters.localization.localizer import LocalizedPose, fitted_kernel
-from sextant.chapters.localization.saved_filter import filter_of, filter_values
+from sextant.chapters.localization.localized_pose import LocalizedPose
+from sextant.chapters.localization.saved_filter import filter_of, filter_values, fitted_kernel
 from sextant.chapters.localization.written_poses import Row
 from sextant.errors import UserError
 from sextant.localization.constants import RECOGNISED, SHARPER

@@ -10,7 +10,7 @@ from made_up_bags import Bags
 
 from sextant import Localizer
 from sextant.chapters.localization.data.ros_messages import camera_of, planar_pose, set_planar
-from sextant.chapters.localization.localizer import LocalizedPose
+from sextant.chapters.localization.localized_pose import LocalizedPose
 from sextant.chapters.localization.robot_localizer import RobotLocalizer
 from sextant.errors import UserError
 

@@ -10,8 +10,6 @@ The map may also be built from arrays, with :meth:`Localizer.from_images`, and s
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -21,8 +19,18 @@ from jaxtyping import Float, Float32, Float64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.applications.arguments import check_kind, check_whole, make_folder
+from sextant.applications.arguments import check_whole, make_folder
 from sextant.applications.pixels import AnyImage, as_pixels, several_pixels
+from sextant.chapters.localization.localized_pose import LocalizedPose
+from sextant.chapters.localization.localizer_arguments import (
+    Start,
+    as_motion,
+    as_numbers,
+    check_parts,
+    check_settings,
+    check_start,
+    start_of,
+)
 from sextant.chapters.localization.localizer_folder import (
     check_descriptor,
     checked_poses,
@@ -31,9 +39,14 @@ from sextant.chapters.localization.localizer_folder import (
     save_localizer,
 )
 from sextant.chapters.localization.map_pictures import map_pictures
-from sextant.chapters.localization.saved_filter import LEAST_PARTICLES, usual_filter, usual_particles, usual_radius
+from sextant.chapters.localization.saved_filter import (
+    LEAST_PARTICLES,
+    fitted_kernel,
+    usual_filter,
+    usual_particles,
+    usual_radius,
+)
 from sextant.chapters.places.saved_descriptor import Describes, SavedDescriptor
-from sextant.data.positions import FURTHEST
 from sextant.errors import UserError, shown
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.localization.adaptation import Adaptation
@@ -41,7 +54,6 @@ from sextant.localization.belief import Belief
 from sextant.localization.constants import NOISE, ODDS, SHARPER, TEMPERING
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import Estimate, estimate
-from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.localize import Localized, Steps
 from sextant.localization.motion import MotionModel
@@ -55,63 +67,6 @@ from sextant.localization.smoothing import smoothed
 from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
 from sextant.tables import counted
-
-#: the kernel is fitted to at most this many images of a map, evenly spaced
-FITTED_TO = 600
-LEARNING_RATE = 0.05
-#: as in a config; more would take gigabytes, and seconds per step
-MOST_PARTICLES = 1_000_000
-STARTS: dict[str, type[Initialisation]] = {"uniform": UniformStart, "appearance": AppearanceStart}
-#: the classes of a localizer's parts, each with an example
-PARTS: dict[str, tuple[type, str]] = {
-    "kernel": (PoseKernel, 'PoseKernel("rbf", (2.0, 2.0), 1.0, 0.01, 0.001) of sextant.localization.pose_kernel'),
-    "observation": (ObservationModel, "LocalGP(16) of sextant.localization.observation.local_gp"),
-    "likelihood": (Likelihood, "Likelihood(tempering=0.125) of sextant.localization.likelihood"),
-    "motion": (MotionModel, "motion_of_spacing(2.0) of sextant.localization.motion"),
-    "recovery": (Recovery, "NoRecovery() of sextant.localization.recovery"),
-}
-Start = Literal["uniform", "appearance"] | Initialisation
-
-
-@dataclass(frozen=True, eq=False)
-class LocalizedPose:
-    """The estimate after a step.
-
-    Attributes:
-        pose: x, y in the unit of the map and heading in rad, of the heaviest mode.
-        covariance: covariance of 99 % of the belief about the pose, including other probable places.
-        mass: share of the weight in the heaviest mode.
-        modes: number of modes.
-        lost: the heaviest mode holds less than half of the weight, or recent images were not foreseen, or, without
-            odometry, not recognised.
-        off_map: probability of being outside the mapped area; 0 for a filter without
-            :class:`~sextant.localization.map_support.MapSupport`.
-        degenerate: no particle explained the image, which was dropped.
-        foreseen: mean share, over about twenty recent images, of the map that each resembled less than the place
-            predicted before it. 1/2 is chance, less than 0.65 is lost; nan before the fifth image. See
-            :mod:`~sextant.localization.innovation_test`.
-        recognised: mean share, over recent images, of the map's own images that resemble its other places less than
-            the recent image resembles the map. 1/2 is chance, less than 0.4 (of a drive's first four images, 1/2) is
-            lost; nan where the motion is known. See :mod:`~sextant.localization.recognition`.
-        disbelieved: the motion was treated as unknown, because odometry reported a standstill while the images showed
-            motion. See :mod:`~sextant.localization.odometry_check`.
-    """
-
-    pose: Float64[ndarray, "3"]
-    covariance: Float64[ndarray, "3 3"]
-    mass: float
-    modes: int
-    lost: bool
-    degenerate: bool = False
-    off_map: float = 0.0
-    foreseen: float = math.nan
-    recognised: float = math.nan
-    disbelieved: bool = False
-
-    @property
-    def sigmas(self) -> Float64[ndarray, "3"]:
-        """Standard deviations of x, y and heading."""
-        return np.asarray(np.sqrt(np.clip(self.covariance.diagonal(), 0.0, None)))
 
 
 class Localizer:
@@ -167,12 +122,12 @@ class Localizer:
         lag: int = 0,
         region_scale: float = 1.0,
     ):
-        _check_settings(radius, particles, start, lag, region_scale)
+        check_settings(radius, particles, start, lag, region_scale)
         self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
         self.descriptor, self.image_size, self.unit = descriptor or SavedDescriptor(), image_size, unit
         self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
         self.lag, self.pictures, self.odds, self.region_scale = lag, pictures, odds, region_scale
-        self._start = _start_of(start)
+        self._start = start_of(start)
         self._adaptation = Adaptation(model, likelihood, learns=adapts, odds=odds)
         self.reset()
 
@@ -198,8 +153,8 @@ class Localizer:
         """
         self.seed = self.seed if seed is None else seed
         check_whole("seed", self.seed, 0, "For example seed=1")
-        _check_start(start or self._start)
-        self._begins = self._start if start is None else _start_of(start)
+        check_start(start or self._start)
+        self._begins = self._start if start is None else start_of(start)
         self._generator = torch.Generator().manual_seed(self.seed)
         self._now: Localized | None = None
         self._past: list[Localized] = []
@@ -226,7 +181,7 @@ class Localizer:
                 has no descriptor for images.
         """
         row = self._seen(image, descriptor)
-        moved, seen = _motion(motion)[None], torch.tensor([row is not None])
+        moved, seen = as_motion(motion)[None], torch.tensor([row is not None])
         shown = np.zeros((1, self.model.map.dimension), np.float32) if row is None else row[None].numpy()
         camera, filter = Camera(self.model, self.likelihood, shown), self.filter
         steps = Steps(filter, self._begins, self.particles, self.radius, self._adaptation)
@@ -310,7 +265,7 @@ class Localizer:
         """
         if self.pictures is None:
             return None
-        if (at := _numbers(pose)).shape != (3,) or not np.isfinite(at).all():
+        if (at := as_numbers(pose)).shape != (3,) or not np.isfinite(at).all():
             raise UserError(
                 f"pose={shown(pose)} must be three finite numbers: x, y, heading", "For example step(...).pose."
             )
@@ -337,7 +292,7 @@ class Localizer:
             descriptor = self.describe(image)
         if descriptor is None:
             return None
-        row = torch.from_numpy(_numbers(descriptor).astype(np.float32))
+        row = torch.from_numpy(as_numbers(descriptor).astype(np.float32))
         if row.ndim != 1 or not bool(row.isfinite().all()):
             raise UserError(f"the descriptor, of shape {tuple(row.shape)}, is not one row of finite numbers")
         self.model.check_dimension(row[None])
@@ -392,7 +347,7 @@ class Localizer:
         Raises:
             UserError: there is no map, it is damaged, or its descriptors are of another run.
         """
-        _check_parts(motion=motion, recovery=recovery)
+        check_parts(motion=motion, recovery=recovery)
         where = default_outputs() if outputs is None else Path(outputs).expanduser()
         parts = open_localizer(
             folder, where, run=run, descriptor=descriptor, motion=motion, recovery=recovery, verify=verify, trust=trust
@@ -444,8 +399,8 @@ class Localizer:
             UserError: the images and poses do not make a map.
         """
         check_whole("steps", steps, 0, "steps=60")
-        _check_settings(1.0 if radius is None else radius, 1 if particles is None else particles, start, lag)
-        _check_parts(kernel=kernel, observation=observation, likelihood=likelihood, motion=motion, recovery=recovery)
+        check_settings(1.0 if radius is None else radius, 1 if particles is None else particles, start, lag)
+        check_parts(kernel=kernel, observation=observation, likelihood=likelihood, motion=motion, recovery=recovery)
         check_descriptor(descriptor)
         images = several_pixels(images)
         where = checked_poses(poses, len(images))
@@ -482,87 +437,3 @@ def _repeats(before: Localized | None, now: Localized) -> bool:
     assert before.learned is not None
     assert now.learned is not None
     return torch.equal(before.learned.counted, now.learned.counted)
-
-
-def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
-    if motion is None:
-        return torch.full((3,), torch.nan, dtype=torch.float64)
-    moved = torch.from_numpy(_numbers(motion))
-    if moved.shape != (3,) or not bool(moved.isfinite().all()):
-        raise UserError(
-            f"motion={shown(motion)} must be three finite numbers: dx, dy, dtheta",
-            "Call step(motion, image), with None for the motion where odometry is missing.",
-        )
-    if bool((moved.abs() > FURTHEST).any()):
-        raise UserError(
-            f"motion={shown(motion)} is further than {FURTHEST:g}", "Give None where odometry is unreliable."
-        )
-    if abs(float(moved[2])) > 2 * math.pi:
-        raise UserError(
-            f"motion={shown(motion)} turns by {float(moved[2]):g} rad, more than a full turn, in one step",
-            "dtheta is in rad: numpy.radians of degrees. Give None where odometry is unreliable.",
-        )
-    return moved
-
-
-def _numbers(given: Any) -> Float64[ndarray, "*n"]:
-    """The values as an array; an array of a shape that matches nothing if they are not numbers."""
-    try:
-        return np.array(given, np.float64)
-    except (TypeError, ValueError):
-        return np.empty((0, 0))
-
-
-def _check_settings(radius: float, particles: int, start: Start, lag: int, region_scale: float = 1.0) -> None:
-    check_whole("lag", lag, 0, "lag=20 keeps twenty steps")
-    check_whole("particles", particles, 1, "For example particles=1000", MOST_PARTICLES)
-    for name, value, fix in (
-        ("radius", radius, "For example radius=2.5, in the map's unit"),
-        ("region_scale", region_scale, "region_scale=1.0"),
-    ):
-        if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < math.inf:
-            raise UserError(f"{name}={value!r} must be a number above 0 and finite", fix)
-    _check_start(start)
-
-
-def _start_of(start: Start) -> Initialisation:
-    return start if isinstance(start, Initialisation) else STARTS[start]()
-
-
-def _check_start(start: Start) -> None:
-    if not isinstance(start, Initialisation) and not (isinstance(start, str) and start in STARTS):
-        given = start if isinstance(start, str) else shown(start)
-        raise UserError(f"start={given} must be one of {', '.join(STARTS)}", "start=uniform")
-
-
-def _check_parts(**given: Any) -> None:
-    for name, part in given.items():
-        kind, fix = PARTS[name]
-        check_kind(name, part, kind, f"For example {fix}; None uses the default.")
-
-
-def fitted_kernel(found: DescriptorMap, steps: int = 60) -> PoseKernel:
-    """Fit the kernel to the descriptors of a map by maximum likelihood, on at most 600 of its images.
-
-    It may be called with gradients turned off.
-
-    Args:
-        found: the map.
-        steps: gradient steps.
-
-    Raises:
-        UserError: the descriptors are all alike.
-    """
-    from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
-
-    rows = torch.from_numpy(np.unique(np.linspace(0, len(found) - 1, min(FITTED_TO, len(found))).astype(np.int64)))
-    with torch.inference_mode(False), torch.enable_grad():
-        poses, descriptors = found.poses[rows], found.descriptors[rows]
-        kernel = TrainableKernel.from_map(poses, descriptors)
-        optimizer = torch.optim.Adam(kernel.parameters(), lr=LEARNING_RATE)
-        for _ in range(steps):
-            optimizer.zero_grad()
-            loss = -joint_log_likelihood(kernel, poses, descriptors, found.mean) / descriptors.numel()
-            loss.backward()
-            optimizer.step()
-        return kernel.frozen()

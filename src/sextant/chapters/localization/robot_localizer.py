@@ -24,7 +24,8 @@ from PIL import Image
 
 from sextant.chapters.localization.data.drive import between, compose
 from sextant.chapters.localization.data.ros_messages import RosCamera, picture_of
-from sextant.chapters.localization.localizer import LocalizedPose, Localizer
+from sextant.chapters.localization.localized_pose import LocalizedPose
+from sextant.chapters.localization.localizer import Localizer
 from sextant.data.image_files import picture_bytes
 from sextant.data.pixel_values import WhiteLevels
 from sextant.errors import ArgumentError, UserError

@@ -1,4 +1,4 @@
-"""Conversion of a filter's settings to plain values and back; files can name only classes of Sextant."""
+"""The default kernel and filter of a map; a filter's settings as plain values and back: files name only our classes."""
 
 import math
 from collections.abc import Mapping
@@ -6,12 +6,15 @@ from dataclasses import asdict, is_dataclass
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+import torch
 from jaxtyping import Float64
 from torch import Tensor
 
 from sextant.errors import UserError
 from sextant.localization import motion, recovery, resampling
 from sextant.localization.constants import PLACE, WINDOW
+from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.kld_size import KLDSize
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.map_support import MapSupport, map_spacing
@@ -21,6 +24,9 @@ from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, Recovery
 from sextant.localization.resampling import SystematicResampling
 
+#: the kernel is fitted to at most this many images of a map, evenly spaced
+FITTED_TO = 600
+LEARNING_RATE = 0.05
 PACKAGES: dict[str, ModuleType] = {"motion": motion, "recovery": recovery, "resampling": resampling}
 
 
@@ -64,6 +70,33 @@ def filter_of(
         support=None if support is None else MapSupport(poses, *support),
         apart=None if apart is None else (float(apart[0]), float(apart[1])),
     )
+
+
+def fitted_kernel(found: DescriptorMap, steps: int = 60) -> PoseKernel:
+    """Fit the kernel to the descriptors of a map by maximum likelihood, on at most 600 of its images.
+
+    It may be called with gradients turned off.
+
+    Args:
+        found: the map.
+        steps: gradient steps.
+
+    Raises:
+        UserError: the descriptors are all alike.
+    """
+    from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
+
+    rows = torch.from_numpy(np.unique(np.linspace(0, len(found) - 1, min(FITTED_TO, len(found))).astype(np.int64)))
+    with torch.inference_mode(False), torch.enable_grad():
+        poses, descriptors = found.poses[rows], found.descriptors[rows]
+        kernel = TrainableKernel.from_map(poses, descriptors)
+        optimizer = torch.optim.Adam(kernel.parameters(), lr=LEARNING_RATE)
+        for _ in range(steps):
+            optimizer.zero_grad()
+            loss = -joint_log_likelihood(kernel, poses, descriptors, found.mean) / descriptors.numel()
+            loss.backward()
+            optimizer.step()
+        return kernel.frozen()
 
 
 def usual_filter(

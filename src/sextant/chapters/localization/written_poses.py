@@ -11,7 +11,8 @@ from numpy import ndarray
 
 from sextant.atomic_files import write_csv
 from sextant.chapters.localization.data.pose_formats import write_tum
-from sextant.chapters.localization.localizer import LocalizedPose, Localizer
+from sextant.chapters.localization.localized_pose import LocalizedPose
+from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.map_pictures import thumbnail
 from sextant.errors import ArgumentError
 from sextant.tables import counted

@@ -20,7 +20,8 @@ from sextant.chapters.localization.data.frames import Photos
 from sextant.chapters.localization.data.own_drive import OwnDrive, open_drive
 from sextant.chapters.localization.found_map import find_map
 from sextant.chapters.localization.localized_drive import ReplayKind, localize_drive
-from sextant.chapters.localization.localizer import Localizer, Start
+from sextant.chapters.localization.localizer import Localizer
+from sextant.chapters.localization.localizer_arguments import Start
 from sextant.chapters.localization.localizer_folder import check_descriptor
 from sextant.chapters.localization.written_poses import refuse_to_replace_poses
 from sextant.chapters.places.saved_descriptor import Describes
