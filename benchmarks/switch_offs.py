@@ -231,7 +231,6 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
         yield from retrieved(world, kept, begin)
         return
     from sextant.chapters.localization.saved_filter import usual_filter, usual_particles, usual_radius
-    from sextant.evaluation.protocols import MODE_MASS
     from sextant.localization.adaptation import Adaptation
     from sextant.localization.descriptor_map import DescriptorMap
     from sextant.localization.initialisation import UniformStart
@@ -270,9 +269,7 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
         motion = [np.full(3, np.nan) if each.motion is None else each.motion[step % len(each.seen)] for each in driven]
         looked = torch.tensor([step < len(each.seen) for each in driven])
         now = steps.step(now, torch.from_numpy(np.stack(motion)), camera, frames, looked, draws)
-        told, learned = now.found, now.learned
-        assert learned is not None
-        lost = (told.mass < MODE_MASS) | learned.innovation.failed | learned.unrecognised
+        told, lost = now.found, now.lost
         for run, each in enumerate(driven):
             if each.counted <= step < len(each.seen):
                 away = told.pose[run, :2].numpy() - each.truth[step, :2]

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from torch import Tensor
 
+from sextant.evaluation.protocols import MODE_MASS
 from sextant.localization.adaptation import Adaptation, Learned
 from sextant.localization.belief import Belief
 from sextant.localization.estimate import Estimate, estimate
@@ -47,6 +48,12 @@ class Localized:
     def belief(self) -> Belief:
         """The belief after the step."""
         return self.state.belief
+
+    @property
+    def lost(self) -> Bool[Tensor, " r"]:
+        """Whether the heaviest mode holds too little weight, or recent images were not foreseen or recognised."""
+        scattered, learned = self.found.mass < MODE_MASS, self.learned
+        return scattered if learned is None else scattered | learned.innovation.failed | learned.unrecognised
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,15 @@ import csv
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from sextant import Localizer
+from sextant.localization.adaptation import Adaptation
 from sextant.localization.constants import RECOGNISED
+from sextant.localization.initialisation import UniformStart
+from sextant.localization.localize import Steps
+from sextant.localization.observers import Camera
 
 #: of the images in each map, in the shape of its photos
 SIZES = {"corridors": (160, 120), "gardens": (214, 120)}
@@ -22,6 +27,23 @@ def hallway(tower, size, video):
     with (tower / "labels.csv").open() as file:
         files = [row["file"] for row in csv.DictReader(file) if row["video"] == video]
     return np.stack([np.asarray(Image.open(tower / name).convert("RGB").resize(size)) for name in files[:20]])
+
+
+@torch.no_grad()
+def share_lost(localizer, described, runs=600):
+    """Of the images of many walks at once: by night 3.7 % are lost, of which chance hands one walk none or several."""
+    rows, unknown = torch.from_numpy(np.stack(described)), torch.full((runs, 3), torch.nan, dtype=torch.float64)
+    if localizer.descriptor.whitener is not None:
+        rows = rows @ localizer.descriptor.whitener.to(rows.dtype)
+    camera = Camera(localizer.model, localizer.likelihood, rows.numpy())
+    rules = Adaptation(localizer.model, localizer.likelihood, learns=True, odds=localizer.odds)
+    steps = Steps(localizer.filter, UniformStart(), localizer.particles, localizer.radius, rules)
+    draws, now, lost = torch.Generator().manual_seed(0), None, []
+    for frame in range(len(rows)):
+        seen = torch.ones(runs, dtype=torch.bool)
+        now = steps.step(now, unknown, camera, np.full(runs, frame), seen, draws)
+        lost.append(now.lost.double().mean())
+    return np.mean(lost)
 
 
 @pytest.mark.slow
@@ -43,14 +65,10 @@ def test_in_the_wrong_building_all_is_lost_and_in_the_right_one_hardly_anything(
         line = np.column_stack([0.5 * np.arange(len(images)), np.zeros((len(images), 2))])
         localizer = Localizer.from_images(images, line, particles=300)
         for place, walked in seen.items():
-            described, lost = [localizer.describe(image) for image in walked], []
-            # by night 3.9 % are lost (200 seeds): of one seed's twenty, two are by chance every fifth time
-            for seed in range(
-                150 if (home, place) == ("gardens", "gardens by night") else 10 if place.startswith(home) else 1
-            ):
-                localizer.reset(seed)
-                lost.append(np.mean([localizer.step(None, descriptor=row).lost for row in described]))
-            lost = np.mean(lost)
+            described = [localizer.describe(image) for image in walked]
+            localizer.reset(0)
+            told = [localizer.step(None, descriptor=row).lost for row in described]
+            lost = share_lost(localizer, described) if place.startswith(home) else np.mean(told)
             assert (localizer.recognised < RECOGNISED) != place.startswith(home), (home, place, localizer.recognised)
             if place.startswith(home):
                 assert lost <= 0.05, (home, place)

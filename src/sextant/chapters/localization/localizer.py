@@ -10,6 +10,7 @@ The map may also be built from arrays, with :meth:`Localizer.from_images`, and s
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -48,7 +49,6 @@ from sextant.chapters.localization.saved_filter import (
 )
 from sextant.chapters.places.saved_descriptor import Describes, SavedDescriptor
 from sextant.errors import UserError, shown
-from sextant.evaluation.protocols import MODE_MASS
 from sextant.localization.adaptation import Adaptation
 from sextant.localization.belief import Belief
 from sextant.localization.constants import NOISE, ODDS, SHARPER, TEMPERING
@@ -231,14 +231,14 @@ class Localizer:
         """The report of a step, with its belief or a smoothed one."""
         assert step.learned is not None
         learned, smooth = step.learned, belief is not step.belief
-        mass, recognised, support = float(found.mass[0]), float(learned.recognised[0]), self.filter.support
+        recognised, support = float(learned.recognised[0]), self.filter.support
         off_map = support.off_map(belief) if smooth and support is not None else learned.last.off_map
         return LocalizedPose(
             found.pose[0].numpy(),
             self.region_scale**2 * found.covariance[0].numpy(),
-            mass,
+            float(found.mass[0]),
             int(found.modes[0]),
-            mass < MODE_MASS or bool(learned.innovation.failed[0]) or bool(learned.unrecognised[0]),
+            bool(replace(step, found=found).lost[0]),
             bool(step.told.degenerate[0]) and not smooth,
             float(off_map[0]),
             float(learned.innovation.told[0]),
