@@ -201,11 +201,17 @@ def write_exports(
     return written
 
 
+def photo_stems(cameras: Sequence[PhotoCamera]) -> list[str]:
+    """The beginning of the names of each photo's files, which no file of another photo or of all has."""
+    paths = [Path(camera.name) for camera in cameras]
+    return file_stems(paths, [*COLLECTED, *(f"{path.stem}_fspy" for path in paths)])  # x_fspy.json is of x.jpg
+
+
 def _contents(
     cameras: Sequence[PhotoCamera], undistorted: Sequence[Path], output: Path, exports: Sequence[Export], keep: Keep
 ) -> Iterator[tuple[str, bytes]]:
     """Names and contents of the files, one at a time."""
-    stems = file_stems([Path(camera.name) for camera in cameras], COLLECTED)
+    stems = photo_stems(cameras)
     if "nerfstudio" in exports:
         frames = [
             {"file_path": Path(os.path.relpath(camera.name, output)).as_posix(), **nerfstudio_frame(camera)}

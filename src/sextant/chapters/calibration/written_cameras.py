@@ -18,12 +18,11 @@ from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically, write_csv, write_json
 from sextant.chapters.calibration.calibrator import PhotoCalibrator
 from sextant.chapters.calibration.colmap_database import check_colmap, write_colmap
-from sextant.chapters.calibration.exports import COLLECTED, check_exports, write_exports
+from sextant.chapters.calibration.exports import check_exports, photo_stems, write_exports
 from sextant.chapters.calibration.finding import LEVELS
 from sextant.chapters.calibration.options import Export
 from sextant.chapters.calibration.photo_camera import PhotoCamera
 from sextant.chapters.calibration.priors import FocalPrior, GravityPrior
-from sextant.data.photo_files import file_stems
 from sextant.data.photos import Keep, read_photo
 from sextant.tables import counted
 
@@ -98,7 +97,7 @@ def write_photos(
     sheet: list[CalibratedPhoto] = []
     rows = [each.row() for each in found]
     good = [(each, row) for each, row in zip(found, rows, strict=True) if isinstance(each, PhotoCamera)]
-    stems = file_stems([Path(camera.name) for camera, _ in good], COLLECTED)
+    stems = photo_stems([camera for camera, _ in good])
     for (camera, row), stem in zip(good, stems, strict=True):
         image = read_photo(Path(camera.name)).image  # read again, so that only one photo at a time is in memory
         with telling_write_errors(output):
