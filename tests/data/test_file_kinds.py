@@ -18,7 +18,7 @@ from PIL import Image
 from sextant.data.file_kinds import RAW
 from sextant.data.image_files import decode_image
 from sextant.data.image_folder import decode_square
-from sextant.data.photo_files import find_photos
+from sextant.data.photo_files import find_photos, images_below
 from sextant.data.photos import read_photo
 from sextant.data.photos.header import read_header
 from sextant.data.picture_files import UnreadableImageError
@@ -150,6 +150,22 @@ def test_raw_files_beside_photos_are_left_out_and_named(tmp_path, caplog):
     for path in tmp_path.glob("*.jpg"):
         path.unlink()
     with pytest.raises(UserError, match=r"no photo there, but 3 raw files, such as IMG_0\.NEF: develop"):
+        find_photos(str(tmp_path), None)
+
+
+def test_photos_without_suffixes_are_left_out_and_named(tmp_path, caplog):
+    save(tmp_path / "seen.jpg", scene())
+    for name, kind in (("IMG_1", "JPEG"), ("IMG_2", "PNG"), ("IMG_3", "WEBP")):
+        Image.fromarray(scene()).save(tmp_path / name, format=kind)
+    (tmp_path / "README").write_text("RIFF and other words")
+    assert [path.name for path in find_photos(str(tmp_path), None)] == ["seen.jpg"]
+    (said,) = caplog.messages
+    assert said.endswith("left out 3 files, such as IMG_1, by its content a photo, whose name has no suffix: add .jpg "
+                         "or another")  # fmt: skip
+    assert [path.name for path in images_below(tmp_path)] == ["seen.jpg"]
+    assert "3 files left out, such as IMG_1, by its content a photo" in caplog.messages[-1]
+    (tmp_path / "seen.jpg").unlink()
+    with pytest.raises(UserError, match=r"no photo there, but 3 files, such as IMG_1: add \.jpg"):
         find_photos(str(tmp_path), None)
 
 

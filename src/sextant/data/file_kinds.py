@@ -12,6 +12,7 @@ RAW = (
     ".raw", ".pef", ".ptx", ".x3f", ".mrw", ".dcr", ".kdc", ".erf", ".mef", ".mos", ".3fr", ".fff", ".iiq", ".gpr",
 )  # fmt: skip
 HEIC = (".heic", ".heif", ".hif")
+NAMELESS, RENAME = ", by its content a photo, whose name has no suffix", "add .jpg or another"
 DEVELOP = "develop it to JPEG, or to PNG or TIFF of 16 bits, with darktable, RawTherapee or dcraw"
 RAW_FILE = "is a raw file{}, which is not decoded here: " + DEVELOP
 VIDEO = "is a video, not a photo: sextant predict calibrates one that ends in .mp4, .mov or .avi; or save its frames"
@@ -70,6 +71,14 @@ def not_decoded(path: Path) -> str | None:
     if (mimetypes.guess_type(path.name)[0] or "").startswith("video/"):
         return VIDEO
     return TIFF if head.startswith((b"II*\0", b"MM\0*")) else None
+
+
+def is_nameless_picture(path: Path) -> bool:
+    """Whether a file without suffix begins like a JPEG, PNG or WebP."""
+    return (
+        not path.suffix
+        and re.match(rb"\xff\xd8\xff|\x89PNG|RIFF....WEBP", first_bytes(path, 12), re.DOTALL) is not None
+    )
 
 
 def is_text(path: Path) -> bool:

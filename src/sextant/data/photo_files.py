@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from sextant.data.file_kinds import DEVELOP, RAW, SYSTEM, is_hidden, not_decoded
+from sextant.data.file_kinds import DEVELOP, NAMELESS, RAW, RENAME, SYSTEM, is_hidden, is_nameless_picture, not_decoded
 from sextant.data.image_files import SUFFIXES, natural_key
 from sextant.data.pixel_values import warn_once
 from sextant.data.videos import VIDEOS
@@ -119,6 +119,9 @@ def image_paths(folder: Path, *, deep: bool = True) -> Iterator[Path]:
     if others:
         why = not_decoded(folder / others[0]) or "is not decoded here"
         warn_once(f"{folder}: {counted(len(others), 'file')} left out, such as {others[0]}, which {why}")
+    nameless = [path for path in found.files if is_nameless_picture(folder / path)]
+    if nameless:
+        warn_once(f"{folder}: {counted(len(nameless), 'file')} left out, such as {min(nameless)}{NAMELESS}: {RENAME}")
     return (folder / path for path in found.files if path.suffix.lower() in SUFFIXES and (folder / path).is_file())
 
 
@@ -151,25 +154,19 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         candidates = [p for p in matched if p not in set(hidden)]
     written = None if output is None else output.resolve()
     candidates = [p for p in candidates if written is None or not _is_written(p, written, path)]
-    raw = sorted(p for p in candidates if p.suffix.lower() in RAW and p.is_file())
     found = sorted(
         p
         for p in candidates
         if p.suffix.lower() in FOUND_IN_FOLDERS
         and (os.path.isfile(p) or (os.path.islink(p) and not os.path.exists(p)))  # the reader reports broken links
     )
-    videos = sorted(p for p in candidates if p.suffix.lower() in VIDEOS and p.is_file())
-    left_out = f"{counted(len(raw), 'raw file')}, such as {raw[0].name}" if raw else ""
-    filmed = f"{counted(len(videos), 'video')}, such as {videos[0].name}" if videos else ""
+    others = _others(candidates)
     if not found:
         there = path.exists() or glob.has_magic(given)
         why = f"{given}: no photo there" if there else absent(path)
         if not path.exists() and "[" in given:
             why += "; brackets of a pattern stand for one of the characters in them: write [[] for [ in a name"
-        if raw:
-            why += f", but {left_out}: {DEVELOP}"
-        if videos:
-            why += f", but {filmed}: {ALONE}"
+        why += "".join(f", but {which}: {fix}" for which, _, fix in others)
         if hidden:
             hid = counted(len(hidden), "hidden file or folder is", "hidden files and folders are")
             why += f"; {hid} left out, such as {hidden[0]}"
@@ -178,11 +175,21 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
             "Give a photo, a folder or a pattern such as 'photos/*.jpg'. "
             f"Photos end in {', '.join(FOUND_IN_FOLDERS[:-2])}",
         )
-    if raw:
-        log.warning("%s=%s: left out %s, which are not developed here: %s", key, given, left_out, DEVELOP)
-    if videos:
-        log.warning("%s=%s: left out %s: %s", key, given, filmed, ALONE)
+    for which, relative, fix in others:
+        log.warning("%s=%s: left out %s%s: %s", key, given, which, relative, fix)
     return found
+
+
+def _others(candidates: Sequence[Path]) -> list[tuple[str, str, str]]:
+    """Files that would be photos if they were developed, cut or named: which, why they are none, and what to do."""
+    files = sorted(p for p in candidates if p.suffix.lower() not in FOUND_IN_FOLDERS and p.is_file())
+    kinds = (
+        ("raw file", ", which are not developed here", DEVELOP, lambda path: path.suffix.lower() in RAW),
+        ("video", "", ALONE, lambda path: path.suffix.lower() in VIDEOS),
+        ("file", NAMELESS, RENAME, is_nameless_picture),
+    )
+    some = [(kind, why, fix, [path for path in files if belongs(path)]) for kind, why, fix, belongs in kinds]
+    return [(f"{counted(len(of), kind)}, such as {of[0].name}", why, fix) for kind, why, fix, of in some if of]
 
 
 def _matching(pattern: Path) -> tuple[list[Path], list[Path]]:
