@@ -22,7 +22,7 @@ from sextant.chapters.places.config import Nordland, Places
 from sextant.config.schema.images import LabelledImages
 from sextant.config.schema.parts import CustomPart, Node, Part, parts_of
 from sextant.config.schema.run import Config
-from sextant.config.schema.world_datasets import TownFactors, TownSeasons, World
+from sextant.config.schema.world_datasets import OfficeWalk, TownCity, TownFactors, TownSeasons
 from sextant.registry import CHAPTERS
 
 ROOT = Path(__file__).parents[1]
@@ -38,11 +38,13 @@ GUIDES = {
 #: what each task learns from
 DATA: dict[str, tuple[type[Part], ...]] = {
     "calibration": (Panoramas,),
-    "place_recognition": (Places, TownSeasons, TownFactors),
-    "localization": (Drives, World, Nordland),
-    "cosfire": (LabelledImages, Places, TownSeasons, TownFactors),
+    "place_recognition": (Places, TownSeasons, TownFactors, TownCity),
+    "localization": (Drives, OfficeWalk, TownSeasons, TownCity, Nordland),
+    "cosfire": (LabelledImages, Places, TownSeasons, TownFactors, TownCity),
     "classification": (LabelledImages,),
 }
+#: datasets of other tasks that also have drives, if their tables have headings
+DRIVES = {"localization": ("place_folders",)}
 #: groups whose files are named otherwise than the key of the config
 GROUPS = {"test_sampling": "sampling"}
 #: groups that several tasks share: listed in the guide of classification, and in the page of options of each
@@ -124,7 +126,8 @@ def _options(task: str, group: str) -> list[Path]:
     """The files of a group that the task takes."""
     kinds = DATA[task] if group == "dataset" else _kinds(_config(task).model_fields[group].annotation)
     taken = {part for kind in kinds for part in parts_of(kind)}
-    return [path for path in _files(group) if not taken or _part(path) in (*taken, None)]
+    more = DRIVES.get(task, ()) if group == "dataset" else ()
+    return [path for path in _files(group) if not taken or _part(path) in (*taken, None) or path.stem in more]
 
 
 def _kinds(annotation: Any) -> tuple[type[Part], ...]:

@@ -25,7 +25,7 @@ REFERENCE, MENTIONED = (
     re.compile(r"(?<![\w/.@-])sextant((?:\.[A-Za-z_]\w*)+)"),
 )
 #: written by the reader of docs/adding.md
-YET_TO_WRITE = "sextant.losses.circle.CircleLoss"
+YET_TO_WRITE = "sextant.losses.CircleLoss"
 #: written on the user's machine: by make gpu-check, by sextant claims
 WRITTEN = ("results/benchmarks_gpu.md",)
 
