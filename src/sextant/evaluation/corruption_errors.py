@@ -15,18 +15,10 @@ Source: D. Hendrycks, T. Dietterich, "Benchmarking neural network robustness to 
 ICLR 2019, section 4.1.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Integer
-from numpy import ndarray
-
-from sextant.atomic_files import write_json
-from sextant.errors import UserError
 
 #: families of the corruptions of CIFAR-10-C and ImageNet-C; ``extra`` holds those that the authors set aside for
 #: validation
@@ -97,17 +89,6 @@ class CorruptionErrors:
         return float(np.mean([self.by_corruption()[name] for name in present(corruptions, self.severities)]))
 
 
-def error_rate(predictions: Integer[ndarray, "n"], labels: Integer[ndarray, "n"]) -> float:
-    """Share of wrong predictions; ``ValueError`` if there are none or the lengths differ.
-
-    >>> error_rate(np.array([0, 1, 1, 2]), np.array([0, 1, 2, 2]))
-    0.25
-    """
-    if len(labels) == 0 or predictions.shape != labels.shape:
-        raise ValueError(f"need one prediction per label and at least one, got {len(predictions)} and {len(labels)}")
-    return float(np.mean(predictions != labels))
-
-
 def present(corruptions: Sequence[str] | None, found: Mapping[str, object]) -> tuple[str, ...]:
     """``corruptions``, or all that were found; ``ValueError`` with the missing ones, or if there is none at all.
 
@@ -137,17 +118,6 @@ class CorruptionBaseline:
     source: str
     clean: float
     errors: Mapping[str, tuple[float, ...]]
-
-    @classmethod
-    def of_model(cls, name: str, source: str, errors: CorruptionErrors) -> "CorruptionBaseline":
-        """Make a tested model the baseline, so that its own CE and relative CE are 1.
-
-        >>> from sextant.evaluation.corruption_errors import corruption_score
-        >>> errors = CorruptionErrors(0.1, {"fog": (0.2, 0.4)})
-        >>> corruption_score(errors, CorruptionBaseline.of_model("mine", "run 12", errors)).mean_ce
-        1.0
-        """
-        return cls(name, source, errors.clean, dict(errors.severities))
 
 
 #: AlexNet of the push-pull paper on CIFAR-10-C, 19 corruptions
@@ -200,65 +170,6 @@ ALEXNET_IMAGENET_C = CorruptionBaseline(
         "jpeg_compression": (0.606500,),
     },
 )
-
-EXAMPLE = '{"name": "my AlexNet", "source": "run 12", "clean": 0.14, "errors": {"fog": [0.2, 0.25, 0.3, 0.35, 0.5]}}'
-
-
-def write_baseline(path: Path, baseline: CorruptionBaseline) -> None:
-    """Write ``baseline`` as the JSON that :func:`read_baseline` reads.
-
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     write_baseline(Path(folder, "a.json"), ALEXNET_CIFAR10_C)
-    ...     read_baseline(Path(folder, "a.json")) == ALEXNET_CIFAR10_C
-    True
-    """
-    content = {
-        "name": baseline.name,
-        "source": baseline.source,
-        "clean": baseline.clean,
-        "errors": {name: list(errors) for name, errors in baseline.errors.items()},
-    }
-    write_json(path, content)
-
-
-def read_baseline(path: Path) -> CorruptionBaseline:
-    """Read a baseline from JSON with ``name``, ``source``, ``clean`` and ``errors`` (by corruption, a list or a mean).
-
-    Raises:
-        UserError: the file cannot be read, or a value is missing or not a share in [0, 1].
-
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     _ = (file := Path(folder, "a.json")).write_text(EXAMPLE)
-    ...     read_baseline(file).errors
-    {'fog': (0.2, 0.25, 0.3, 0.35, 0.5)}
-    """
-    fix = f"Write it like this:\n{EXAMPLE}"
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UserError(f"the baseline {path} cannot be read: {error.strerror}", fix) from error
-    except ValueError as error:
-        raise UserError(f"the baseline {path} is not JSON: {error}", fix) from error
-    if not isinstance(content, dict) or not isinstance(content.get("errors"), dict) or not content["errors"]:
-        raise UserError(f"the baseline {path} has no errors by corruption", fix)
-    errors = {name: _shares(path, f"errors.{name}", value) for name, value in content["errors"].items()}
-    clean = _share(path, "clean", content.get("clean"))
-    return CorruptionBaseline(str(content.get("name", path.stem)), str(content.get("source", path.name)), clean, errors)
-
-
-def _shares(path: Path, key: str, value: Any) -> tuple[float, ...]:
-    return tuple(_share(path, key, number) for number in (value if isinstance(value, list) and value else [value]))
-
-
-def _share(path: Path, key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
-        raise UserError(
-            f"{key} in the baseline {path} is {json.dumps(value)}, but errors are shares in [0, 1]",
-            "Divide percentages by 100.",
-        )
-    return float(value)
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,6 @@ from sextant.evaluation.corruption_errors import (
     CorruptionErrors,
     CorruptionScore,
     corruption_score,
-    error_rate,
-    read_baseline,
-    write_baseline,
 )
 from sextant.evaluation.flips import flip_probability, mean_flip_probability
 from sextant.evaluation.paired import PairedDifference, holm, mean_interval, paired_difference
@@ -53,7 +50,6 @@ __all__ = [
     "classification_converged",
     "corruption_differences",
     "corruption_score",
-    "error_rate",
     "flip_probability",
     "global_localization",
     "holm",
@@ -65,11 +61,9 @@ __all__ = [
     "particle_nll",
     "particles_needed",
     "posterior_calibration",
-    "read_baseline",
     "recovery_after",
     "relative_errors",
     "share_interval",
     "share_interval_of",
     "stratified_difference",
-    "write_baseline",
 ]

@@ -31,7 +31,7 @@ from sextant.chapters.localization.data.pose_times import SECOND, epoch_ns
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError, problem_list
 from sextant.tables import counted
-from sextant.user_files import TextTable, read_table, table_header
+from sextant.user_files import TextTable, read_table
 
 Recorded = Literal["euroc", "robotcar", "nclt"]
 RECORDED: tuple[Recorded, ...] = ("euroc", "robotcar", "nclt")
@@ -72,11 +72,6 @@ def recorded_format(header: Sequence[str]) -> Recorded | None:
 
 def _plain(header: Sequence[str]) -> list[str]:
     return [name.partition("[")[0].strip().lower() for name in header]  # without units
-
-
-def is_recorded(path: Path) -> bool:
-    """Whether a file has poses in one of these formats."""
-    return recorded_format(table_header(path)) is not None
 
 
 def read_recorded(
