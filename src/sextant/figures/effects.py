@@ -120,7 +120,7 @@ def effect_map(
 
 #: costs that are marked on the axis
 TICKS = (1, 1.5, 2, 3, 4, 5, 6, 8, 10, 15, 20)
-#: ratio of costs below which the names of two variants would overlap
+#: ratio of costs below which the names of two variants would overlap: the higher one's stands above both bars
 NEAR = 1.2
 
 
@@ -180,6 +180,15 @@ def error_against_cost(
     return figure
 
 
+def _ends(point: CostPoint) -> tuple[float, float]:
+    low, high = (end if end == end else point.value for end in (point.low, point.high))
+    return low, high
+
+
+def _ratio(one: float, other: float) -> float:
+    return max(one, other) / min(one, other)
+
+
 def _draw(axes: Axes, points: Sequence[CostPoint], colour: str) -> None:
     plain(axes)
     axes.set_xscale("log")
@@ -187,7 +196,7 @@ def _draw(axes: Axes, points: Sequence[CostPoint], colour: str) -> None:
     for number, point in enumerate(points):
         if number == 0:
             axes.axhline(point.value, color="0.5", linestyle="--", linewidth=0.9)
-        low, high = (end if end == end else point.value for end in (point.low, point.high))
+        low, high = _ends(point)
         axes.errorbar(
             point.cost,
             point.value,
@@ -197,10 +206,12 @@ def _draw(axes: Axes, points: Sequence[CostPoint], colour: str) -> None:
             markerfacecolor=colour if point.certain else "white",
             capsize=3,
         )
-        above = number == 0 or point.cost / points[number - 1].cost > NEAR  # else below the bar
+        beside = [other for other in points if other is not point and _ratio(other.cost, point.cost) <= NEAR]
+        above = not any(other.value > point.value for other in beside)
+        highest, lowest = (pick(e for p in (point, *beside) for e in _ends(p)) for pick in (max, min))
         axes.annotate(
             point.name.replace("_", " "),
-            (point.cost, high if above else low),
+            (point.cost, highest if above else lowest),
             (0, 3 if above else -3),
             textcoords="offset points",
             ha="center",
