@@ -202,7 +202,7 @@ class GravityBelief(Term):
 
 @dataclass(frozen=True)
 class PhotoPrior(Term):
-    """The image-independent prior on the camera of a photo: about level, common lenses, mostly undistorted.
+    """The image-independent prior on the camera of a photo: about level, common lenses, often undistorted.
 
     It was chosen by hand to be wide: lenses of 16 to 65 mm (35-mm equivalent) are within two standard deviations, and
     the tails are Student's. The median, 32 mm, lies between those of phones (27 to 30) and of cameras (35 to 38). 31 mm
