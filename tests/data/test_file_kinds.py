@@ -161,11 +161,13 @@ def test_photos_without_suffixes_are_left_out_and_named(tmp_path, caplog):
     assert [path.name for path in find_photos(str(tmp_path), None)] == ["seen.jpg"]
     (said,) = caplog.messages
     assert said.endswith("left out 3 files, such as IMG_1, by its content a photo, whose name has no suffix: add .jpg "
-                         "or another")  # fmt: skip
+                         "or another suffix")  # fmt: skip
     assert [path.name for path in images_below(tmp_path)] == ["seen.jpg"]
     assert "3 files left out, such as IMG_1, by its content a photo" in caplog.messages[-1]
     (tmp_path / "seen.jpg").unlink()
-    with pytest.raises(UserError, match=r"no photo there, but 3 files, such as IMG_1: add \.jpg"):
+    with pytest.raises(
+        UserError, match=r"but 3 files, such as IMG_1, by its content a photo, whose name has no suffix: add \.jpg"
+    ):
         find_photos(str(tmp_path), None)
 
 

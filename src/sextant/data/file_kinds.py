@@ -12,7 +12,7 @@ RAW = (
     ".raw", ".pef", ".ptx", ".x3f", ".mrw", ".dcr", ".kdc", ".erf", ".mef", ".mos", ".3fr", ".fff", ".iiq", ".gpr",
 )  # fmt: skip
 HEIC = (".heic", ".heif", ".hif")
-NAMELESS, RENAME = ", by its content a photo, whose name has no suffix", "add .jpg or another"
+NAMELESS, RENAME = ", by its content a photo, whose name has no suffix", "add .jpg or another suffix"
 DEVELOP = "develop it to JPEG, or to PNG or TIFF of 16 bits, with darktable, RawTherapee or dcraw"
 RAW_FILE = "is a raw file{}, which is not decoded here: " + DEVELOP
 VIDEO = "is a video, not a photo: sextant predict calibrates one that ends in .mp4, .mov or .avi; or save its frames"

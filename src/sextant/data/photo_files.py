@@ -184,12 +184,15 @@ def _others(candidates: Sequence[Path]) -> list[tuple[str, str, str]]:
     """Files that would be photos if they were developed, cut or named: which, why they are none, and what to do."""
     files = sorted(p for p in candidates if p.suffix.lower() not in FOUND_IN_FOLDERS and p.is_file())
     kinds = (
-        ("raw file", ", which are not developed here", DEVELOP, lambda path: path.suffix.lower() in RAW),
-        ("video", "", ALONE, lambda path: path.suffix.lower() in VIDEOS),
-        ("file", NAMELESS, RENAME, is_nameless_picture),
+        ("raw file", "", ", which are not developed here", DEVELOP, lambda path: path.suffix.lower() in RAW),
+        ("video", "", "", ALONE, lambda path: path.suffix.lower() in VIDEOS),
+        ("file", NAMELESS, "", RENAME, is_nameless_picture),
     )
-    some = [(kind, why, fix, [path for path in files if belongs(path)]) for kind, why, fix, belongs in kinds]
-    return [(f"{counted(len(of), kind)}, such as {of[0].name}", why, fix) for kind, why, fix, of in some if of]
+    found = []
+    for kind, what, why, fix, belongs in kinds:
+        if of := [path for path in files if belongs(path)]:
+            found.append((f"{counted(len(of), kind)}, such as {of[0].name}{what}", why, fix))
+    return found
 
 
 def _matching(pattern: Path) -> tuple[list[Path], list[Path]]:
@@ -221,12 +224,13 @@ def _is_written(photo: Path, written: Path, given: Path) -> bool:
 LONGEST = 200
 
 
-def file_stems(paths: Sequence[Path], reserved: Sequence[str] = ()) -> list[str]:
+def file_stems(paths: Sequence[Path], reserved: Sequence[str] = (), derived: str = "") -> list[str]:
     """A name for each photo's files: its own without suffix; with suffix, folder or a number if that is taken.
 
     Args:
         paths: the photos.
         reserved: names of other files that are written there, without suffix.
+        derived: ending of further names that are made of a stem.
     """
     taken = {name.lower() for name in reserved}
     stems = []
@@ -234,7 +238,8 @@ def file_stems(paths: Sequence[Path], reserved: Sequence[str] = ()) -> list[str]
         own, folder = (os.fsencode(name)[:LONGEST].decode(errors="ignore") for name in (path.stem, path.parent.name))
         wished = [own, f"{own}_{path.suffix[1:]}"[:LONGEST], f"{folder}_{own}"[:LONGEST]]
         numbered = (f"{own}_{i}" for i in range(2, len(paths) + 2))
-        stem = next(name for name in (*wished, *numbered) if name.lower() not in taken)
-        taken.add(stem.lower())  # file systems may be case-insensitive
+        free = (name for name in (*wished, *numbered) if not {name.lower(), f"{name}{derived}".lower()} & taken)
+        stem = next(free)
+        taken |= {stem.lower(), f"{stem}{derived}".lower()}  # file systems may be case-insensitive
         stems.append(stem)
     return stems

@@ -120,7 +120,7 @@ def effect_map(
 
 #: costs that are marked on the axis
 TICKS = (1, 1.5, 2, 3, 4, 5, 6, 8, 10, 15, 20)
-#: ratio of costs below which the names of two variants would overlap: the higher one's stands above both bars
+#: ratio of costs below which names of variants would overlap: the highest one's stands above their bars, others below
 NEAR = 1.2
 
 
@@ -206,16 +206,16 @@ def _draw(axes: Axes, points: Sequence[CostPoint], colour: str) -> None:
             markerfacecolor=colour if point.certain else "white",
             capsize=3,
         )
-        beside = [other for other in points if other is not point and _ratio(other.cost, point.cost) <= NEAR]
-        above = not any(other.value > point.value for other in beside)
-        highest, lowest = (pick(e for p in (point, *beside) for e in _ends(p)) for pick in (max, min))
+        alike = sorted((p for p in points if _ratio(p.cost, point.cost) <= NEAR), key=lambda p: -p.value)
+        place = alike.index(point)
+        highest, lowest = (pick(end for p in alike for end in _ends(p)) for pick in (max, min))
         axes.annotate(
             point.name.replace("_", " "),
-            (point.cost, highest if above else lowest),
-            (0, 3 if above else -3),
+            (point.cost, lowest if place else highest),
+            (0, 7 - 10 * place if place else 3),
             textcoords="offset points",
             ha="center",
-            va="bottom" if above else "top",
+            va="top" if place else "bottom",
             fontsize=8,
         )
     most = max((point.cost for point in points), default=1.0)

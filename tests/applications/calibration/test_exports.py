@@ -177,9 +177,9 @@ def test_a_photo_named_as_the_export_of_another_has_files_of_its_own(tmp_path):
     paths = [photo(tmp_path / "in" / f"{name}.png") for name in ("x_FSPY", "x", "y_fspy")]
     out = tmp_path / "out"
     calibrate(paths, out, exports=("fspy",))
-    own = [json.loads((out / f"{name}.json").read_text())["file"] for name in ("x_FSPY_png", "x", "y_fspy")]
+    own = [json.loads((out / f"{name}.json").read_text())["file"] for name in ("x_FSPY", "x_png", "y_fspy")]
     assert own == [str(path) for path in paths]
-    assert "cameraTransform" in json.loads((out / "x_fspy.json").read_text())
+    assert "cameraTransform" in json.loads((out / "x_png_fspy.json").read_text())
     assert len(list(out.glob("*.fspy"))) == 3
 
 

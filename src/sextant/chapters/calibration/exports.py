@@ -203,8 +203,7 @@ def write_exports(
 
 def photo_stems(cameras: Sequence[PhotoCamera]) -> list[str]:
     """The beginning of the names of each photo's files, which no file of another photo or of all has."""
-    paths = [Path(camera.name) for camera in cameras]
-    return file_stems(paths, [*COLLECTED, *(f"{path.stem}_fspy" for path in paths)])  # x_fspy.json is of x.jpg
+    return file_stems([Path(camera.name) for camera in cameras], COLLECTED, "_fspy")
 
 
 def _contents(

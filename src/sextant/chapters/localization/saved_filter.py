@@ -1,4 +1,4 @@
-"""The default kernel and filter of a map; a filter's settings as plain values and back: files name only our classes."""
+"""The default kernel and filter of a map, and a filter's settings as plain values; of Sextant's classes alone."""
 
 import math
 from collections.abc import Mapping
