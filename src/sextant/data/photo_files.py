@@ -175,8 +175,8 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
             "Give a photo, a folder or a pattern such as 'photos/*.jpg'. "
             f"Photos end in {', '.join(FOUND_IN_FOLDERS[:-2])}",
         )
-    for which, relative, fix in others:
-        log.warning("%s=%s: left out %s%s: %s", key, given, which, relative, fix)
+    for which, why, fix in others:
+        log.warning("%s=%s: left out %s%s: %s", key, given, which, why, fix)
     return found
 
 
