@@ -8,7 +8,9 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from sextant.baselines import Hog, PatchNormalised, Pixels, WhitenedPCA, grey_images
-from sextant.evaluation.retrieval import recall_name, recall_within_frames
+from sextant.evaluation.positives import Positives
+from sextant.evaluation.retrieval import RetrievalProtocol, recall
+from sextant.retrieval.nearest import Similarity, nearest_neighbours
 
 ALONG_TRACK_LAGS = (1, 2, 5, 10, 50)
 CROSS_LAGS = (0, 1)
@@ -124,21 +126,39 @@ def place_statistics(
         "hog": Hog(height, width),
         "whitened_pca": whitened,
     }
-    recall = {}
+    recalled = {}
     for name, kind in kinds.items():
         kind.fit(reference)
         places, views = kind.describe(reference), kind.describe(query)
-        recall[f"{recall_name(tolerance)} {name}"] = recall_within_frames(places, views, tolerance, kind.similarity)
+        key = f"{RetrievalProtocol(tolerance).name('R@1')} {name}"
+        recalled[key] = recall_within_frames(places, views, tolerance, kind.similarity)
     places, views = whitened.describe(reference), whitened.describe(query)
     return PlaceStatistics(
         frames=len(reference),
         along_track={lag: _mean_product(places, places, lag) for lag in ALONG_TRACK_LAGS},
         cross_condition=cross_condition(places, views),
         residual=residual_statistics(views - places),
-        recall=recall,
+        recall=recalled,
         reference_images=image_statistics(reference, height, width),
         query_images=image_statistics(query, height, width),
     )
+
+
+def recall_within_frames(
+    reference: Float32[ndarray, "n d"],
+    query: Float32[ndarray, "n d"],
+    tolerance: int = 1,
+    similarity: Similarity = "cosine",
+) -> float:
+    """Recall@1 over all queries of aligned traverses; chance is about ``(2 tolerance + 1) / n``.
+
+    >>> ride = np.eye(4, dtype=np.float32)
+    >>> recall_within_frames(ride, np.roll(ride, 1, axis=1))  # each looks like the next, the last like the first
+    0.75
+    """
+    frames = np.arange(len(query))
+    nearest = nearest_neighbours(reference, query, 1, similarity)
+    return recall(nearest, Positives.within_frames(frames, frames, tolerance), (1,)).over_all[1]
 
 
 def cross_condition(

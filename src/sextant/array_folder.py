@@ -5,7 +5,6 @@ The header is a JSON file that is written last, so an interrupted write leaves a
 older headers lack the latter.
 """
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy import ndarray
 
-from sextant.atomic_files import read_json, seal_holds, write_sealed_json
+from sextant.atomic_files import hash_file, read_json, seal_holds, write_sealed_json
 from sextant.errors import UserError
 
 
@@ -95,7 +94,7 @@ class FolderFormat:
         try:
             if size is not None and path.stat().st_size != size:
                 raise self.damaged(folder, f"{path} has {path.stat().st_size} bytes; {size} were written")
-            if sha256 is not None and file_sha256(path) != sha256:  # before any of its content is interpreted
+            if sha256 is not None and hash_file(path) != sha256:  # before any of its content is interpreted
                 raise self.damaged(folder, f"{path} is not the file that {self.header} was written for")
             return np.asanyarray(np.load(path, mmap_mode=mapped, allow_pickle=False))
         except (OSError, ValueError, TypeError, EOFError) as error:
@@ -106,13 +105,3 @@ class FolderFormat:
         return UserError(
             f"the {self.noun} in {folder} is damaged: {how}", "Rebuild it from its images, or copy it again."
         )
-
-
-def file_sha256(path: Path) -> str:
-    """Hash a file, reading it in pieces.
-
-    Raises:
-        OSError: it cannot be read.
-    """
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -92,13 +92,22 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def hash_file(path: Path) -> str:
+    """SHA-256 of a file, read in pieces.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file, cached as long as its size and modification time stay the same."""
+    """:func:`hash_file`, cached as long as the file's size and modification time stay the same."""
     status = path.stat()
     return _file_sha256(path, status.st_size, status.st_mtime_ns)
 
 
 @lru_cache(maxsize=2**20)
 def _file_sha256(path: Path, size: int, mtime_ns: int) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return hash_file(path)

@@ -7,8 +7,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy import ndarray
 
-from sextant.array_folder import file_sha256
-from sextant.atomic_files import write_atomically
+from sextant.atomic_files import hash_file, write_atomically
 
 
 def open_kept(path: Path, shape: tuple[int | None, ...], dtype: type[np.generic]) -> ndarray | None:
@@ -30,7 +29,7 @@ def open_kept(path: Path, shape: tuple[int | None, ...], dtype: type[np.generic]
         if any(want is not None and want != have for want, have in zip(shape, found.shape, strict=True)):
             return None
         seal = _seal(path)
-        return found if not seal.is_file() or seal.read_text().strip() == file_sha256(path) else None
+        return found if not seal.is_file() or seal.read_text().strip() == hash_file(path) else None
     except (OSError, ValueError, EOFError):
         return None
 
@@ -43,7 +42,7 @@ def keep_array(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """
     _seal(path).unlink(missing_ok=True)  # a kill in between leaves a complete file without a hash
     write_atomically(path, write)
-    digest = file_sha256(path)
+    digest = hash_file(path)
     write_atomically(_seal(path), lambda file: file.write(f"{digest}\n".encode()))
 
 

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,6 +30,15 @@ def test_a_flat_image_stays_flat_at_any_size(value, height, width):
 def test_one_channel_is_three_equal_ones():
     images = noise(2, 8, 8, 1)
     np.testing.assert_allclose(grey_images(images, 4, 6), grey_images(images.repeat(3, 3), 4, 6), atol=1e-6)
+
+
+def test_large_images_are_grey_one_at_a_time():
+    images = noise(40, 300, 400, 3)
+    tracemalloc.start()
+    grey_images(images, 8, 8)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < images.nbytes  # in float32 they are four times that
 
 
 def test_shrinking_keeps_the_mean():

@@ -4,6 +4,7 @@ from sklearn.exceptions import NotFittedError
 
 from sextant.baselines import Pixels, WhitenedPCA
 from sextant.baselines.place_descriptors import unit_norm
+from sextant.chapters.places.descriptors import BaselineDescriber
 
 
 @pytest.fixture
@@ -55,3 +56,14 @@ def test_one_image_is_refused(images):
 def test_it_must_be_fitted_first(images):
     with pytest.raises(NotFittedError, match="fit was not called"):
         WhitenedPCA().describe(images)
+
+
+@pytest.mark.parametrize(("most", "shown"), [(10_000, 10_000), (11_000, 11_000), (10, 10_000), (20_000, 12_000)])
+def test_of_a_large_map_as_many_images_are_shown_as_it_asks_for(most, shown):
+    class Counting(WhitenedPCA):
+        def fit(self, images):
+            self.shown = images[:, 0, 0, 0]
+
+    descriptor = Counting(most_images=most)
+    BaselineDescriber(descriptor, "counting").fit(np.arange(12_000).reshape(-1, 1, 1, 1))
+    assert len(np.unique(descriptor.shown)) == shown

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
+from sextant import cli
 from sextant.console.arguments import SPLIT, Options, parse_arguments
 from sextant.console.console import print_mistake
 from sextant.errors import UserError
@@ -82,3 +83,10 @@ def test_a_key_that_is_given_twice_is_refused():
 def test_what_stands_between_colons_is_shown_as_it_is(capsys):
     print_mistake(UserError("input=camera:x: a camera has a number", "map=zoo:office: for example"))
     assert capsys.readouterr().err == "Error: input=camera:x: a camera has a number\nmap=zoo:office: for example\n"
+
+
+def test_a_user_who_is_not_known_is_one_message(capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.run("inspect", ["~no such user/photos"])
+    assert ended.value.code == 2
+    assert "a path begins with ~ and no folder of such a user is known" in capsys.readouterr().err

@@ -149,7 +149,7 @@ def test_a_dataset_without_poses(told, tmp_path):
 def test_drives_that_are_nowhere_near_the_map(folder, told):
     change(folder, "run", "poses", replaced(",0,0", ",900,0"))
     said = told(arguments(folder))
-    assert "no image of the validation drives is within 0.5 m and 10.0 degrees of a map image" in said
+    assert "no image of the validation drives is within 0.5 m and 10 degrees of a map image" in said
     assert "Check that map and drives are in the same frame" in said
 
 

@@ -299,6 +299,35 @@ def test_a_table_of_true_poses_is_not_replaced(office, tmp_path):
         assert len(run(office, tmp_path / "1.png", tmp_path / "found")) == 1
 
 
+@pytest.mark.parametrize(
+    ("mine", "more"),
+    [
+        ("trajectory.tum", ()),
+        ("trajectory.tum", ("odometry={}",)),
+        ("smoothed.tum", ("smooth=true",)),
+        ("poses.csv", ("odometry={}",)),
+    ],
+)
+def test_trajectories_of_the_user_are_not_replaced(office, tmp_path, mine, more):
+    Image.fromarray(office.images[0]).save(tmp_path / "1.png")
+    own = tmp_path / mine
+    own.write_text("x,y,theta\n0,0,0\n")
+    given = [each.format(own) for each in more]
+    with pytest.raises(UserError, match=f"{mine} (was not written|is a file that output=)") as error:
+        run(office, tmp_path / "1.png", tmp_path, *given)
+    assert "odometry=" not in "".join(more) or error.value.problem.startswith(f"odometry={own}")
+    assert own.read_text() == "x,y,theta\n0,0,0\n"
+
+
+def test_odometry_is_not_replaced_even_where_a_localizer_wrote_before(office, tmp_path):
+    Image.fromarray(office.images[0]).save(tmp_path / "1.png")
+    found = tmp_path / "found"
+    run(office, tmp_path / "1.png", found)
+    with pytest.raises(UserError, match="is a file that output="):
+        run(office, tmp_path / "1.png", found, f"odometry={found / 'trajectory.tum'}")
+    run(office, tmp_path / "1.png", tmp_path / "again", f"odometry={found / 'trajectory.tum'}")
+
+
 def test_a_run_is_given_as_the_map(office):
     with pytest.raises(UserError, match="run=zoo:office: give the run as the map"):
         localize.main(["run=zoo:office", f"input={office.folder}"])

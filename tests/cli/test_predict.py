@@ -70,9 +70,9 @@ def test_help_has_every_key_in_one_column_and_its_meaning_in_another(capsys):
 
 
 @pytest.fixture
-def classifier(tmp_path, monkeypatch):
+def classifier(tmp_path, monkeypatch, request):
     """A run of classification whose model says that everything is a cat."""
-    spec = {"channels": 3, "height": 16, "width": 16, "classes": ["cat", "dog"]}
+    spec = {"channels": 3, "height": getattr(request, "param", 16), "width": 16, "classes": ["cat", "dog"]}
     content = {KEY: {"task": "classification", "spec": spec}}
     monkeypatch.setattr(handler, "resolve_run", lambda *_: FoundRun(tmp_path / "last.ckpt", None))
     monkeypatch.setattr("sextant.kit.trained.read_trained", lambda path: content)
@@ -83,6 +83,7 @@ def classifier(tmp_path, monkeypatch):
     monkeypatch.setattr(f"{module}.draw", lambda *_: None)
 
 
+@pytest.mark.parametrize("classifier", [16, 24], indirect=True)
 def test_classes_are_written(tmp_path, picture, classifier, capsys):
     out = tmp_path / "out"
     predict.main(["run=x", f"input={picture}", f"output={out}"])

@@ -2,15 +2,19 @@
 
 import csv
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 from tiny_digits import arrays, usual_run
 
+from sextant.chapters.cosfire import serving
 from sextant.cli import predict
 from sextant.data.digits import Digits
 from sextant.errors import UserError
+from sextant.runs.checkpoint import KEY
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +58,29 @@ def test_an_image_alone_has_the_scores_that_it_has_among_others(usual, photos, t
         rows = json.loads((tmp_path / str(number) / "predictions.json").read_text())
         found.append(next(row for row in rows if row["file"].endswith("05.png")))
     np.testing.assert_allclose(*(list(row["scores"].values()) for row in found), atol=1e-5)
+
+
+def test_photos_are_served_at_the_size_of_the_run(tmp_path, monkeypatch):
+    wide = np.zeros((30, 60, 3), np.uint8)
+    wide[:, 50:] = 255
+    Image.fromarray(wide).save(tmp_path / "wide.png")
+    seen = []
+
+    def first_scores(images):
+        seen.append(images)
+        return torch.tensor([[-1.0, 0.5]])
+
+    model = SimpleNamespace(estimator=SimpleNamespace(first_scores=first_scores))
+    monkeypatch.setattr(serving, "own_config", lambda *_, **__: None)
+    monkeypatch.setattr("sextant.kit.trained.model_from_checkpoint", lambda *_: model)
+    spec = {"channels": 1, "height": 4, "width": 8, "classes": ["left", "right"]}
+    predictor = serving.photo_predictor({KEY: {"spec": spec}}, tmp_path / "last.ckpt", trust=False)
+    found, failed = predictor.predict([tmp_path / "wide.png", tmp_path / "gone.png"])
+    assert (found["label"], found["score"], found["error"]) == ("right", 0.5, "")
+    assert (failed["label"], "gone.png" in failed["error"]) == (None, True)
+    assert (seen[0].shape, seen[0].dtype) == ((1, 1, 4, 8), torch.uint8)
+    assert seen[0][..., 7].min() > 200
+    assert seen[0][..., :5].max() < 50
 
 
 @pytest.mark.parametrize("key", ["undistort=all", "sequence=3", "odometry=file.csv"])

@@ -115,6 +115,15 @@ def test_pairs_for_colmap_are_named_below_the_folder_around_both(rides, tmp_path
     assert len(lines) == 12
 
 
+@pytest.mark.parametrize("of", ["day", "night"])
+def test_a_name_that_pairs_for_colmap_cannot_hold_is_told_before_the_work(rides, tmp_path, of):
+    (tmp_path / of / "003.png").rename(tmp_path / of / "3 again.png")
+    with pytest.raises(UserError, match=f"'{of}/3 again.png' has a space"):
+        look_up(*rides, tmp_path / "out", colmap="true")
+    assert not (tmp_path / "out").exists()
+    assert look_up(*rides, tmp_path / "out")[0]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("centring", ["running", "all"])
 def test_the_mean_of_a_ride_is_taken_away(rides, tmp_path, centring):

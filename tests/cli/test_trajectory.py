@@ -45,6 +45,16 @@ def test_that_most_poses_have_no_partner_is_said(files, capsys):
     assert "no counterpart" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("form", ["tum", "table"])
+def test_a_trajectory_equals_itself(files, tmp_path, capsys, form):
+    if form == "table":
+        (tmp_path / "poses.csv").write_text("file,x,y,heading\na.png,0,0,0\nb.png,1,0,90\n")
+    given = files[0] if form == "tum" else str(tmp_path / "poses.csv")
+    numbers = tmp_path / "errors.json"
+    run("trajectory", [given, given, f"json={numbers}"])
+    assert json.loads(numbers.read_text())["absolute_m"]["none"]["max"] == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

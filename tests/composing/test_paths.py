@@ -66,19 +66,33 @@ def test_own_config_files_are_found_in_folders_of_odd_names(tmp_path):
 def test_every_key_of_a_config_file_that_names_a_path_is_known():
     """``run`` and ``network`` name runs, by their directories too; ``photo`` and ``streets`` files."""
     names = {key.rpartition(".")[2] for key in PATHS}
-    groups = {"dataset", "corruption", "descriptor", "features", "backbone"}
+    groups = {"dataset", "corruption", "descriptor", "features", "backbone", "local"}
     files = [path for path in conf_dir().glob("*/*.yaml") if path.parent.name in groups]
     keys = {f"{path.parent.name}.{key}" for path in files for key in read_config_file(path)}
-    assert {key for key in keys if key.rpartition(".")[2] in names - {"weights"}} - {"features.network"} <= set(PATHS)
+    assert {key for key in keys if key.rpartition(".")[2] in names} - {"features.network"} <= set(PATHS)
+
+
+@pytest.mark.parametrize("key", ["local.weights", "dataset.sources.real.folder"])
+def test_a_path_of_any_characters_may_be_given(key):
+    folder = "~/café [1]"
+    found = to_plain(compose(["task=place_recognition", "local=aliked", f"local.weights={folder}"]))
+    if key.startswith("dataset"):
+        found = to_plain(compose(["task=calibration", "dataset=panorama_mix", f"{key}={folder}"]))
+    value = found
+    for part in key.split("."):
+        value = value[part]
+    assert value == folder
 
 
 def test_a_stored_run_finds_the_files_it_was_given_from_any_folder(tmp_path):
     (tmp_path / "photos").mkdir()
+    (tmp_path / "imagenet").mkdir()
     (tmp_path / "weights.pth").touch()
     stored = {
         "dataset": {"folder": "photos", "size": 32},
         "task": {"off_the_shelf": {"weights": "weights.pth"}},
         "corruption": {"folder": str(tmp_path)},
+        "backbone": {"weights": "imagenet"},
         "descriptor": {"folder": "nowhere", "run": None, "photo": "~/x"},
         "paths": {"here": str(tmp_path), "outputs": "photos"},
         "init_from": None,
@@ -86,9 +100,8 @@ def test_a_stored_run_finds_the_files_it_was_given_from_any_folder(tmp_path):
     found = from_where_it_ran(stored)
     assert found["dataset"] == {"folder": str(tmp_path / "photos"), "size": 32}
     assert found["task"]["off_the_shelf"]["weights"] == str(tmp_path / "weights.pth")
-    assert {key: found[key] for key in ("corruption", "descriptor", "paths")} == {
-        key: stored[key] for key in ("corruption", "descriptor", "paths")
-    }
+    unchanged = ("corruption", "descriptor", "backbone", "paths")
+    assert {key: found[key] for key in unchanged} == {key: stored[key] for key in unchanged}
     assert stored["dataset"]["folder"] == "photos"
     assert from_where_it_ran({**stored, "paths": {}}) == {**stored, "paths": {}}
 

@@ -6,7 +6,8 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 pytest.importorskip("poselib")
-from sextant.correspondence import Pinhole, absolute_pose, relative_pose, triangulate
+from sextant.correspondence import Pinhole, absolute_pose, triangulate
+from sextant.correspondence.pinhole import cross_matrices, sampson_errors
 from sextant.errors import ArgumentError
 
 CAMERA = Pinhole.centred(640, 480, 520.0)
@@ -91,23 +92,14 @@ def test_points_are_triangulated_with_their_uncertainty():
     np.testing.assert_allclose(exact.points, points, atol=1e-6)
 
 
-def test_the_relative_pose_of_known_cameras_is_found():
-    rng = np.random.default_rng(0)
-    _, _, inside = scene(rng, 200)
-    turn = Rotation.from_rotvec([0.05, 0.25, 0.02]).as_matrix()
-    second = inside @ turn.T + [-1.2, 0.1, 0.2]
-    one, two = (CAMERA.project(each) + rng.normal(scale=0.4, size=(200, 2)) for each in (inside, second))
-    known = relative_pose(one, two, (CAMERA, CAMERA))
-    assert not known.only_rotation
-    np.testing.assert_allclose(known.second_from_first[:3, :3], turn, atol=0.02)
-
-
-def test_a_camera_that_only_turns_is_reported():
-    rng = np.random.default_rng(0)
-    _, _, inside = scene(rng, 200)
-    turned = inside @ Rotation.from_rotvec([0.0, 0.2, 0.0]).as_matrix().T
-    one, two = (CAMERA.project(each) + rng.normal(scale=0.3, size=(200, 2)) for each in (inside, turned))
-    assert relative_pose(one, two, (CAMERA, CAMERA)).only_rotation
+def test_errors_of_matches_are_distances_from_their_epipolar_lines():
+    """By a sideways motion these are rows: a second pixel d below its row is d / sqrt(2) from agreeing, both moved."""
+    _, _, inside = scene(np.random.default_rng(0), 50)
+    one, two = (CAMERA.rays(CAMERA.project(each))[:, :2] for each in (inside, inside - [0.3, 0, 0]))
+    essential = cross_matrices(np.array([[-1.0, 0, 0]]))[0]
+    np.testing.assert_allclose(sampson_errors(one, two, essential), 0, atol=1e-12)
+    off = sampson_errors(one, np.add(two, [0, 0.01]), essential)
+    np.testing.assert_allclose(np.abs(off), 0.01 / np.sqrt(2), rtol=1e-9)
 
 
 @pytest.mark.parametrize(("key", "value"), [("fx", 0.0), ("width", 0), ("cx", np.nan)])

@@ -164,7 +164,7 @@ def test_aliked_and_lightglue_are_kornias_modules_with_the_weights_of_the_files(
     names = []
     for (name, _), state in ((aliked_features.DETECTOR, detector.state_dict()), (aliked_features.MATCHER, published)):
         torch.save(state, tmp_path / name)
-        names.append((name, aliked_features.file_sha256(tmp_path / name)))
+        names.append((name, aliked_features.hash_file(tmp_path / name)))
     monkeypatch.setattr(aliked_features, "DETECTOR", names[0])
     monkeypatch.setattr(aliked_features, "MATCHER", names[1])
     features = AlikedFeatures(tmp_path, keypoints=64, side=128)

@@ -5,7 +5,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 pytest.importorskip("poselib")
-from sextant.correspondence import LocalFeatures, Pinhole, XFeatures, distinct_matches, shared_focal_length
+from sextant.correspondence import (
+    LocalFeatures,
+    Pinhole,
+    XFeatures,
+    distinct_matches,
+    shared_focal,
+    shared_focal_length,
+)
 from sextant.correspondence.bundle import Scene, Tracks, _slopes, errors, fitted
 from sextant.errors import ArgumentError
 
@@ -86,6 +93,13 @@ def test_a_camera_that_did_not_turn_or_only_about_its_axis_tells_nothing(angles,
     found = shared_focal_length(photos(rng, turns, points(rng) * [1, 1, 0.5] + [0, 0, 6], noise=noise))
     assert (found.verdict, found.focal_sigma) == ("undetermined", None)
     assert found.interval_px[0] < 400 < 1500 < found.interval_px[1]
+
+
+def test_matches_too_few_to_judge_turns_by_are_judged_by_poses(monkeypatch):
+    monkeypatch.setattr(shared_focal, "MATCHES", 25)
+    rng = np.random.default_rng(0)
+    found = shared_focal_length(photos(rng, around(2), points(rng), noise=0.0))
+    assert (found.verdict, found.turned) in {("unchecked", False), ("undetermined", False)}
 
 
 @pytest.mark.parametrize("wrong", [None, ["a.jpg", "b.jpg"], "ab"])

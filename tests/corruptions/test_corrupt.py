@@ -93,7 +93,7 @@ def test_an_unknown_severity_is_told(severity):
 
 
 def test_an_unknown_set_or_mode_is_told():
-    with pytest.raises(UserError, match="set='cifar' is not known"):
+    with pytest.raises(UserError, match="set=cifar is not known"):
         corrupt(PHOTOS[0], "fog", 1, set="cifar")
     with pytest.raises(UserError, match="mode=right is not known"):
         corrupt(PHOTOS[0], "fog", 1, mode="right")

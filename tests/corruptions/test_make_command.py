@@ -66,6 +66,14 @@ def test_whole_files_are_kept_and_damaged_ones_made_again(make, tmp_path):
     assert "made 0 corruptions kept 2" in make()[1]
 
 
+def test_labels_fit_the_file_with_most_severities_whichever_call_made_it(make, tmp_path):
+    labels = f"labels={tmp_path / 'labels.npy'}"
+    assert make(labels, "names=fog", "severities=2,4,5")[0] == 0
+    status, said = make(labels, "names=contrast", "severities=3")
+    assert (status, "labels.npy is for 3 severities" in said) == (0, True)
+    assert np.load(tmp_path / "out" / "labels.npy").tolist() == list(range(12)) * 3
+
+
 def test_severities_seed_and_mode_are_used(make, tmp_path):
     variants = {"plain": [], "seed": ["seed=1"], "mode": ["mode=corrected"]}
     contents = {}

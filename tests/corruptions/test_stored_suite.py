@@ -65,7 +65,19 @@ def test_some_severities_made(tmp_path):
         np.load(folder / "fog.npy")[10],
     )
     with pytest.raises(UserError, match=r"has no severity 1.*\n.*It has 2, 5"):
-        StoredSuite(folder, names="fog")
+        StoredSuite(folder, names="fog", severities=[1, 2])
+
+
+def test_all_severities_are_those_in_the_files(tmp_path):
+    folder = make(tmp_path / "two", severities=[2, 5])
+    drawn = BenchmarkSuite(names=NAMES, severities=[2, 5], seed=3)
+    stored = StoredSuite(folder, names=NAMES)
+    assert [condition.key for condition in stored.conditions()] == [
+        "clean", "gaussian_noise/2", "gaussian_noise/5", "fog/2", "fog/5",
+    ]  # fmt: skip
+    assert stored.protocol.severities == drawn.protocol.severities
+    condition = Condition("fog", 5)
+    assert torch.equal(stored.corrupt(CLEAN, range(10), condition), drawn.corrupt(CLEAN, range(10), condition))
 
 
 def test_labels_of_another_dataset_are_noticed(folder):
@@ -100,6 +112,12 @@ def test_damaged_folders(folder, spoil, said):
     spoil(folder)
     with pytest.raises(UserError, match=said):
         StoredSuite(folder, names=NAMES)
+
+
+def test_the_command_to_make_a_missing_file_names_the_set(folder):
+    (folder / m.RECORD).unlink()
+    with pytest.raises(UserError, match=r"has no frost.npy\n.*set=imagenet_c "):
+        StoredSuite(folder, "imagenet_c", names="frost")
 
 
 def test_of_another_set(folder):

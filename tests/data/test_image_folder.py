@@ -114,9 +114,16 @@ def test_a_class_with_one_image_cannot_be_in_both_splits_and_is_named(tmp_path):
 
 def test_a_test_folder_without_images_of_the_classes_is_named(tmp_path):
     fill(tmp_path / "train", cat=2, dog=2)
-    fill(tmp_path / "test", bird=2)
+    (tmp_path / "test").mkdir()
     with pytest.raises(UserError, match=str(tmp_path)):
         ImageFolder(str(tmp_path), 8).read("test")
+
+
+def test_classes_that_are_only_tested_are_named(tmp_path):
+    fill(tmp_path / "train", cat=2, dog=2, fish=2)
+    fill(tmp_path / "test", cat=2, Dog=2, bird=1)
+    with pytest.raises(UserError, match=r"test has Dog, bird, which train lacks\n.* are cat, dog, fish"):
+        ImageFolder(str(tmp_path), 8).spec()
 
 
 def test_more_than_fits_into_memory_is_refused_before_reading(pets, monkeypatch):

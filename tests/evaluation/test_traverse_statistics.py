@@ -13,6 +13,7 @@ from benchmarks.traverse_statistics import (
     image_statistics,
     place_statistics,
     power_spectrum,
+    recall_within_frames,
     residual_statistics,
     spectral_slope,
 )
@@ -27,6 +28,32 @@ def walk(count, length, correlation, seed=0):
     for t in range(1, count):
         steps[t] = correlation * steps[t - 1] + np.sqrt(1 - correlation**2) * steps[t]
     return steps.astype(np.float32)
+
+
+def rows(count, length, seed=0):
+    return np.random.default_rng(seed).normal(size=(count, length)).astype(np.float32)
+
+
+@pytest.mark.parametrize("similarity", ["cosine", "euclidean"])
+def test_identical_descriptors_are_recalled_whole(similarity):
+    places = rows(200, 16)
+    assert recall_within_frames(places, places, 0, similarity) == 1
+
+
+@given(shift=st.integers(0, 6), tolerance=st.integers(0, 6))
+def test_a_shifted_traverse_is_recalled_within_the_shift(shift, tolerance):
+    places = rows(100, 16)
+    recall = recall_within_frames(places, np.roll(places, shift, axis=0), tolerance)
+    assert recall == (1 if shift == 0 else (1 - shift / 100) * (shift <= tolerance))
+
+
+@pytest.mark.parametrize("tolerance", [0, 1, 3])
+def test_shuffled_traverses_are_recalled_by_chance(tolerance):
+    count, repeats = 300, 20
+    places, rng = rows(count, 16), np.random.default_rng(1)
+    hits = sum(count * recall_within_frames(places, places[rng.permutation(count)], tolerance) for _ in range(repeats))
+    low, high = stats.binom.interval(0.999, count * repeats, (2 * tolerance + 1) / count)
+    assert low <= hits <= high
 
 
 @pytest.fixture(scope="module")

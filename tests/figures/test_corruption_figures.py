@@ -94,11 +94,11 @@ def test_better_is_blue_worse_is_orange_and_pale_what_may_be_chance():
 
 
 def test_the_legend_counts_wins_and_losses_but_not_the_mean_nor_ties():
-    figure = corruption_difference(BARS, mean=DifferenceBar("mean", -0.01, -0.02, -0.001), interval="over seeds")
+    figure = corruption_difference(BARS, mean=DifferenceBar("mean", -0.01, -0.02, -0.001))
     assert legend_of(figure) == [
         "better on 1 of 4 (1 certain)",
         "worse on 2 of 4 (1 certain)",
-        "pale: interval contains 0 (over seeds)",
+        "pale: interval contains 0 (95 % over seeds)",
     ]
 
 

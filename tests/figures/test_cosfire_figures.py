@@ -9,6 +9,7 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, Rectangle
 
 from sextant.chapters.cosfire.figures import AROUND, BAR_LENGTH, cosfire_filter, cosfire_responses, recognition_errors
+from sextant.chapters.cosfire.report import file_names
 from sextant.figures.style import COLOURS, save_figure
 from sextant.layers.cosfire import (
     Blur,
@@ -155,10 +156,16 @@ def test_errors_are_shown_with_truth_and_answer():
     assert recognition_errors(images, labels, labels, ["a", "b", "c"]) is None
 
 
+def test_figures_of_classes_with_any_names_have_files_of_their_own():
+    labels = torch.tensor([0, 0, 1, 2])
+    assert file_names(["猫", "犬", "a/b"], labels) == {0: "猫", 2: "犬", 3: "a_b"}
+    assert file_names(["a b", "a_b", "c"], labels) == {0: "a_b_0", 2: "a_b_2", 3: "c"}
+
+
 def test_of_many_errors_an_even_choice_is_shown():
     labels = np.repeat(np.arange(10), 100)
     images = np.zeros((1000, 3, 4, 4), np.uint8)
-    figure = recognition_errors(images, labels, (labels + 1) % 10, [str(k) for k in range(10)], most=10)
+    figure = recognition_errors(images, labels, (labels + 1) % 10, [str(k) for k in range(10)])
     shown = [cell for cell in figure.axes if cell.images]
     assert len({cell.get_title()[0] for cell in shown}) == 10
-    assert figure.get_suptitle() == "1,000 of 1,000 wrong (100.00 %), 10 shown"
+    assert figure.get_suptitle() == "1,000 of 1,000 wrong (100.00 %), 40 shown"

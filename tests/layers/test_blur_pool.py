@@ -17,6 +17,7 @@ from sextant.layers import (
     blur_pool,
 )
 from sextant.layers.blur_pool import binomial_taps
+from sextant.models import AlexNetCifar
 
 SCIPY_BORDER = {"zeros": "constant", "reflect": "mirror", "replicate": "nearest", "circular": "wrap"}
 sizes = st.tuples(st.integers(6, 12), st.integers(6, 12))
@@ -50,6 +51,19 @@ def test_its_size_is_the_strides_share_rounded_up(taps, stride, size, padding_mo
 @given(st.integers(1, 7), sizes, st.sampled_from(["reflect", "replicate", "circular"]))
 def test_a_constant_image_stays(taps, size, padding_mode):
     assert torch.equal(blur_pool(torch.ones(2, *size), taps, 1, padding_mode), torch.ones(2, *size))
+
+
+@pytest.mark.parametrize(("taps", "size"), [(3, (1, 1)), (3, (1, 6)), (5, (2, 2)), (7, (3, 8))])
+def test_images_too_small_to_be_mirrored_repeat_their_edges(taps, size):
+    images = torch.randn(2, 3, *size)
+    assert torch.equal(blur_pool(images, taps), blur_pool(images, taps, padding_mode="replicate"))
+    assert torch.equal(torch.jit.script(BlurPool2d(taps))(images), blur_pool(images, taps))
+    assert torch.equal(torch.fx.symbolic_trace(BlurPool2d(taps))(images), blur_pool(images, taps))
+
+
+def test_a_small_network_is_anti_aliased_down_to_maps_of_one_pixel():
+    network = AntiAliasing()(AlexNetCifar(3, (16, 16), 10)).eval()
+    assert network(torch.rand(2, 3, 16, 16)).isfinite().all()
 
 
 def test_the_finest_pattern_is_gone_where_plain_subsampling_would_alias_it():

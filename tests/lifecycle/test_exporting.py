@@ -156,6 +156,29 @@ def test_a_model_without_a_network_says_so(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("cause", [ModuleNotFoundError("no onnxscript", name="onnxscript"), OSError(28, "no space")])
+def test_a_missing_extra_or_a_full_disk_is_no_fault_of_the_network(cause, places, tmp_path, monkeypatch):
+    def fail(program, found, path):
+        path.write_text("half")
+        raise cause
+
+    monkeypatch.setattr(export_formats, "_onnx", fail)
+    with pytest.raises(type(cause)):
+        export_run(str(places), "onnx", tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_an_exporter_that_says_nothing_is_named(places, tmp_path, monkeypatch):
+    def fail(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(export_formats, "_onnx", fail)
+    with pytest.raises(UserError, match="cannot be exported as onnx: AssertionError\n"):
+        export_run(str(places), "onnx", tmp_path)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("off", "said"), [(1e-3, r"0\.001"), (float("nan"), "inf")])
 def test_a_file_that_answers_otherwise_is_deleted_and_an_earlier_one_is_not(off, said, places, tmp_path, monkeypatch):
     right = export_formats._torch_export

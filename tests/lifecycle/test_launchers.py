@@ -4,6 +4,7 @@ import os
 import re
 import signal
 import threading
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,7 @@ from sextant.lifecycle.launchers.slurm_queue import cancel_all, read_queue, subm
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.lifecycle.search.run import sweep_or_search
 from sextant.lifecycle.sweep import dry_run, run_sweep
+from sextant.lifecycle.sweep_plan import sweep_words
 from sextant.lifecycle.sweep_status import cancel_sweep, sweep_status
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
@@ -357,7 +359,8 @@ def test_a_failed_run_whose_task_is_at_another_is_submitted_again_when_asked(tmp
 def test_attaching_knows_the_folder_of_ones_own_config_files(tmp_path, monkeypatch):
     (tmp_path / "own" / "trainer").mkdir(parents=True)
     (tmp_path / "own" / "trainer" / "mine.yaml").write_text("defaults: [fast, _self_]\nmax_epochs: 1\n")
-    given = ["trainer=mine", "seed=0,1", "tracking=none", f"paths.outputs={tmp_path}"]
+    outputs = tmp_path / "outputs"
+    given = ["trainer=mine", "seed=0,1", "tracking=none", f"paths.outputs={outputs}"]
 
     planned = []
 
@@ -368,9 +371,13 @@ def test_attaching_knows_the_folder_of_ones_own_config_files(tmp_path, monkeypat
     monkeypatch.setattr("sextant.lifecycle.sweep.launch", launch_none)
     with own_configs(tmp_path / "own"):
         run_sweep(given)
-    cli.run("sweep", ["attach", "sweep", f"outputs={tmp_path}"])
+    cli.run("sweep", ["attach", "sweep", f"outputs={outputs}"])
     assert planned[0] == planned[1]
     assert len(planned[0]) == 2
+    outputs.rename(moved := tmp_path / "moved, all")
+    cli.run("sweep", ["attach", "sweep", f"outputs={moved}"])
+    assert planned[2] == {moved / run.relative_to(outputs) for run in planned[0]}
+    assert not outputs.exists()
 
 
 def test_a_run_that_finished_where_its_results_are_not_seen_from_here_says_so(tmp_path, capsys):
@@ -387,6 +394,22 @@ def test_a_run_that_finished_where_its_results_are_not_seen_from_here_says_so(tm
         ("finished", ""),
         ("failed", "it finished"),
     ]
+
+
+def test_a_block_keeps_what_another_said_of_its_runs(tmp_path):
+    given = ["sweep=demo", "sweep.seeds=2", "tracking=none", f"paths.outputs={tmp_path}"]
+
+    def run_cells(jobs, how):
+        for job in jobs if how == "finished" else ():
+            finish(job.run)
+        return [{"status": how, "message": "its process died"}] * len(jobs)
+
+    for block, how in (("1/2", "failed"), ("2/2", "finished")):
+        run_sweep(sweep_words([*given, f"sweep.block={block}"]), run_cells=partial(run_cells, how=how))
+    states = [state.state for state in sweep_status(find_sweep("demo", tmp_path))[0]]
+    assert sorted(states) == ["failed"] * 6 + ["finished"] * 6
+    run_sweep(sweep_words([*given, "sweep.block=1/2"]), run_cells=partial(run_cells, how="finished"))
+    assert [cell.message for cell in read_plan(find_sweep("demo", tmp_path)).cells] == [""] * 12
 
 
 def test_the_status_of_a_sweep_says_what_each_run_is_at(tmp_path):

@@ -141,6 +141,22 @@ def test_workers_compute_what_this_process_does(swept, tmp_path):
     assert [outcome.metrics for outcome in there.outcomes] == [outcome.metrics for outcome in found.outcomes[:2]]
 
 
+@pytest.mark.parametrize("launcher", ["local", "slurm"])
+def test_workers_of_a_launcher_that_has_none_are_refused(launcher):
+    with pytest.raises(UserError, match=f"workers=2 is for launcher=joblib, not for launcher={launcher}"):
+        sextant.sweep("demo", [f"launcher={launcher}"], workers=2)
+
+
+def test_workers_are_those_of_the_launcher_that_is_chosen(monkeypatch):
+    seen = []
+    monkeypatch.setattr("sextant.lifecycle.library.sweep_or_search", lambda words, _: seen.append(words))
+    for overrides in (["launcher=joblib"], []):
+        sextant.sweep("demo", overrides, workers=2)
+    assert [[word for word in words if "launcher" in word] for words in seen] == [
+        ["launcher=joblib", "launcher.workers=2"]
+    ] * 2
+
+
 def test_config_files_of_ones_own_are_found(swept, outputs, tmp_path):
     own = tmp_path / "it's mine, all"
     (own / "backbone").mkdir(parents=True)

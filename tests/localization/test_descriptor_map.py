@@ -40,6 +40,14 @@ def test_a_pose_for_each_descriptor_is_needed(count):
         DescriptorMap.of(_poses(count), _descriptors())
 
 
+def test_other_types_become_those_of_files():
+    made = DescriptorMap.of(_poses().float(), _descriptors().double())
+    assert (made.poses.dtype, made.descriptors.dtype) == (torch.float64, torch.float32)
+    assert torch.equal(made.descriptors, _descriptors())
+    with pytest.raises(UserError, match="1 descriptor that is not finite: row 1"):
+        DescriptorMap.of(_poses(2), torch.tensor([[1.0], [1e300]], dtype=torch.float64))
+
+
 def test_an_empty_map_is_refused():
     with pytest.raises(UserError, match="empty"):
         DescriptorMap.of(torch.zeros(0, 3, dtype=torch.float64), torch.zeros(0, 2))

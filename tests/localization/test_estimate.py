@@ -4,11 +4,12 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from localization.moments import mean_over_all
 from small_worlds import generator
 
 from sextant.geometry import se2_compose, wrap_angle
 from sextant.localization.belief import Belief
-from sextant.localization.estimate import estimate, mean_over_all
+from sextant.localization.estimate import estimate
 
 
 def cloud(centre, sigma, count=2000, seed=0):

@@ -25,7 +25,7 @@ def track(of, frames, *, best, motion=None, seen=None, watch=None, radius=20.0):
     frames = np.asarray(frames)
     moved = np.zeros((*frames.shape, 3)) if motion is None else np.broadcast_to(motion, (*frames.shape, 3))
     there = np.ones(frames.shape, bool) if seen is None else np.asarray(seen)
-    return interpolated(of, frames, np.ascontiguousarray(moved, float), there, best=best, radius=radius, watch=watch)
+    return interpolated(of, frames, np.array(moved, float), there, best=best, radius=radius, watch=watch)
 
 
 @pytest.mark.parametrize("best", [1, 2, 3, 7, 30])
@@ -68,6 +68,14 @@ def test_steps_without_an_image_follow_the_odometry(blind):
     found = track(camera(poses, np.eye(6), np.eye(6)), frames, best=1, motion=[1.0, 0.0, 0.0], seen=seen)
     assert found.pose[:, 0, 0] == pytest.approx([0, 1, 2, 3])
     assert found.pose[:, 1, 0] == pytest.approx([0, 1, 2, 3])
+
+
+def test_without_image_and_odometry_the_last_pose_stays():
+    poses = [[float(x), 0.0, 0.0] for x in range(6)]
+    motion = np.array([[[0.0] * 3], [[np.nan] * 3], [[1.0, 0.0, 0.0]], [[np.nan] * 3]])
+    seen, frames = [[True], [False], [False], [True]], [[2], [3], [4], [5]]
+    found = track(camera(poses, np.eye(6), np.eye(6)), frames, best=1, motion=motion, seen=seen)
+    assert found.pose[:, 0, 0] == pytest.approx([2, 2, 3, 5])
 
 
 def test_before_the_first_image_the_pose_is_the_middle_of_the_map_and_a_jump_is_forgotten_at_once():

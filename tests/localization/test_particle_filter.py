@@ -4,11 +4,12 @@ import math
 
 import pytest
 import torch
+from localization.moments import mean_over_all
 from small_worlds import Told, circle, generator, line, peaks
 
 from sextant.errors import UserError
 from sextant.localization.belief import Belief
-from sextant.localization.estimate import estimate, mean_over_all
+from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import AppearanceStart, GaussianStart, UniformStart
 from sextant.localization.kld_size import KLDSize
 from sextant.localization.map_prior import MapPrior

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
 from sextant.atomic_files import write_sealed_json
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.cached_local_gp import CachedLocalGP
 from sextant.localization.observation.exact_gp import ExactGP
@@ -61,6 +61,22 @@ def test_a_map_can_be_saved_over_itself(folder):
     again, poses = load_map(folder), poses_in_room(5)
     assert again.facts == {"again": True}
     assert torch.equal(again.model.predict(poses).mean, CachedLocalGP(8).fit(smooth_map(), KERNEL).predict(poses).mean)
+
+
+def test_a_fact_that_json_cannot_hold_keeps_the_former_map(folder):
+    loaded = load_map(folder)
+    with pytest.raises(ArgumentError, match="facts: of=<object") as error:
+        save_map(folder, loaded.model, loaded.likelihood, {"images": 3, "of": object()})
+    assert "\n" not in error.value.problem
+    assert load_map(folder).facts == FACTS
+
+
+def test_numbers_of_numpy_are_written_as_plain_ones(tmp_path):
+    model = CachedLocalGP(np.int64(8)).fit(smooth_map(), KERNEL)
+    save_map(tmp_path, model, Likelihood(tempering=np.float32(0.5)), {"size": np.arange(2), "share": np.float32(0.25)})
+    loaded = load_map(tmp_path)
+    assert (loaded.model.neighbours, loaded.likelihood.tempering) == (8, 0.5)
+    assert loaded.facts == {"size": [0, 1], "share": 0.25}
 
 
 def test_no_file_can_be_unpickled(folder):

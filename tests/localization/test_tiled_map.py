@@ -159,8 +159,21 @@ def test_a_damaged_file_is_told(tmp_path, name, damage):
         load_map(tmp_path)
 
 
+def test_images_of_other_types_and_numbers_of_numpy_make_the_same_map(tmp_path):
+    for name, poses, descriptors in (("a", POSES, DESCRIPTORS), ("b", POSES.float(), DESCRIPTORS.double())):
+        builder = TiledMapBuilder(tmp_path / name)
+        builder.add(poses.float().double() if name == "a" else poses, descriptors)
+        finish(builder, neighbours=np.int64(K), tile=np.int64(TILE), facts={"count": np.int32(3)})
+    usual, other = (load_map(tmp_path / name) for name in ("a", "b"))
+    assert torch.equal(other.model.map.descriptors, usual.model.map.descriptors)
+    assert torch.equal(other.model.map.poses, usual.model.map.poses)
+    assert other.facts == {"count": 3}
+
+
 def test_what_cannot_be_a_map_is_refused(tmp_path):
     builder = TiledMapBuilder(tmp_path)
+    with pytest.raises(UserError, match="the map has 1 pose and 20 descriptors"):
+        builder.add(POSES[:1], DESCRIPTORS[:20])
     with pytest.raises(UserError, match="no image was added"):
         finish(builder)
     add(builder, until=140)
@@ -172,6 +185,8 @@ def test_what_cannot_be_a_map_is_refused(tmp_path):
         builder.add(POSES[:3], DESCRIPTORS[:3, :5])
     with pytest.raises(UserError, match=r"neighbours=141 must be in \[1, 140\]"):
         finish(builder, neighbours=141)
+    with pytest.raises(UserError, match="facts: of=<object"):
+        finish(builder, facts={"of": object()})
     builder.add(POSES[30:31] + torch.tensor([0, 0, 4 * torch.pi], dtype=torch.float64), DESCRIPTORS[:1])
     builder.add(torch.tensor([[1.0, -0.0, 0.5], [1.0, 0.0, 0.5]], dtype=torch.float64), DESCRIPTORS[:2])
     with pytest.raises(UserError, match=r"1 image shares a pose with another .* images 141 and 142"):

@@ -106,6 +106,15 @@ def test_half_precision_is_computed_in_single(loss):
     torch.testing.assert_close(said.value, loss(x.float(), three_places()).value)
 
 
+def test_mixed_precision_rounds_nothing(loss):
+    x = descriptors(dtype=torch.float32)
+    plain = loss(x, three_places())
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = loss(x, three_places())
+    assert torch.equal(mixed.value, plain.value)
+    assert torch.equal(mixed.active, plain.active)
+
+
 def test_descent_separates_the_places(loss):
     x = descriptors(3, torch.float32).requires_grad_()
     before = loss(x, three_places())

@@ -3,6 +3,7 @@ import torch
 
 from sextant.errors import UserError
 from sextant.models import CalibrationNet, StridedCNN, coordinate_channels, timm_backbone, torchvision_backbone
+from sextant.models.torchvision_backbone import torchvision_classifier
 
 
 def net(coordinates=True):
@@ -68,6 +69,14 @@ def test_further_channels_begin_at_zero_so_that_pretrained_features_are_kept():
     images = torch.rand(1, 6, 64, 64)
     others = torch.cat([images[:, :3], torch.rand(1, 3, 64, 64)], 1)
     assert torch.equal(network(images), network(others))
+
+
+def test_a_grey_image_is_seen_by_pretrained_filters_as_three_equal_colours(tmp_path):
+    name, path = "mobilenet_v3_small", tmp_path / "weights.pt"
+    torch.save(torchvision_classifier(name).state_dict(), path)
+    grey, colour = (torchvision_backbone(name, n, (64, 64), 7, weights=str(path)).eval() for n in (1, 3))
+    images = torch.rand(2, 1, 64, 64)
+    torch.testing.assert_close(grey.features[0](images), colour.features[0](images.expand(2, 3, 64, 64)))
 
 
 @pytest.mark.slow

@@ -87,7 +87,7 @@ def test_code_in_a_file_is_not_executed(tmp_path, path, place, legacy):
 
 
 def test_a_missing_file_is_named(path):
-    with pytest.raises(UserError, match=f"no published network at {path}"):
+    with pytest.raises(UserError, match=f"{path}: there is no such file"):
         load_published(path)
 
 
@@ -102,7 +102,7 @@ def test_a_truncated_file_is_refused(path, share):
 @pytest.mark.parametrize("content", [b"not a pickle", b"\x80\x02]q\x00.", np.random.default_rng(0).bytes(4096)])
 def test_other_files_are_refused(path, content):
     path.write_bytes(content)
-    with pytest.raises(UserError, match="cannot be read as a published network"):
+    with pytest.raises(UserError, match="cannot be read; nothing in it was executed"):
         load_published(path)
 
 

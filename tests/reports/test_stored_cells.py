@@ -103,6 +103,21 @@ def test_configs_and_digests_are_stored_without_seed_or_place(tmp_path):
     assert os.getcwd() not in text
 
 
+@pytest.mark.slow
+def test_joined_blocks_are_stored_with_the_code_data_and_configs_of_their_runs(tmp_path):
+    whole = made_up(tmp_path / "whole")
+    for cell in whole.cells:
+        RunDirectory(tmp_path / "whole" / cell.cell.run).update_state({"code": "c0de", "data": cell.cell.digest})
+    folders = [tmp_path / name for name in ("block0", "block1")]
+    for folder, pairs in zip(folders, [(0, 1), (2, 3)], strict=True):
+        write_cells(only_of(whole, pairs, tmp_path / f"run of {folder.name}"), folder)
+    at_once = write_cells(sweep_results(whole.directory), tmp_path / "at once")
+    joined = write_cells(join_cells(folders, tmp_path / "elsewhere"), tmp_path / "joined")
+    assert ",c0de,first_block,finished," in (joined / CELLS).read_text()
+    assert (joined / CELLS).read_text() == (at_once / CELLS).read_text()
+    assert json.loads((joined / PLAN).read_text()) == json.loads((at_once / PLAN).read_text())
+
+
 def truncated(path):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 

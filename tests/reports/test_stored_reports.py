@@ -10,7 +10,6 @@ from scipy import stats
 
 from sextant.composing.config_files import read_config_file
 from sextant.evaluation import Sample, holm, share_interval_of, stratified_difference
-from sextant.reports import sweep_report
 from sextant.reports.stored_cells import join_cells
 from sextant.reports.sweep_report import write_report
 from sextant.runs.outputs_folder import conf_dir
@@ -129,10 +128,19 @@ def test_pooled_controls_follow_from_the_cells(folder):
     for row in rows_of(folder / "pooled.csv"):
         within = settings if row["setting"] == "together" else [row["setting"]]
         at, treatment = row["condition"], sweep["contrasts"][row["contrast"]]["treatment"]
-        control = {s: cell[s, floor["control"], at].joined(cell[s, floor["treatment"], at]) for s in within}
+        control = {s: joined(cell[s, floor["control"], at], cell[s, floor["treatment"], at]) for s in within}
         found = stratified_difference([(cell[s, treatment, at], control[s]) for s in within], largest=100)
         assert (found.mean, found.low, found.high) == pytest.approx([float(row[k]) for k in ("mean", "low", "high")])
         assert found.p_value == pytest.approx(float(row["p_value"]))
+
+
+def joined(one, other):
+    """The runs of two samples in one."""
+    count = one.count + other.count
+    mean = (one.count * one.mean + other.count * other.mean) / count
+    within = sum((s.count - 1) * s.spread**2 for s in (one, other) if s.count > 1)
+    between = sum(s.count * (s.mean - mean) ** 2 for s in (one, other))
+    return Sample(count, mean, ((within + between) / (count - 1)) ** 0.5)
 
 
 def test_what_is_certain_of_19_corruptions_holds_under_holm():
@@ -153,7 +161,7 @@ def test_what_is_certain_of_19_corruptions_holds_under_holm():
 @pytest.mark.slow
 @named(sorted(path.parents[1] for path in RESULTS.glob("*/**/cells/block.json")))
 def test_a_stored_report_is_made_again_from_its_cells_byte_for_byte(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(sweep_report, "save_figure", lambda *_, **__: [])
+    monkeypatch.setattr("sextant.figures.style.save_figure", lambda *_, **__: [])
     report = write_report(join_cells([folder / "cells"], tmp_path))[0].parent
     for path in folder.glob("*.csv"):
         assert (report / path.name).read_bytes() == path.read_bytes(), path.name

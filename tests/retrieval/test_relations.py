@@ -35,37 +35,31 @@ def towns(draw):
     places = Places(
         torch.tensor([column(whole), column(whole)], dtype=torch.float64).T,
         heading if draw(st.booleans()) else None,
-        torch.tensor(column(st.integers(0, 2)), dtype=torch.int64),
-        torch.tensor(column(st.integers(0, 1)), dtype=torch.int64) if draw(st.booleans()) else None,
     )
     near = float(draw(st.integers(0, 4)))
     looks = draw(st.one_of(st.none(), st.integers(0, 180))) if places.heading is not None else None
-    return places, Between(near, near + draw(st.integers(1, 4)), looks), draw(st.booleans())
+    return places, Between(near, near + draw(st.integers(1, 4)), looks)
 
 
 @given(towns())
 def test_relations_are_those_of_a_loop_over_pairs(town):
-    places, tolerance, across_conditions = town
-    found = relations(places, tolerance, across_conditions=across_conditions)
+    places, tolerance = town
+    found = relations(places, tolerance)
     for i in range(len(places)):
         for j in range(len(places)):
             apart = math.dist(places.position[i].tolist(), places.position[j].tolist())
             turn = 0.0 if places.heading is None else wrapped(float(places.heading[i] - places.heading[j]))
-            same_area = places.area is None or places.area[i] == places.area[j]
-            positive = i != j and same_area and apart <= tolerance.positive
+            positive = i != j and apart <= tolerance.positive
             if tolerance.heading_deg is not None:
                 positive = positive and turn <= tolerance.heading_deg
-            if across_conditions:
-                positive = positive and bool(places.condition[i] != places.condition[j])
-            negative = apart >= tolerance.negative or not same_area
             assert bool(found.positive[i, j]) == positive
-            assert bool(found.negative[i, j]) == negative
+            assert bool(found.negative[i, j]) == (apart >= tolerance.negative)
 
 
 @given(towns())
 def test_relations_are_mutual_and_never_of_an_image_with_itself(town):
-    places, tolerance, across_conditions = town
-    found = relations(places, tolerance, across_conditions=across_conditions)
+    places, tolerance = town
+    found = relations(places, tolerance)
     for pairs in (found.positive, found.negative):
         assert torch.equal(pairs, pairs.T)
         assert not pairs.diagonal().any()
@@ -73,7 +67,7 @@ def test_relations_are_mutual_and_never_of_an_image_with_itself(town):
 
 @given(towns(), st.randoms(use_true_random=False))
 def test_a_part_is_a_part_of_the_whole(town, random):
-    places, tolerance, _ = town
+    places, tolerance = town
     count = len(places)
     rows, columns = (
         torch.tensor([random.randrange(count) for _ in range(5 if count else 0)], dtype=torch.int64) for _ in range(2)
@@ -84,15 +78,11 @@ def test_a_part_is_a_part_of_the_whole(town, random):
 
 
 def test_frames_of_an_aligned_ride():
-    frame, condition = torch.tensor([0, 1, 2, 11, 12, 0]), torch.tensor([0, 0, 0, 0, 0, 1])
-    places = Places(frame[:, None], condition=condition)
-    found = relations(places, Between(1.0, 10.0))
+    frame = torch.tensor([0, 1, 2, 11, 12, 0])
+    found = relations(Places(frame[:, None]), Between(1.0, 10.0))
     assert found.positive[0].tolist() == [False, True, False, False, False, True]
     assert found.negative[0].tolist() == [False, False, False, True, True, False]
     assert found.negative[1].tolist() == [False, False, False, True, True, False]  # from 10 frames on
-    across = relations(places, Between(1.0, 10.0), across_conditions=True)
-    assert across.positive[0].tolist() == [False] * 5 + [True]
-    assert torch.equal(across.negative, found.negative)
 
 
 def test_centimetres_are_told_apart_in_utm_coordinates():
@@ -123,8 +113,6 @@ def test_what_does_not_fit_is_refused():
         Places(torch.zeros(2, 2), torch.zeros(3))
     with pytest.raises(ValueError, match="no heading"):
         relations(Places(torch.zeros(2, 2)), Between(5.0, 25.0, heading_deg=30))
-    with pytest.raises(ValueError, match="no condition"):
-        relations(Places(torch.zeros(2, 2)), Between(5.0, 25.0), across_conditions=True)
     yes = torch.ones(2, 2, dtype=torch.bool)
     with pytest.raises(ValueError, match="at once"):
         Relation(yes, yes)

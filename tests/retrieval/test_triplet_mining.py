@@ -125,7 +125,7 @@ def ride(seed, n=40):
     """Two conditions of one ride of n / 2 frames, one of them with stops, and descriptors."""
     frame = torch.arange(n) % (n // 2)
     frame[n // 2 :] = frame[n // 2 :] // 3 * 3
-    return torch.randn(n, 3, generator=seeded(seed)), Places(frame[:, None], condition=torch.arange(n) // (n // 2))
+    return torch.randn(n, 3, generator=seeded(seed)), Places(frame[:, None])
 
 
 @settings(max_examples=15)

@@ -74,10 +74,8 @@ def as_pixels(image: AnyImage, size: Size | None = None) -> UInt8[ndarray, "h w 
         raise UserError(f"the image cannot be used: {error}", "Give another.") from None
 
 
-def several_pixels(
-    images: Sequence[AnyImage] | UInt8[ndarray, "n h w c"], size: Size | None = None
-) -> UInt8[ndarray, "n h w c"]:
-    """Images of one size, by default that of the first.
+def several_pixels(images: Sequence[AnyImage] | UInt8[ndarray, "n h w c"]) -> UInt8[ndarray, "n h w c"]:
+    """Images of one size, that of the first.
 
     Raises:
         UserError: there are none, or one is not an image; the message gives its index, from 0.
@@ -88,10 +86,9 @@ def several_pixels(
     found: list[ndarray] = []
     for number, image in enumerate(images):
         try:
-            found.append(as_pixels(image, size))
+            found.append(as_pixels(image, found[0].shape if found else None))
         except UserError as error:
             raise UserError(f"image {number}: {error.problem}", error.fix) from None
-        size = size or found[0].shape
     if not found:
         raise UserError("images: there is none", "Give one image for each pose.")
     return np.stack(found)

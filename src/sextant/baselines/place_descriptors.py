@@ -31,14 +31,14 @@ def grey_images(images: UInt8[ndarray, "n h w c"], height: int, width: int) -> F
     """
     if images.ndim != 4 or images.dtype != np.uint8 or len(images) == 0 or images.shape[3] not in (1, 3):
         raise ValueError(f"need uint8 images (n, h, w, 1 or 3), n > 0; got {images.dtype} {images.shape}")
-    grey = images[..., 0].astype(np.float32) if images.shape[3] == 1 else images.astype(np.float32) @ LUMA
-    grey /= 255
-    if grey.shape[1:] == (height, width):
-        return grey
-    resized = np.empty((len(grey), height, width), np.float32)
-    for target, image in zip(resized, grey, strict=True):
-        target[:] = np.asarray(Image.fromarray(image).resize((width, height), Image.Resampling.BILINEAR))
-    return resized
+    found = np.empty((len(images), height, width), np.float32)
+    for target, image in zip(found, images, strict=True):  # one at a time: in float32, all would take gigabytes
+        grey = image[..., 0].astype(np.float32) if image.shape[2] == 1 else image.astype(np.float32) @ LUMA
+        grey /= 255
+        if grey.shape != (height, width):
+            grey = np.asarray(Image.fromarray(grey).resize((width, height), Image.Resampling.BILINEAR))
+        target[:] = grey
+    return found
 
 
 #: Images described at a time: bounds the memory to some megabytes besides input and result.
@@ -172,7 +172,7 @@ class Hog(PlaceDescriptor):
 
     Args:
         height, width: size in pixels at which the images are described; multiples of ``rows`` and ``columns``.
-        rows, columns: size of the grid of cells.
+        rows, columns: size of the grid of cells, at least 1.
         bins: orientations, at least 1.
 
     Example:
@@ -188,9 +188,9 @@ class Hog(PlaceDescriptor):
         self,
         height: Count = 32,
         width: Count = 64,
-        rows: int = 4,
-        columns: int = 8,
-        bins: int = 8,
+        rows: Count = 4,
+        columns: Count = 8,
+        bins: Count = 8,
     ):
         super().__init__(height, width)
         self.rows, self.columns, self.bins = rows, columns, bins

@@ -65,13 +65,13 @@ def main(arguments: Sequence[str]) -> None:
             calibrator, folder, sampling=options.sampling, cuts=options.cuts,
             leave_out=options.leave_out, progress=lambda done: status.update(f"{counted(done, 'photo')}"),
         )  # fmt: skip
-    console.print(found.markdown())
+    console.print(found.markdown(), markup=False)
     if "cuts" in options.model_fields_set and not any("#" in name for name in found.names):
         console.print(f"note: cuts={options.cuts} is for panoramas, of which this folder has none")
     tell_skipped(found.skipped)
     written = write_benchmark(found, options.output)
     if options.network is not None and options.scale is None:
         text, file = write_network_scale(found, calibrator, options.output / SCALE)
-        console.print(text)
+        console.print(text, markup=False)
         written.append(file)
     tell_written(f"{counted(len(found.names), 'photo')} measured", len(found.skipped), written, "left out")

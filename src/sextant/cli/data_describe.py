@@ -56,9 +56,9 @@ def describe(arguments: Sequence[str]) -> None:
 
     places = PlaceMap.of(trained.content, trained.found, trust=trained.trust)
     if options.shards is not None and options.shard is None:
-        merge_shards(places, photos, options.output, options.shards)
+        failed = merge_shards(places, photos, options.output, options.shards)
     else:
         with work_progress("describing", "photos") as progress:
-            describe_shard(places, photos, options.output, options.shard, options.shards or 1, progress)
-    tell_skipped(places.described.failed)
-    console.print(f"{counted(len(places), 'photo')} described: {options.output}")
+            failed = describe_shard(places, photos, options.output, options.shard, options.shards or 1, progress)
+    tell_skipped(failed)
+    console.print(f"{counted(len(places), 'photo')} described: {options.output}", markup=False)

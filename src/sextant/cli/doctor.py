@@ -13,7 +13,7 @@ from sextant.console.console import console
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
-    from sextant.chapters.calibration.metrics.doctor import Crop, CrossTalk, Finding
+    from sextant.chapters.calibration.metrics.doctor import CrossTalk, Finding
 
 USAGE = "sextant doctor [calibration]"
 
@@ -50,28 +50,17 @@ def _machine() -> None:
 
 
 def _calibration() -> None:
+    from sextant.chapters.calibration.data.crops import crop_panoramas
     from sextant.chapters.calibration.metrics.doctor import examine
 
     began = time.monotonic()
-    crop, why_not = _crop()
-    findings, cross_talk = examine(crop, why_not)
+    findings, cross_talk = examine(crop_panoramas)
     console.print(_findings_table(findings))
     console.print(_cross_talk_table(cross_talk))
-    failed = [finding for finding in findings if not finding.passed]
-    skipped = sum(finding.skipped is not None for finding in findings)
-    told = f"{len(findings) - len(failed) - skipped} passed, {len(failed)} failed, {skipped} skipped"
-    console.print(f"{told}, in {time.monotonic() - began:.1f} s")
+    failed = sum(not finding.passed for finding in findings)
+    console.print(f"{len(findings) - failed} passed, {failed} failed, in {time.monotonic() - began:.1f} s")
     if failed:
         raise SystemExit(1)
-
-
-def _crop() -> "tuple[Crop | None, str]":
-    """The function that cuts crops, or the reason why it is missing."""
-    try:
-        from sextant.chapters.calibration.data.crops import crop_panoramas
-    except ImportError as error:
-        return None, f"crops cannot be cut: {error}"
-    return crop_panoramas, ""
 
 
 def _findings_table(findings: "Sequence[Finding]") -> Table:
@@ -80,10 +69,9 @@ def _findings_table(findings: "Sequence[Finding]") -> Table:
         table.add_column(name, justify=side)  # type: ignore[arg-type]
     before = None
     for finding in findings:
-        state = "[yellow]skipped[/]" if finding.skipped else "[green]pass[/]" if finding.passed else "[red]FAIL[/]"
-        measured = escape(finding.skipped) if finding.skipped else f"{finding.value:.3g}"
+        state = "[green]pass[/]" if finding.passed else "[red]FAIL[/]"
         name = finding.check if finding.check != before else ""
-        table.add_row(escape(name), escape(finding.figure), measured, _limit(finding), state)
+        table.add_row(escape(name), escape(finding.figure), f"{finding.value:.3g}", _limit(finding), state)
         before = finding.check
     return table
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
+from rich.markup import escape
 from rich.table import Table
 
 from sextant.console.arguments import Options, UserPath
@@ -13,6 +14,7 @@ from sextant.tracking.environment import quiet_libraries
 
 if TYPE_CHECKING:
     from sextant.reports.results import SweepResults
+    from sextant.tables import TextTable
 
 USAGE = """\
 sextant report sweep=<name, directory or MLflow parent run> [html=<folder>] [cells=<folder>]
@@ -68,7 +70,7 @@ def main(arguments: Sequence[str]) -> None:
         paths.append(write_cells(results, options.cells))
     shows = _show_search if results.plan.is_search else _show_tasks if of_several_tasks(results) else _show
     shows(results)
-    console.print("\n".join(str(path) for path in paths))
+    console.print("\n".join(str(path) for path in paths), markup=False, soft_wrap=True)
     if options.tracking is None and results.plan.mlflow_runs:
         from sextant.tracking.sweep_parent import log_report
 
@@ -87,23 +89,14 @@ def _show_search(results: "SweepResults") -> None:
         return
     told = winner_table(found)
     setting = " ".join(f"{key}={value}" for key, value in found.winner.setting.items())
-    table = Table(
-        *told.columns, title=f"trial {found.winner.number}: {setting}", title_justify="left", title_style="bold"
-    )
-    for row in told.rows:
-        table.add_row(*row)
-    console.print(table)
+    _print_table(told, f"trial {found.winner.number}: {setting}")
 
 
 def _show_tasks(results: "SweepResults") -> None:
     """Show what each task loses under corruptions."""
     from sextant.reports.tasks_report import overview_table, task_rows
 
-    told = overview_table(task_rows(results))
-    table = Table(*told.columns, title=results.plan.name, title_justify="left", title_style="bold")
-    for row in told.rows:
-        table.add_row(*row)
-    console.print(table)
+    _print_table(overview_table(task_rows(results)), results.plan.name)
 
 
 def _show(results: "SweepResults") -> None:
@@ -127,10 +120,13 @@ def _show(results: "SweepResults") -> None:
             alone = "–" if floor is None else interval(floor.low, floor.high, sign=True)
             published, pairs = number(row.published, sign=True), str(paired.seeds)
             body.append([row.setting, row.condition, found, alone, published, pairs, number(row.p_holm, 3)])
-        said = TextTable(COLUMNS, body).told()
-        table = Table(*said.columns, title=title, title_justify="left", title_style="bold")
-        for cells in said.rows:
-            table.add_row(*cells)
-        console.print(table)
+        _print_table(TextTable(COLUMNS, body).told(), title)
     if few := of_one_pair(rows):
         console.print(few)
+
+
+def _print_table(told: "TextTable", title: str) -> None:
+    table = Table(*map(escape, told.columns), title=escape(title), title_justify="left", title_style="bold")
+    for row in told.rows:
+        table.add_row(*map(escape, row))
+    console.print(table)

@@ -37,7 +37,7 @@ def show_start(
     for reason in passed_over:
         console.print(f"[yellow]{escape(reason)}: running again, into {directory.path.name}[/]")
     if directory.last_checkpoint.is_file():
-        console.print(f"[green]resuming from {_shorter(directory.last_checkpoint)}[/]")
+        console.print(f"[green]resuming from {escape(_shorter(directory.last_checkpoint))}[/]")
     rows = {
         "task": config.task.name,
         "dataset": part_name(config.plain["dataset"]),
@@ -63,7 +63,7 @@ def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
     if results is None:
         return
     if outcome.reused:
-        console.print(f"[green]Already finished with this code and data:[/] {_shorter(directory.path)}")
+        console.print(f"[green]Already finished with this code and data:[/] {escape(_shorter(directory.path))}")
     if not results["metrics"]:
         console.print(f"[red]This run diverged:[/] {escape(str(results.get('message', '')))}")
         _show_divergence(directory, typed)
@@ -74,7 +74,7 @@ def show_result(outcome: Outcome, typed: Sequence[str] | None = None) -> None:
     table.add_column("value", justify="right")
     for name, value in metrics.items():
         percent = "accuracy" in name
-        table.add_row(name, "nan" if value is None else f"{100 * value:.2f} %" if percent else f"{value:.4f}")
+        table.add_row(escape(name), "nan" if value is None else f"{100 * value:.2f} %" if percent else f"{value:.4f}")
     if metrics:
         console.print(table, width=WIDTH)
     if results.get("table"):

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from sextant.cli.terminal import TERMINAL
 from sextant.composing.config_files import own_configs, without_folder
+from sextant.composing.overrides import quoted
 from sextant.console.arguments import parse_arguments
 from sextant.console.console import console
 from sextant.errors import UserError
@@ -58,7 +59,7 @@ def run_sweep(arguments: Sequence[str], wait: bool | None = None, run_cells: swe
     console.print(f"[bold]{found.name}[/]: {len(found.cells)} planned, {counts}")
     for cell in found.cells:
         if cell.message:
-            console.print(f"[red]failed[/] {cell.setting} {cell.arm} seed {cell.seed}: {escape(cell.message)}")
+            console.print(f"[red]failed[/] {escape(f'{cell.setting} {cell.arm} seed {cell.seed}: {cell.message}')}")
     if found.count("diverged"):
         from sextant.lifecycle.results import sweep_results
         from sextant.reports.divergence import divergence
@@ -97,6 +98,8 @@ def _status(directory: Path) -> None:
 def _attach(directory: Path) -> None:
     plan = read_plan(directory)
     overrides, folder = without_folder(plan.command)
+    overrides = [word for word in overrides if not word.startswith("paths.outputs=")]
+    overrides.append(f"paths.outputs={quoted(str(directory.parents[1]))}")  # where it lies, not where it was begun
     with chdir(plan.here if Path(plan.here).is_dir() else "."), own_configs(folder):
         run_sweep(overrides, wait=True)
 

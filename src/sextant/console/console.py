@@ -44,6 +44,8 @@ logging.getLogger("sextant").setLevel(logging.INFO)
 
 #: commands that resume when repeated after an interruption; and those that always end with Ctrl-C
 RESUMED, SERVED = ("train", "data", "sweep", "corruptions"), ("dashboard", "demo")
+#: what ``pathlib`` says of ``~`` for a user that this machine does not know
+NO_HOME = "Could not determine home directory."
 #: progress of unfinished work, such as ``{"rendering": "512/2,048 images"}``, and of what ended after it
 _reached: dict[str, str] = {}
 _ended: dict[str, str] = {}
@@ -79,6 +81,11 @@ def reporting_mistakes(verb: str = "") -> Iterator[None]:
         sys.exit(130)
     except BrokenPipeError:
         sys.exit(141)
+    except RuntimeError as error:
+        if str(error) != NO_HOME:
+            raise
+        print_mistake(UserError("a path begins with ~ and no folder of such a user is known", "Write it in full."))
+        sys.exit(2)
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             raise

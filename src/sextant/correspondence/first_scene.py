@@ -11,11 +11,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from sextant.correspondence.absolute_pose import absolute_pose
 from sextant.correspondence.bundle import LARGEST_PX, Scene, Tracks, errors, fitted
+from sextant.correspondence.matching import tracks_of
 from sextant.correspondence.pinhole import Pinhole
 from sextant.correspondence.triangulation import triangulate
 
@@ -30,27 +29,16 @@ MOST = 1500
 VARIANCE, LARGER = 0.5, 4.0
 
 
-def joined(links: Mapping[Pair, Int64[ndarray, "m 2"]], photos: int) -> tuple[ndarray, ndarray, ndarray]:
+def joined(links: Mapping[Pair, Int64[ndarray, "m 2"]]) -> tuple[ndarray, ndarray, ndarray]:
     """Tracks of features that are linked, at most one in a photo: their photos, features and tracks, sorted by track.
 
-    >>> joined({(0, 1): np.array([[5, 7]]), (1, 2): np.array([[7, 3]])}, 3)[1].tolist()
+    >>> joined({(0, 1): np.array([[5, 7]]), (1, 2): np.array([[7, 3]])})[1].tolist()
     [5, 7, 3]
     """
     most = 1 + max(int(pairs.max()) for pairs in links.values())
     ends = np.concatenate([pairs + np.array(photo) * most for photo, pairs in links.items()])
-    linked, ends = np.unique(ends, return_inverse=True)
-    ends = ends.reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(ends), bool), (ends[:, 0], ends[:, 1])), (len(linked), len(linked)))
-    _, label = connected_components(graph, directed=False)
-    photo, feature = linked // most, linked % most
-    size = np.bincount(label)
-    distinct = np.bincount(np.unique(label.astype(np.int64) * photos + photo) // photos, minlength=len(size))
-    good = distinct == size  # a track with two features of one photo is of two things
-    longest = np.argsort(-np.where(good, size, 0), kind="stable")[:MOST]
-    good[np.setdiff1d(np.arange(len(size)), longest)] = False
-    rows = np.flatnonzero(good[label])
-    rows = rows[np.argsort(label[rows], kind="stable")]
-    return photo[rows], feature[rows], np.unique(label[rows], return_inverse=True)[1].reshape(-1)
+    linked, photo, track = tracks_of(ends, lambda numbers: numbers // most, MOST)
+    return photo, linked % most, track
 
 
 def first_scene(

@@ -1,13 +1,17 @@
-r"""Matches of local features, and those that agree with a geometry.
+r"""Matches of local features, those that agree with a geometry, and the tracks that they join.
 
 Two features match where each is the other's most similar one (mutual nearest neighbours) and the cosine of their
 descriptors reaches a threshold.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from sextant.correspondence.local_features import LocalFeatures
 from sextant.errors import naming_extras
@@ -114,3 +118,32 @@ def epipolar_inliers(
     ransac = {"max_epipolar_error": error_px, "max_iterations": ITERATIONS, "min_iterations": ITERATIONS // 10}
     _, found = poselib.estimate_fundamental(first.astype(np.float64), second.astype(np.float64), ransac, {})
     return np.asarray(found["inliers"], bool)
+
+
+def tracks_of(
+    links: Int64[ndarray, "m 2"], image_of: Callable[[ndarray], ndarray], most: int | None = None
+) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"], Int64[ndarray, "n"]]:
+    """Features that links join, at most one of an image: the features, their images and tracks, sorted by track.
+
+    Args:
+        links: pairs of features, which are numbered across images.
+        image_of: the images of such numbers.
+        most: tracks that are kept, the longest; None for all.
+
+    >>> features, images, tracks = tracks_of(np.array([[1, 12], [12, 25], [3, 14], [4, 14]]), lambda n: n // 10)
+    >>> features.tolist(), images.tolist(), tracks.tolist()  # 3 and 4 are of one image
+    ([1, 12, 25], [0, 1, 2], [0, 0, 0])
+    """
+    linked, ends = np.unique(links, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    graph = coo_matrix((np.ones(len(ends), bool), (ends[:, 0], ends[:, 1])), (len(linked), len(linked)))
+    _, label = connected_components(graph, directed=False)
+    image = image_of(linked)
+    size, images = np.bincount(label, minlength=1), 1 + int(image.max(initial=0))
+    distinct = np.bincount(np.unique(label.astype(np.int64) * images + image) // images, minlength=1)
+    good = distinct == size  # a track with two features of one image is of two things
+    if most is not None:
+        good[np.argsort(-np.where(good, size, 0), kind="stable")[most:]] = False
+    rows = np.flatnonzero(good[label])
+    rows = rows[np.argsort(label[rows], kind="stable")]
+    return linked[rows], image[rows], np.unique(label[rows], return_inverse=True)[1].reshape(-1)

@@ -1,4 +1,4 @@
-r"""The pinhole camera of correspondences, and its projection with derivatives.
+r"""The pinhole camera of correspondences, its projection with derivatives, and the geometry of two of them.
 
 A point :math:`X = (X, Y, Z)` of the camera (x right, y down, z forward) has the pixel
 
@@ -83,3 +83,14 @@ def cross_matrices(vectors: Float64[ndarray, "n 3"]) -> Float64[ndarray, "n 3 3"
     x, y, z = vectors.T
     zero = np.zeros_like(x)
     return np.stack([np.stack([zero, -z, y], 1), np.stack([z, zero, -x], 1), np.stack([-y, x, zero], 1)], 1)
+
+
+def sampson_errors(
+    first: Float64[ndarray, "n 2"], second: Float64[ndarray, "n 2"], essential: Float64[ndarray, "3 3"]
+) -> Float64[ndarray, "n"]:
+    r"""First-order distances from the epipolar constraint, signed:
+    :math:`x_2^\top E x_1 / \sqrt{(E x_1)_1^2 + (E x_1)_2^2 + (E^\top x_2)_1^2 + (E^\top x_2)_2^2}`."""
+    one, two = (np.column_stack([each, np.ones(len(each))]) for each in (first, second))
+    lines, back = one @ essential.T, two @ essential
+    length = np.sqrt((lines[:, :2] ** 2).sum(1) + (back[:, :2] ** 2).sum(1)).clip(min=1e-12)
+    return np.asarray(np.einsum("ni,ni->n", two, lines) / length)

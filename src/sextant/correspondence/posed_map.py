@@ -24,15 +24,12 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int32, Int64
 from numpy import ndarray
 from scipy.optimize import minimize_scalar
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sextant.correspondence.absolute_pose import FOCAL_LENGTHS, LEAST_VARIANCE, EstimatedPose, absolute_pose
 from sextant.correspondence.local_features import LocalFeatures, Matcher
-from sextant.correspondence.matching import mutual_matches
-from sextant.correspondence.pinhole import Pinhole, cross_matrices
-from sextant.correspondence.relative_pose import sampson_errors
+from sextant.correspondence.matching import mutual_matches, tracks_of
+from sextant.correspondence.pinhole import Pinhole, cross_matrices, sampson_errors
 from sextant.correspondence.triangulation import triangulate
 
 #: images that each image of the map is matched to, and the largest angle between their viewing directions
@@ -287,18 +284,9 @@ def _triangulated(
     features: Sequence[LocalFeatures], poses: ndarray, cameras: Sequence[Pinhole], links: ndarray, offsets: ndarray
 ) -> PosedMap:
     """Join links between features to tracks, and triangulate them."""
-    linked, ends = np.unique(links, return_inverse=True)
-    ends = ends.reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(ends), bool), (ends[:, 0], ends[:, 1])), (len(linked), len(linked)))
-    _, label = connected_components(graph, directed=False)
-    image = np.searchsorted(offsets, linked, side="right") - 1
-    size = np.bincount(label, minlength=1)
-    distinct = np.bincount(np.unique(label.astype(np.int64) * len(features) + image) // len(features), minlength=1)
-    rows = np.flatnonzero((distinct == size)[label])  # a track with two features of one image is of two things
-    rows = rows[np.argsort(label[rows], kind="stable")]
-    image, feature = image[rows], linked[rows] - offsets[image[rows]]
-    _, tracks = np.unique(label[rows], return_inverse=True)
-    pixels, order = np.empty((len(rows), 2)), np.argsort(image, kind="stable")
+    linked, image, tracks = tracks_of(links, lambda numbers: np.searchsorted(offsets, numbers, side="right") - 1)
+    feature = linked - offsets[image]
+    pixels, order = np.empty((len(linked), 2)), np.argsort(image, kind="stable")
     for part in np.split(order, np.flatnonzero(np.diff(image[order])) + 1):
         if len(part):
             pixels[part] = features[image[part[0]]].points[feature[part]]
@@ -306,7 +294,7 @@ def _triangulated(
     points, covariances, kept, pixel = _triangulated_tracks(pixels, image, tracks, poses, cameras, unit)
     number = np.where(kept, np.cumsum(kept) - 1, -1)
     point_of = np.full(int(offsets[-1]), -1, np.int32)
-    point_of[linked[rows]] = number[tracks]
+    point_of[linked] = number[tracks]
     each = [point_of[start:end] for start, end in pairwise(offsets)]
     return PosedMap(features, poses, cameras, points[kept], pixel * covariances[kept], each, pixel)
 

@@ -28,8 +28,7 @@ from sextant.correspondence.first_scene import Pair, first_scene, joined
 from sextant.correspondence.local_features import LocalFeatures
 from sextant.correspondence.matching import distinct_matches
 from sextant.correspondence.moving_scene import second_motion
-from sextant.correspondence.pinhole import cross_matrices
-from sextant.correspondence.relative_pose import sampson_errors
+from sextant.correspondence.pinhole import cross_matrices, sampson_errors
 from sextant.correspondence.turned_camera import turned_focal, turns_of
 from sextant.errors import ArgumentError, naming_extras, shown
 from sextant.tables import counted
@@ -215,12 +214,14 @@ def _moving(pairs: Mapping[Pair, _Pair], scan: Sequence[_Scanned]) -> bool:
 def _turned(
     pairs: Mapping[Pair, _Pair], scan: Sequence[_Scanned], side: float, unit: float
 ) -> SharedFocalLength | None:
-    """The answer if turns explain what relative poses do; None if they do not."""
+    """The answer if turns explain what relative poses do; None if they do not, or no pair has enough matches."""
     matched, agree = {}, {}
     for pair, each in pairs.items():
         most = max(scanned.shares[pair] for scanned in scan)
         if most >= LEAST_SHARE and most * len(each.first) >= LEAST:
             matched[pair], agree[pair] = (each.first, each.second), most * len(each.first)
+    if not matched:
+        return None
     focal, turns, explained = turns_of(matched, np.geomspace(GRID[0], GRID[-1], TURNS) * side)
     if sum(explained.values()) < TURNED_SHARE**4 * sum(agree.values()):  # before turns are fitted
         return None
@@ -247,7 +248,7 @@ def _tracks(
             links[pair] = each.matches[agree]
     if not links:
         return None
-    photo, feature, track = joined(links, len(photos))
+    photo, feature, track = joined(links)
     pixels = np.empty((len(photo), 2))
     for k in np.unique(photo).tolist():
         pixels[photo == k] = _centred(photos[k], feature[photo == k], unit)

@@ -27,7 +27,7 @@ class Triangulated:
         covariances: for pixels of a standard deviation of 1.
         errors_px: largest reprojection error within each track.
         squared_px: sum of the squared reprojection errors of each track.
-        angles_deg: largest angle between two rays of each track.
+        angles_deg: largest angle between the first ray of each track and another.
         valid: in front of all its cameras.
     """
 

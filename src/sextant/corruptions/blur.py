@@ -39,9 +39,6 @@ class GaussianBlur(BenchmarkCorruption[float, None]):
         levels: the severities to test at.
     """
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing is random."""
-
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Smooth over height and width."""
         return gaussian_filter(images, self.row(level)).clamp(0, 1)
@@ -96,9 +93,6 @@ class DefocusBlur(BenchmarkCorruption[tuple[float, float], None]):
     """
 
     mode: Mode = "faithful"
-
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing is random."""
 
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Convolve every channel with the disk."""
@@ -262,9 +256,6 @@ class ZoomBlur(BenchmarkCorruption[tuple[float, float], None]):
         name: the corruption's name.
         levels: the severities to test at.
     """
-
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing is random."""
 
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Average over the zooms."""

@@ -10,7 +10,7 @@ from PIL import Image
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
-from sextant.corruptions.benchmark_suite import SETS
+from sextant.corruptions.benchmark_suite import SETS, benchmark_set
 from sextant.corruptions.contract import CHANNELS
 from sextant.corruptions.pixels import to_bytes
 from sextant.errors import UserError
@@ -70,9 +70,7 @@ def corrupt(
 
 
 def _corruption(name: str, severity: int, set: str, mode: Mode) -> BenchmarkCorruption[Any, Any]:
-    if set not in SETS:
-        raise UserError(f"set={set!r} is not known", f"There are: {', '.join(SETS)}.")
-    families = SETS[set].families
+    families = benchmark_set(set).families
     if name not in families:
         elsewhere = [key for key, other in SETS.items() if name in other.families]
         like = difflib.get_close_matches(

@@ -3,7 +3,7 @@
 import hashlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from numbers import Real
 from typing import Generic, TypeVar
 
@@ -26,6 +26,16 @@ def generators(seeds: list[int]) -> list[torch.Generator]:
     return [torch.Generator().manual_seed(seed) for seed in seeds]
 
 
+def filled(
+    shape: tuple[int, ...], streams: list[torch.Generator], fill: Callable[[Tensor, torch.Generator], object]
+) -> Float[Tensor, "b ..."]:
+    """Numbers of ``shape`` for each stream, which ``fill`` draws from it in place."""
+    found = torch.empty(len(streams), *shape)
+    for one, stream in zip(found, streams, strict=True):
+        fill(one, stream)
+    return found
+
+
 Params = TypeVar("Params")
 
 
@@ -45,9 +55,9 @@ class Corruption(ABC, Generic[Params]):
     name: str
     levels: Sequence[float]
 
-    @abstractmethod
     def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> Params:
-        """Random parameters for the images of a dataset at ``indices``, each of ``shape``."""
+        """Random parameters for the images of a dataset at ``indices``, each of ``shape``; by default None."""
+        return None  # type: ignore[return-value]
 
     @abstractmethod
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: Params) -> Float[Tensor, "b c h w"]:

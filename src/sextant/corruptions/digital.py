@@ -33,9 +33,6 @@ class Contrast(BenchmarkCorruption[float, None]):
         levels: the severities to test at.
     """
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing is random."""
-
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Draw every value to the mean of its channel."""
         return images.mean((2, 3), keepdim=True).lerp(images, self.row(level)).clamp(0, 1)
@@ -67,9 +64,6 @@ class Saturate(BenchmarkCorruption[tuple[float, float], None]):
     """
 
     mode: Mode = "faithful"
-
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing is random."""
 
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Move every channel away from, or towards, the value of its pixel."""
@@ -121,9 +115,6 @@ class JPEGCompression(BenchmarkCorruption[int, None]):
         name: the corruption's name.
         levels: the severities to test at.
     """
-
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing is random."""
 
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Encode and decode every image; images are rounded to 8 bits first.
@@ -207,9 +198,6 @@ class Pixelate(BenchmarkCorruption[float, None]):
         name: the corruption's name.
         levels: the severities to test at.
     """
-
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing is random."""
 
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Resize down and up; images are rounded to 8 bits first."""

@@ -1,8 +1,8 @@
 """Corrupted copies of a set of images as files, in the layout of CIFAR-10-C.
 
 There is one ``.npy`` file per corruption, uint8 of shape ``(s·n, ...)``: all n images at the first severity, then all
-at the next. ``labels.npy`` repeats the labels in the same way. ``corruptions.json`` records what the files were made
-from; complete files made from the same are kept, so that an interrupted run resumes.
+at the next. ``labels.npy`` repeats the labels in the same way, as often as the largest file needs. ``corruptions.json``
+records what the files were made from; complete files made from the same are kept, so that an interrupted run resumes.
 """
 
 import hashlib
@@ -160,7 +160,7 @@ def begin(folder: Path, recipe: Recipe, corruptions: Corruptions) -> None:
 
 
 def write_labels(folder: Path, labels: NDArray[Any], repeats: int) -> None:
-    """Write the labels as often as a file has severities."""
+    """Write the labels as often as the largest file has severities."""
     write_atomically(folder / LABELS, lambda file: np.save(file, np.tile(labels, repeats), allow_pickle=False))
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int8, Int64
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption
-from sextant.corruptions.corruption import Corruption, generators, image_seeds
+from sextant.corruptions.corruption import Corruption, filled, generators, image_seeds
 from sextant.ranges import NonNegative, Positive, checked
 
 
@@ -46,10 +46,8 @@ class GaussianNoise(Corruption[Tensor]):
         self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
     ) -> Float[Tensor, "b c h w"]:
         """The noise itself."""
-        noise = torch.empty(len(indices), *shape)
-        for image, generator in zip(noise, generators(image_seeds(self.name, level, indices, seed)), strict=True):
-            image.normal_(std=math.sqrt(level), generator=generator)
-        return noise
+        streams, std = generators(image_seeds(self.name, level, indices, seed)), math.sqrt(level)
+        return filled(shape, streams, lambda image, stream: image.normal_(std=std, generator=stream))
 
     def apply(
         self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b c h w"]
@@ -80,10 +78,8 @@ class ClippedGaussianNoise(BenchmarkCorruption[float, Tensor]):
         self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
     ) -> Float[Tensor, "b c h w"]:
         """The standard normal ``n``."""
-        noise = torch.empty(len(indices), *shape)
-        for image, stream in zip(noise, self.streams(level, indices, seed), strict=True):
-            image.normal_(generator=stream)
-        return noise
+        streams = self.streams(level, indices, seed)
+        return filled(shape, streams, lambda image, stream: image.normal_(generator=stream))
 
     def apply(
         self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b c h w"]
@@ -116,8 +112,23 @@ class SpeckleNoise(ClippedGaussianNoise):
         return super().apply(images, level, params.to(images) * images)
 
 
+class PhotonNoise(Corruption[list[int]]):
+    """Noise of photons that are counted: a count depends on the image, so that its stream is the parameter."""
+
+    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> list[int]:
+        """The seeds of the photon streams."""
+        return image_seeds(self.name, level, indices, seed)
+
+
+def photons(values: Float[Tensor, "b c h w"], peak: float, seeds: list[int]) -> Float[Tensor, "b c h w"]:
+    """``Poisson(peak · z) / peak`` of values ``z``, counted on the CPU from the stream of each seed."""
+    rates = (values * peak).clamp(min=0).cpu()
+    counts = [torch.poisson(rate, stream) for rate, stream in zip(rates, generators(seeds), strict=True)]
+    return torch.stack(counts) / peak
+
+
 @dataclass(frozen=True)
-class ShotNoise(BenchmarkCorruption[float, list[int]]):
+class ShotNoise(PhotonNoise, BenchmarkCorruption[float, list[int]]):
     """``y = clip(Poisson(c x) / c)``, so that the variance is ``x / c`` before clipping.
 
     Source: Hendrycks & Dietterich, ICLR 2019.
@@ -132,16 +143,9 @@ class ShotNoise(BenchmarkCorruption[float, list[int]]):
         levels: the severities to test at.
     """
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> list[int]:
-        """The seeds of the photon streams: counts depend on the image, so the stream is the parameter."""
-        return image_seeds(self.name, level, indices, seed)
-
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: list[int]) -> Float[Tensor, "b c h w"]:
         """Count photons from the drawn streams, on the CPU."""
-        peak = self.row(level)
-        rates = (images.float() * peak).clamp(min=0).cpu()
-        counts = [torch.poisson(rate, stream) for rate, stream in zip(rates, generators(params), strict=True)]
-        return (torch.stack(counts) / peak).clamp(0, 1).to(images)
+        return photons(images.float(), self.row(level), params).clamp(0, 1).to(images)
 
 
 @dataclass(frozen=True)
@@ -166,10 +170,8 @@ class ImpulseNoise(BenchmarkCorruption[float, Tensor]):
         self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
     ) -> Int8[Tensor, "b c h w"]:
         """-1 where a value becomes black, 1 where white, 0 where it stays."""
-        share = torch.empty(len(indices), *shape)
-        for image, stream in zip(share, self.streams(level, indices, seed), strict=True):
-            image.uniform_(generator=stream)
-        amount = self.row(level)
+        streams, amount = self.streams(level, indices, seed), self.row(level)
+        share = filled(shape, streams, lambda image, stream: image.uniform_(generator=stream))
         return (share < amount).to(torch.int8) - 2 * (share < amount / 2).to(torch.int8)
 
     def apply(
@@ -181,7 +183,7 @@ class ImpulseNoise(BenchmarkCorruption[float, Tensor]):
 
 @checked
 @dataclass(frozen=True)
-class ContrastPoisson(Corruption[list[int]]):
+class ContrastPoisson(PhotonNoise):
     """``y = Poisson(peak · z) / peak`` with ``z = (x - 1/2) · contrast + 1/2``.
 
     Source: Strisciuglio et al. 2020, section 4.1 (MNIST). The paper does not state the Poisson scale; ``peak = 256``
@@ -209,13 +211,7 @@ class ContrastPoisson(Corruption[list[int]]):
         if not 0 < level <= 1:
             raise ValueError(f"a level of {self.name} is a contrast factor in (0, 1], not {level!r}")
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> list[int]:
-        """The seeds of the photon streams: counts depend on the image, so the stream is the parameter."""
-        return image_seeds(self.name, level, indices, seed)
-
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: list[int]) -> Float[Tensor, "b c h w"]:
         """Reduce the contrast by the factor ``level``, then count photons from the drawn streams."""
-        rates = (((images - 0.5) * level + 0.5) * self.peak).clamp(min=0).cpu()
-        counts = [torch.poisson(rate, generator) for rate, generator in zip(rates, generators(params), strict=True)]
-        noisy = (torch.stack(counts) / self.peak).to(images)
+        noisy = photons((images - 0.5) * level + 0.5, self.peak, params).to(images)
         return noisy.clamp(0, 1) if self.clip else noisy

@@ -31,7 +31,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from sextant.corruptions.corruption import Corruption, generators, image_seeds
+from sextant.corruptions.corruption import Corruption, filled, generators, image_seeds
 from sextant.corruptions.filtering import bilinear, motion_blur
 from sextant.corruptions.noise import ClippedGaussianNoise, ShotNoise
 from sextant.corruptions.pixels import eight_bit
@@ -56,9 +56,6 @@ class Movement(Corruption[None]):
     frame: Callable[[Tensor, int], Tensor]
     levels: Sequence[float]
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing is random."""
-
     def apply(self, images: Images, level: float, params: None) -> Images:
         """The frame."""
         return self.frame(images, int(level))
@@ -73,9 +70,8 @@ class SnowSequence(Corruption[SnowDraw]):
 
     def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> SnowDraw:
         """The flakes, which depend on the image, not on the frame, and the wind, which depends on the frame alone."""
-        noise = torch.empty(len(indices), *shape[-2:])
-        for flakes, stream in zip(noise, generators(image_seeds(self.name, 0, indices, seed)), strict=True):
-            flakes.normal_(generator=stream)
+        streams = generators(image_seeds(self.name, 0, indices, seed))
+        noise = filled(shape[-2:], streams, lambda flakes, stream: flakes.normal_(generator=stream))
         return SnowDraw(noise, torch.full((len(indices),), 4.0 * level - 150, dtype=torch.float64))
 
     def apply(self, images: Images, level: float, params: SnowDraw) -> Images:

@@ -109,8 +109,18 @@ def line_overlay(
     return value.where((cells >= c0.floor()) & (cells < c1.ceil()) & (c0 != c1), 0)
 
 
+class ByAngle(BenchmarkCorruption[float, Tensor]):
+    """By an angle φ of a random sign; the table holds |φ| in radians."""
+
+    def draw(
+        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
+    ) -> Float64[Tensor, "b"]:
+        """φ of each image."""
+        return self.row(level) * random_signs(self.streams(level, indices, seed), 1)[:, 0]
+
+
 @dataclass(frozen=True)
-class Shear(BenchmarkCorruption[float, Tensor]):
+class Shear(ByAngle):
     """``y(p) = x(A p)`` about the centre, sheared along the rows by φ with a random sign.
 
     Bilinear, black outside.
@@ -134,12 +144,6 @@ class Shear(BenchmarkCorruption[float, Tensor]):
     """
 
     mode: Mode = "faithful"
-
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Float64[Tensor, "b"]:
-        """φ of each image."""
-        return self.row(level) * random_signs(self.streams(level, indices, seed), 1)[:, 0]
 
     def apply(
         self, images: Float[Tensor, "b c h w"], level: float, params: Float64[Tensor, "b"]
@@ -166,9 +170,6 @@ class Scale(BenchmarkCorruption[float, None]):
         table: f for each severity.
     """
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing."""
-
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Scale."""
         matrices = (self.row(level) * torch.eye(2, dtype=torch.float64)).expand(len(images), 2, 2)
@@ -176,7 +177,7 @@ class Scale(BenchmarkCorruption[float, None]):
 
 
 @dataclass(frozen=True)
-class Rotate(BenchmarkCorruption[float, Tensor]):
+class Rotate(ByAngle):
     """``y(p) = x(R p)`` about the centre, ``R = [[cos φ, -sin φ], [sin φ, cos φ]]``, with a random sign of φ.
 
     With rows downward, φ > 0 turns the picture counter-clockwise. Bilinear, black outside.
@@ -192,12 +193,6 @@ class Rotate(BenchmarkCorruption[float, Tensor]):
     Args:
         table: |φ| in radians for each severity.
     """
-
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Float64[Tensor, "b"]:
-        """φ of each image."""
-        return self.row(level) * random_signs(self.streams(level, indices, seed), 1)[:, 0]
 
     def apply(
         self, images: Float[Tensor, "b c h w"], level: float, params: Float64[Tensor, "b"]
@@ -248,9 +243,6 @@ class Stripe(BenchmarkCorruption[tuple[()], None]):
     >>> Stripe(((),), "stripe")(torch.zeros(1, 1, 1, 8), level=1, indices=[0], seed=0)
     tensor([[[[1., 1., 0., 0., 0., 0., 1., 1.]]]])
     """
-
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing."""
 
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Invert the stripes."""
@@ -371,9 +363,6 @@ class CannyEdges(BenchmarkCorruption[tuple[()], None]):
     >>> CannyEdges(((),), "canny_edges")(square, level=1, indices=[0], seed=0)[0, 0, 7].nonzero().flatten()
     tensor([ 4, 11])
     """
-
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing."""
 
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Find the edges, on the CPU whatever the device."""

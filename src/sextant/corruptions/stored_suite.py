@@ -5,6 +5,7 @@ that are comparable image by image.
 """
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +18,7 @@ from torch import Tensor
 from sextant.atomic_files import read_json
 from sextant.corruptions.benchmark_suite import Names, benchmark_set
 from sextant.corruptions.contract import Indices, require_indices
-from sextant.corruptions.making import LABELS, RECORD
+from sextant.corruptions.making import LABELS, RECORD, read_array
 from sextant.corruptions.suite import Condition, CorruptionSuite, Protocol
 from sextant.errors import ArgumentError, UserError
 from sextant.ranges import checked
@@ -65,10 +66,10 @@ class StoredSuite(CorruptionSuite):
             raise ArgumentError(
                 f"set={set}: {self.folder} holds corruptions of {recipe['set']}", f"set={recipe['set']}"
             )
-        super().__init__(chosen.build(names, severities), int(recipe.get("seed", 0)))
         stored = dict(record.get("severities") or {})
-        published = chosen.build(names, None)
-        self._levels = {name: list(stored.get(name, published[name].levels)) for name in self.corruptions}
+        every = {name: replace(c, levels=tuple(stored.get(name, c.levels))) for name, c in chosen.build(names).items()}
+        super().__init__(every if severities is None else chosen.build(names, severities), int(recipe.get("seed", 0)))
+        self._levels: dict[str, list[Any]] = {name: list(corruption.levels) for name, corruption in every.items()}
         self.labels = self._open(LABELS)
         self.images = {name: self._images(name) for name in self.corruptions}
         self.protocol = Protocol(
@@ -137,20 +138,13 @@ class StoredSuite(CorruptionSuite):
 
     def _open(self, name: str) -> NDArray[Any]:
         path = self.folder / name
-        try:
-            found = np.load(path, mmap_mode="r", allow_pickle=False)
-        except FileNotFoundError:
+        if not path.exists():
             raise UserError(
                 f"{self.folder} has no {name}",
-                f"{MAKE.format(set='cifar10_c', folder=self.folder)} writes it; "
+                f"{MAKE.format(set=self.set, folder=self.folder)} writes it; "
                 "or take the files of the benchmark's authors.",
-            ) from None
-        except (OSError, ValueError, EOFError) as error:
-            reason = str(error).splitlines()[0] if str(error) else "it is cut off"
-            raise UserError(f"{path} cannot be read: {reason}", "Make or fetch it again.") from None
-        if not isinstance(found, np.ndarray):
-            raise UserError(f"{path} is not a .npy file", "numpy.save writes one.")
-        return found
+            )
+        return read_array(path, str(path))
 
 
 def folder_identity(folder: str | Path) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
+from sextant.corruptions.corruption import filled
 from sextant.corruptions.filtering import clipped_zoom, gaussian_filter, motion_blur
 from sextant.corruptions.pixels import eight_bit, luma
 from sextant.corruptions.textures import HEIGHT, KINDS, WIDTH, frost_texture, map_side, plasma
@@ -35,9 +36,6 @@ class Brightness(BenchmarkCorruption[float, None]):
         name: the corruption's name.
         levels: the severities to test at.
     """
-
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:
-        """Nothing is random."""
 
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Raise the value, keeping hue and saturation."""
@@ -77,10 +75,8 @@ class Fog(BenchmarkCorruption[tuple[float, float], Tensor]):
     ) -> Float[Tensor, "b n n"]:
         """The perturbation of each point of the map, uniform in [-1, 1]."""
         side = max(map_side(*shape[-2:]), self.map_size or 0)
-        noise = torch.empty(len(indices), side, side)
-        for one, generator in zip(noise, self.streams(level, indices, seed), strict=True):
-            one.uniform_(-1, 1, generator=generator)
-        return noise
+        streams = self.streams(level, indices, seed)
+        return filled((side, side), streams, lambda one, stream: one.uniform_(-1, 1, generator=stream))
 
     def apply(
         self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b n n"]
@@ -273,10 +269,8 @@ class Spatter(BenchmarkCorruption[tuple[float, ...], Tensor]):
         self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
     ) -> Float[Tensor, "b h w"]:
         """Standard normal noise from which the liquid is made."""
-        noise = torch.empty(len(indices), *shape[-2:])
-        for one, generator in zip(noise, self.streams(level, indices, seed), strict=True):
-            one.normal_(generator=generator)
-        return noise
+        streams = self.streams(level, indices, seed)
+        return filled(shape[-2:], streams, lambda one, stream: one.normal_(generator=stream))
 
     def apply(
         self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b h w"]

@@ -65,13 +65,17 @@ class ImageFolder(ImageSource):
     def _classes(self) -> list[str]:
         root = self._root()
         base = root / "train" if self._has_splits() else root
-        inside = (path for path in base.iterdir() if path.is_dir() and not is_hidden(path.name))
-        classes = sorted(path.name for path in inside if any(_images(path)))
+        classes = _folders_of_images(base)
         if len(classes) < 2:
             raise MissingDataError(
                 f"folder={root}: {counted(len(classes), 'folder')} with images, need one for each of at least two "
                 "classes",
                 f"Arrange the images as {base}/<class>/<image>{SUFFIXES[0]}",
+            )
+        if self._has_splits() and (unknown := set(_folders_of_images(root / "test")) - set(classes)):
+            raise ArgumentError(
+                f"folder={root}: test has {', '.join(sorted(unknown))}, which train lacks",
+                f"The classes of train are {', '.join(classes)}: rename or remove the other folders.",
             )
         return classes
 
@@ -134,9 +138,14 @@ class ImageFolder(ImageSource):
 def decode_square(
     path: Path, size: int, channels: int, levels: WhiteLevels | None = None, crop: float = 1.0
 ) -> UInt8[ndarray, "h w *c"]:
-    """An image turned upright, scaled to cover a square of ``size`` pixels and cropped at its centre.
+    """:func:`decode_covering` for a square of ``size`` pixels, which covers the share ``crop`` of the shorter side."""
+    return decode_covering(path, (size, size), channels, levels, crop)
 
-    The square covers the share ``crop`` of the shorter side.
+
+def decode_covering(
+    path: Path, size: tuple[int, int], channels: int, levels: WhiteLevels | None = None, crop: float = 1.0
+) -> UInt8[ndarray, "h w *c"]:
+    """An image turned upright, scaled to cover ``size`` (height and width) and cropped at its centre.
 
     Transparent pixels become black, and more than 8 bits become 8 by the white level of ``levels``; without, by that of
     the files of its folder.
@@ -148,11 +157,16 @@ def decode_square(
         with open_picture(path) as image:
             require_sides(image)
             picture = without_alpha(upright(eight_bits(image, path, levels))).convert("RGB" if channels == 3 else "L")
-            return np.asarray(ImageOps.fit(picture, (size, size), Image.Resampling.BICUBIC, bleed=(1 - crop) / 2))
+            return np.asarray(ImageOps.fit(picture, size[::-1], Image.Resampling.BICUBIC, bleed=(1 - crop) / 2))
     except Exception as error:  # Pillow's decoders raise errors of any kind for a damaged file
         raise UserError(
             f"{path} {why_unreadable(path, error)}", "Replace the file or take it out of the folder."
         ) from None
+
+
+def _folders_of_images(base: Path) -> list[str]:
+    inside = (path for path in base.iterdir() if path.is_dir() and not is_hidden(path.name))
+    return sorted(path.name for path in inside if any(_images(path)))
 
 
 def _images(folder: Path) -> list[Path]:

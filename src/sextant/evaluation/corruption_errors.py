@@ -177,15 +177,11 @@ class CorruptionScore:
     """The scores of one model on a set of corruptions; ratios are shares, 1 being the baseline's error.
 
     Attributes:
-        baseline: name of the baseline to which ``ce`` and ``relative_ce`` are ratios.
-        clean: error on clean images.
         error: mean error over the corruptions.
         mean_ce, mean_relative_ce: mean of ``ce`` and of ``relative_ce``.
         ce, relative_ce: by corruption, in the order of the set.
     """
 
-    baseline: str
-    clean: float
     error: float
     mean_ce: float
     mean_relative_ce: float
@@ -252,8 +248,6 @@ def corruption_score(
         ce[name] = corruption_ratio(own, other)
         relative[name] = relative_corruption_ratio(own, errors.clean, other, baseline.clean)
     return CorruptionScore(
-        baseline=baseline.name,
-        clean=errors.clean,
         error=errors.mean(names),
         mean_ce=float(np.mean(list(ce.values()))),
         mean_relative_ce=float(np.mean(list(relative.values()))),

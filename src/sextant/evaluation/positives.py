@@ -134,18 +134,6 @@ class Positives:
         place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
         return np.asarray(keys[place] == wanted)
 
-    def select(self, queries: Integer[ndarray, "s"] | Bool[ndarray, "m"]) -> "Positives":
-        """The positives of some of the queries, by index or mask."""
-        chosen = np.arange(len(self))[queries]
-        rows = [self[int(query)] for query in chosen]
-        return Positives.from_lists(rows, self.references)
-
-    def mask(self) -> Bool[ndarray, "m n"]:
-        """As a matrix of m n bytes."""
-        dense = np.zeros((len(self), self.references), bool)
-        dense[np.repeat(np.arange(len(self)), self.counts), self.indices] = True
-        return dense
-
     @property
     def _keys(self) -> Int64[ndarray, "p"]:
         """Each pair of query and reference as one number, in increasing order."""

@@ -19,12 +19,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Integer
+from jaxtyping import Integer
 from numpy import ndarray
 from scipy.special import gammaln
 
 from sextant.evaluation.positives import Positives
-from sextant.retrieval.nearest import Similarity, nearest_neighbours
 
 RANKS = (1, 5, 10, 20)
 
@@ -150,44 +149,6 @@ def chance_recall(positives: Positives, k: int = 1) -> float:
     rest = np.maximum(missable - k, 0)
     log_miss = gammaln(missable + 1) + gammaln(n - k + 1) - gammaln(rest + 1) - gammaln(n + 1)
     return float(np.where(missable < k, 1.0, -np.expm1(log_miss)).mean())
-
-
-def recall_name(tolerance: int, k: int = 1) -> str:
-    """The name of a recall with its protocol: ``R@1_pm1f`` counts a match within ±1 frame, over all queries.
-
-    >>> recall_name(10, k=5)
-    'R@5_pm10f'
-    """
-    return RetrievalProtocol(tolerance).name(f"R@{k}")
-
-
-def recall_within_frames(
-    reference: Float32[ndarray, "n d"],
-    query: Float32[ndarray, "m d"],
-    tolerance: int = 1,
-    similarity: Similarity = "cosine",
-) -> float:
-    """Recall@1 on aligned traverses, where query i and reference i show the same place; ``recall_name`` gives its name.
-
-    ``R@1 = |{i : |nn(i) - i| <= tolerance}| / m``, over all queries. Chance is about ``(2 tolerance + 1) / n``.
-
-    Args:
-        reference, query: one descriptor per row, in the order of the frames.
-        tolerance: in frames, at least 0.
-        similarity: ``cosine`` or ``euclidean``.
-
-    Raises:
-        ValueError: the traverses differ in length, or as raised by ``nearest_neighbours``.
-
-    >>> ride = np.eye(4, dtype=np.float32)
-    >>> recall_within_frames(ride, np.roll(ride, 1, axis=1))  # each looks like the next, the last like the first
-    0.75
-    """
-    if len(reference) != len(query):
-        raise ValueError(f"aligned traverses need the same number of frames; got {len(reference)} and {len(query)}")
-    frames = np.arange(len(query))
-    nearest = nearest_neighbours(reference, query, 1, similarity)
-    return recall(nearest, Positives.within_frames(frames, frames, tolerance), (1,)).over_all[1]
 
 
 def _share(count: int, of: int) -> float:

@@ -26,6 +26,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from sextant.errors import ArgumentError
+from sextant.ranges import checked
 
 Poses = Float[ndarray, "n 3"] | Float[ndarray, "n 4 4"]
 Alignment = Literal["none", "rigid", "similarity"]
@@ -74,6 +75,7 @@ class ErrorStatistics:
         )
 
 
+@checked
 def absolute_errors(
     reference: Poses, estimate: Poses, *, alignment: Alignment = "none", part: Part = "translation"
 ) -> Float[ndarray, " n"]:
@@ -86,7 +88,7 @@ def absolute_errors(
 
     Raises:
         ValueError: shapes differ, or the positions do not determine the alignment.
-        ArgumentError: a pose to be aligned is not finite.
+        ArgumentError: an alignment or part is not one of these, or a pose to be aligned is not finite.
 
     >>> truth = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
     >>> shifted = truth + [0.5, 0.0, 0.0]
@@ -101,6 +103,7 @@ def absolute_errors(
     return _angle_deg(_between(truth, guess))
 
 
+@checked
 def relative_errors(
     reference: Poses,
     estimate: Poses,
@@ -125,6 +128,7 @@ def relative_errors(
 
     Raises:
         ValueError: shapes differ, or the distance is not positive or not a whole number of frames.
+        ArgumentError: a unit, path or part is not one of these.
 
     >>> truth = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     >>> relative_errors(truth, truth * [1.1, 1.0, 1.0] + [5.0, 0.0, 0.0]).round(6)  # 10 % too long; the start is free

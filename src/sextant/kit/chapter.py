@@ -70,6 +70,7 @@ class Chapter(ABC, Generic[Kind]):
     Attributes:
         about: what the task is for, in a sentence with the chapter of the thesis.
         evaluation_example: arguments of ``evaluate.py`` to suggest as a next step.
+        splits: splits of the dataset that a run reads.
         fits_elsewhere: whether ``dataset.fit_world`` may name another world, in which everything is fitted.
         monitor: validation metric that selects checkpoints, and whether its "max" or "min" is best.
         sweep_example: a group or key and two values, compared in a sweep that is suggested as a next step.
@@ -86,6 +87,7 @@ class Chapter(ABC, Generic[Kind]):
     monitor: ClassVar[tuple[str, Literal["max", "min"]]]
     sweep_example: ClassVar[tuple[str, tuple[str, str]]]
     cannot_test: ClassVar[tuple[type[TestConditions], ...]] = (StoredSuite, PerturbationSuite)
+    splits: ClassVar[tuple[str, ...]] = ("train", "val", "test")
     fits_elsewhere: ClassVar[bool] = False
     alone: ClassVar[str] = ""
     on_cpu: ClassVar[str] = ""
@@ -153,9 +155,10 @@ class Chapter(ABC, Generic[Kind]):
             UserError: this chapter cannot use the dataset.
         """
 
-    @abstractmethod
     def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files that a run needs are missing. Light."""
+        """Raise a ``UserError`` if files of :attr:`splits` are missing; a world to be rendered needs none. Light."""
+        for split in self.splits:
+            source.files(split)
 
     def training_size(self, config: Kind, source: Any) -> int | None:
         """The number of images in an epoch, which limits the batch size; None if unknown before reading. Light."""

@@ -21,9 +21,9 @@ from sextant.layers.surgery import Conversion, Rule, convert
 from sextant.ranges import Count, checked
 
 
-def binomial_taps(taps: int, *, dtype: torch.dtype | None = None, device: torch.device | str | None = None) -> Tensor:
+def binomial_taps(taps: int, *, dtype: torch.dtype | None = None) -> Tensor:
     """The binomial filter, which sums to one exactly."""
-    return torch.tensor([math.comb(taps - 1, i) / 2 ** (taps - 1) for i in range(taps)], dtype=dtype, device=device)
+    return torch.tensor([math.comb(taps - 1, i) / 2 ** (taps - 1) for i in range(taps)], dtype=dtype)
 
 
 def blur_pool(
@@ -41,6 +41,7 @@ def blur_pool(
         taps: n, the length of the filter; 1 only subsamples.
         stride: pixels between samples, for height and width.
         padding_mode: how the border is filled; ``zeros`` darkens the edges, others leave a constant image unchanged.
+            ``reflect`` repeats the edge pixels of images that are too small to be mirrored.
 
     Raises:
         ArgumentError: ``taps`` or ``stride`` is below 1.
@@ -78,13 +79,22 @@ class BlurPool2d(nn.Module):
         channels = x.size(-3)
         if torch.jit.is_tracing():  # type: ignore[attr-defined]
             channels = int(channels)  # the older ONNX exporter needs a constant to infer the kernel's shape
-        padded = F.pad(x, self.border, mode=self.border_mode)
+        padded = _bordered(x, self.border, self.border_mode)
         kernel = self.kernel.to(x).expand(channels, 1, self.taps, self.taps)
         return F.conv2d(padded, kernel, None, self.stride, groups=channels)
 
     def extra_repr(self) -> str:
         """The layer's settings."""
         return f"taps={self.taps}, stride={self.stride}, padding_mode={self.padding_mode}"
+
+
+def _bordered(x: Tensor, border: list[int], mode: str) -> Tensor:
+    if mode == "reflect" and int(min(x.size(-2), x.size(-1))) <= max(border):
+        mode = "replicate"
+    return F.pad(x, border, mode=mode)
+
+
+torch.fx.wrap("_bordered")  # a symbolic trace cannot compare sizes
 
 
 @checked

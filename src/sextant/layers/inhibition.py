@@ -69,12 +69,9 @@ class PushPullInhibition:
 
     def __call__(self, network: nn.Module) -> nn.Module:
         """Change ``network`` in place and return it; :func:`skipped` lists what stayed; raises as :func:`inhibit`."""
-
-        def layer(conv: nn.Conv2d) -> nn.Module:
-            return PushPullConv2d.from_conv(
-                conv, scale=self.scale, alpha=self.alpha, train_alpha=self.train_alpha, impl=self.impl
-            )
-
+        layer = partial(
+            PushPullConv2d.from_conv, scale=self.scale, alpha=self.alpha, train_alpha=self.train_alpha, impl=self.impl
+        )
         inhibit(network, self.where, layer, odd=self.scale > 1)
         return network
 
@@ -104,12 +101,13 @@ class PushPullAvgInhibition:
 
     def __call__(self, network: nn.Module) -> nn.Module:
         """Change ``network`` in place and return it; :func:`skipped` lists what stayed; raises as :func:`inhibit`."""
-
-        def layer(conv: nn.Conv2d) -> nn.Module:
-            return PushPullAvgConv2d.from_conv(
-                conv, average=self.average, alpha=self.alpha, train_alpha=self.train_alpha, impl=self.impl
-            )
-
+        layer = partial(
+            PushPullAvgConv2d.from_conv,
+            average=self.average,
+            alpha=self.alpha,
+            train_alpha=self.train_alpha,
+            impl=self.impl,
+        )
         inhibit(network, self.where, layer)
         return network
 

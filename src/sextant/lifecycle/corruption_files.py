@@ -16,6 +16,7 @@ from numpy import ndarray
 
 from sextant import __version__
 from sextant.applications.arguments import check_apart
+from sextant.atomic_files import read_json
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.config import validate
@@ -123,7 +124,7 @@ def _make(
             "Free some space, choose another output=, or fewer names= or severities=",
         )
     if labels is not None:
-        _write_labels(folder, chosen, labels, reporter)
+        _write_labels(folder, labels, reporter)
     total, done = needed // images[0].size, 0
     with reporter.progress("corrupting", "images") as progress:
 
@@ -149,12 +150,13 @@ def _require_all(folder: Path, chosen: making.Corruptions, images: UInt8[ndarray
         raise UserError(f"{folder} lacks files of these shards: {told}", "Run them again: each makes what is missing.")
 
 
-def _write_labels(folder: Path, chosen: making.Corruptions, labels: ndarray, reporter: Reporter) -> None:
-    """Write the labels, repeated once per severity if all files have the same number of severities."""
-    counts = {len(corruption.levels) for corruption in chosen.values()}
+def _write_labels(folder: Path, labels: ndarray, reporter: Reporter) -> None:
+    """Write the labels once for each severity of the file that has most of them, whichever call made it."""
+    recorded = read_json(folder / making.RECORD) or {}
+    counts = {len(levels) for levels in recorded["severities"].values()}
     if len(counts) > 1:
-        reporter.say("labels.npy is for one severity: the corruptions chosen have different numbers of severities")
-    making.write_labels(folder, labels, counts.pop() if len(counts) == 1 else 1)
+        reporter.say(f"labels.npy is for {max(counts)} severities: files with fewer have the first of its labels")
+    making.write_labels(folder, labels, max(counts))
 
 
 def _check_device(name: str) -> None:

@@ -90,19 +90,10 @@ def debugging(
     command = f"sextant replay run={directory.path}" + (" trust=true" if config.custom_targets() else "")
     found: list[Callback] = [WatchFinite(keep_step(directory.path, command))] if debug.nan else []
     if debug.overfit is not None:
-        data.train_dataloader = _Constant(Repeated(data.train_dataloader, debug.overfit))  # type: ignore[method-assign]
+        repeated = Repeated(data.train_dataloader, debug.overfit)
+        data.train_dataloader = lambda: repeated  # type: ignore[method-assign]
         found.append(LossOfRepeated(reporter.say))
     return found
-
-
-class _Constant:
-    """A function that always returns the same loader."""
-
-    def __init__(self, loader: Any):
-        self.loader = loader
-
-    def __call__(self) -> Any:
-        return self.loader
 
 
 @dataclass(frozen=True)
@@ -183,7 +174,8 @@ def _fit_one(config: Config, trainer: pl.Trainer, step: dict[str, Any], reporter
         data = chapter.data(config, source)
         module = chapter.module(config, chapter.spec(config, source, data), training=True)
     module.load_state_dict(step["weights"])
-    data.train_dataloader = _Constant(Repeated(lambda: [step["batch"]], 1))
+    once = Repeated(lambda: [step["batch"]], 1)
+    data.train_dataloader = lambda: once
     trainer.fit(module, data)
 
 

@@ -239,10 +239,9 @@ class _Run:
 
     def _keep_diverged(self, message: str) -> None:
         """Mark a run stopped by a nan as finished: repeating the command would only reach the same nan."""
-        identity = {name: getattr(self.key, name) for name in ("digest", "seed", "code", "data")}
         timing = {"fit_s": float("nan"), "test_s": float("nan")}
         results = {"outcome": "diverged", "metrics": {}, "message": message, "parameters": 0, "timing": timing}
-        write_json(self.directory.metrics, results | identity)
+        write_json(self.directory.metrics, results | self.key.identity)
 
     def _end(self, failure: str | None, status: Literal["FINISHED", "FAILED", "KILLED"]) -> None:
         try:

@@ -47,10 +47,13 @@ def write_network(found: Exportable, form: Format, path: Path) -> float:
             program = torch.export.export(found.network, (), dict(found.inputs), dynamic_shapes=shapes)
             answer = _onnx(program, found, written) if form == "onnx" else _torch_export(program, written)
             parity = max(_difference(found, answer, batch) for batch in BATCHES)
+        except (ModuleNotFoundError, OSError):  # an extra is not installed, or the disk is full
+            written.unlink(missing_ok=True)
+            raise
         except Exception as error:  # exporters and ONNX Runtime raise errors of any kind
             written.unlink(missing_ok=True)
             raise UserError(
-                f"this network cannot be exported as {form}: {str(error).strip().splitlines()[0]}",
+                f"this network cannot be exported as {form}: {_first_line(error)}",
                 "Its code depends on the values of its input, or uses operations that the format lacks.",
             ) from error
     if not parity <= TOLERANCE:
@@ -61,6 +64,10 @@ def write_network(found: Exportable, form: Format, path: Path) -> float:
         )
     written.replace(path)
     return parity
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
 
 
 def _onnx(program: torch.export.ExportedProgram, found: Exportable, path: Path) -> Answer:

@@ -66,13 +66,13 @@ def sweep(
         name: name of a stored sweep. Without one, the sweep varies every override that lists several values, and
             compares the values of the last of these (apart from the seed).
         overrides: overrides of the config, such as ``sweep.seeds=3`` or ``inhibition=none,push_pull``.
-        workers: number of processes on this machine; 1 runs the cells one after another in this process. A cluster is
-            chosen in ``overrides``: ``launcher=slurm``.
+        workers: number of processes on this machine; 1 runs the cells one after another in this process, unless a
+            launcher is chosen in ``overrides``, such as ``launcher=slurm``.
         config_dir: as for :func:`run`.
         reporter: listens to the sweep, not to its runs.
 
     Raises:
-        UserError: a cell's config is wrong; nothing has been run then.
+        UserError: a cell's config is wrong, or the launcher has no ``workers``; nothing has been run then.
 
     Example:
         >>> import sextant
@@ -81,8 +81,13 @@ def sweep(
     """
     quiet_libraries()
     arguments = [*([] if name is None else [f"sweep={name}"]), *_checked("sextant.sweep", overrides)]
-    if not any(override.startswith("launcher=") for override in overrides):
-        arguments += ["launcher=local"] if workers == 1 else ["launcher=joblib", f"launcher.workers={workers}"]
+    launcher = next((word.partition("=")[2] for word in overrides if word.startswith("launcher=")), None)
+    if launcher is None:
+        arguments.append("launcher=local" if workers == 1 else "launcher=joblib")
+    elif workers != 1 and launcher != "joblib":
+        raise ArgumentError(f"workers={workers} is for launcher=joblib, not for launcher={launcher}", "Leave out one.")
+    if workers != 1:
+        arguments.append(f"launcher.workers={workers}")
     with own_configs(config_dir):
         arguments = sweep_words(arguments)
         check_sweep_overrides(arguments)

@@ -182,7 +182,9 @@ def run_missing(
     ended = {cell.run.relative_to(outputs).as_posix(): how for cell, how in zip(missing, outcomes, strict=True)}
     failed = {run: why for run, how in ended.items() if how is not None and (why := _why_failed(how, outputs / run))}
     if missing:
-        plan = replace(plan, cells=[replace(c, message=failed.get(c.run, "")) for c in plan.cells])
+        # runs of other blocks keep what was said of them
+        cells = [replace(c, message=failed.get(c.run, "")) if c.run in ended else c for c in plan.cells]
+        plan = replace(plan, cells=cells)
     left = {run for run, how in ended.items() if how is None}
     if left or not last:
         plan.write(outputs)

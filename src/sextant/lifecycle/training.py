@@ -194,8 +194,7 @@ def test_checkpoint(
 def _write_results(
     results: dict[str, Any], directory: RunDirectory, key: RunKey, *, fit_s: float, test_s: float
 ) -> dict[str, Any]:
-    identity = {"digest": key.digest, "seed": key.seed, "code": key.code, "data": key.data}
-    results = results | identity | {"timing": {"fit_s": fit_s, "test_s": test_s}}
+    results = results | key.identity | {"timing": {"fit_s": fit_s, "test_s": test_s}}
     write_json(directory.metrics, results)
     return results
 
@@ -349,10 +348,7 @@ class _Provenance(Callback):
             "config": dict(config.plain),
             "spec": dict(spec),
             "task": key.task,
-            "digest": key.digest,
-            "seed": key.seed,
-            "code": key.code,
-            "data": key.data,
+            **key.identity,
         }
 
     def on_save_checkpoint(

@@ -28,7 +28,7 @@ from torch import Tensor
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.geometry.planar import se2_compose
 from sextant.localization.appearance_change import AppearanceChange
-from sextant.localization.belief import Belief
+from sextant.localization.belief import Belief, picked
 from sextant.localization.constant_velocity import ConstantVelocity
 from sextant.localization.constants import ALIKE, FEW, ONE_IN, RECOGNISED
 from sextant.localization.estimate import Estimate
@@ -294,7 +294,7 @@ class Adaptation:
         if not bool(asked.any()):
             return learned
         rows = drawn_evenly(belief.weights[asked])
-        poses = se2_compose(belief.poses[asked].gather(1, rows[..., None].expand(-1, -1, 3)), moved[asked, None])
+        poses = se2_compose(picked(belief.poses[asked], rows), moved[asked, None])
         on_map = 1.0 if support is None else support.share(poses).mean(1)
         near = self.near.nearest(poses.reshape(-1, 3)).view(rows.shape)
         innovation = some_of(learned.innovation, asked)

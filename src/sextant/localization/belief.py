@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from torch import Tensor
 
 
@@ -61,3 +61,12 @@ class Belief:
     def ess(self) -> Float64[Tensor, "r"]:
         r"""Effective sample size :math:`1 / \sum_i W_i^2`, from 1 to p (Kong, Liu & Wong, JASA 1994)."""
         return torch.exp(-(2 * self.log_weights).logsumexp(1))
+
+
+def picked(poses: Float64[Tensor, "r p 3"], rows: Int64[Tensor, "r k"]) -> Float64[Tensor, "r k 3"]:
+    """Some of each run's poses.
+
+    >>> picked(torch.arange(6).view(1, 2, 3), torch.tensor([[1, 0, 1]])).tolist()
+    [[[3, 4, 5], [0, 1, 2], [3, 4, 5]]]
+    """
+    return poses.gather(1, rows[..., None].expand(-1, -1, 3))

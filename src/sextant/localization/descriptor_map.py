@@ -53,7 +53,7 @@ class DescriptorMap:
 
         Args:
             poses: poses of the images.
-            descriptors: descriptors of the same images in the same order; not copied.
+            descriptors: descriptors of the same images in the same order; not copied if they are float32.
             merge_duplicates: merge images at exactly the same pose into one with their mean descriptor, in the place of
                 the first of them.
 
@@ -61,11 +61,8 @@ class DescriptorMap:
             UserError: there is no image, a pose or descriptor is not finite, the numbers of poses and descriptors
                 differ, or two poses are equal and ``merge_duplicates`` is false.
         """
-        if len(poses) != len(descriptors):
-            raise UserError(
-                f"the map has {counted(len(poses), 'pose')} and {counted(len(descriptors), 'descriptor')}",
-                "Give one pose for each image, in the same order.",
-            )
+        poses, descriptors = poses.double(), descriptors.float()  # the types of the files of a map
+        check_pairs(poses, descriptors)
         if len(poses) == 0 or descriptors.shape[1] == 0:
             raise UserError("the map is empty: it has no image with a descriptor", "Provide images with known poses.")
         finite = torch.isfinite(poses).all(dim=1)
@@ -89,6 +86,18 @@ class DescriptorMap:
                 "Leave these images out, or keep one with their mean descriptor: merge_duplicates=true",
             )
         return cls(poses, descriptors, mean_of_blocks(descriptors.split(BLOCK)))
+
+
+def check_pairs(poses: Tensor, descriptors: Tensor) -> None:
+    """Raise a ``UserError`` unless there is one pose for each descriptor.
+
+    >>> check_pairs(torch.zeros(2, 3), torch.zeros(2, 64))
+    """
+    if len(poses) != len(descriptors):
+        raise UserError(
+            f"the map has {counted(len(poses), 'pose')} and {counted(len(descriptors), 'descriptor')}",
+            "Give one pose for each image, in the same order.",
+        )
 
 
 def _refuse(wrong: Tensor, one: str, several: str, fix: str) -> None:

@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
 from sextant.geometry.planar import wrap_angle
-from sextant.localization.belief import Belief
+from sextant.localization.belief import Belief, picked
 from sextant.localization.constants import HEADING_REACH, PLACE, RARE
 from sextant.localization.kld_size import PoseBins
 
@@ -98,25 +98,6 @@ def estimate(belief: Belief, radius: float, heading_radius: float = PLACE * HEAD
     return Estimate(_moved(centre, shift), whole, within, chosen.sum(1), boxes.modes)
 
 
-def mean_over_all(belief: Belief) -> tuple[Float64[Tensor, "r 3"], Float64[Tensor, "r 3 3"]]:
-    r"""Mean and covariance over all particles, with the mean heading :math:`\arg \sum_i W_i e^{i\theta_i}`.
-
-    Example:
-        >>> import math
-        >>> poses = torch.tensor([[[0.0, 0, 0.3], [4, 0, 2 * math.pi - 0.1]]], dtype=torch.float64)
-        >>> mean, covariance = mean_over_all(Belief.uniform(poses))
-        >>> mean.round(decimals=4).tolist()  # headings of 0.3 and -0.1
-        [[2.0, 0.0, 0.1]]
-        >>> covariance[0].diagonal().round(decimals=4).tolist()
-        [4.0, 0.0, 0.04]
-    """
-    poses, weights = belief.poses, belief.weights
-    heading = torch.atan2((weights * poses[..., 2].sin()).sum(1), (weights * poses[..., 2].cos()).sum(1))
-    pose = torch.cat([_mean(weights, poses[..., :2]), wrap_angle(heading)[:, None]], dim=1)
-    apart = _difference(poses, pose)
-    return pose, _covariance(weights, apart, torch.zeros_like(pose))
-
-
 def _with_nearest(
     chosen: Float64[Tensor, "r p"], weights: Float64[Tensor, "r p"], apart: Float64[Tensor, "r p 3"]
 ) -> Float64[Tensor, "r p"]:
@@ -149,12 +130,12 @@ def _heaviest_boxes(poses: Tensor, weights: Tensor, bins: PoseBins) -> _Boxes:
     looked_at = int((mass > BOX_MASS).sum(1).max().clamp(min=1))
     mass, box = mass[:, :looked_at].contiguous(), box[:, :looked_at].contiguous()
     member = order.gather(1, torch.searchsorted(group, box).clamp(max=group.shape[1] - 1))
-    near = _neighbours(cells.gather(1, member[..., None].expand(-1, -1, 3)), bins.turns)
+    near = _neighbours(picked(cells, member), bins.turns)
     heavy = mass > BOX_MASS
     heavy[:, 0] = True
     around = (near @ mass[..., None])[..., 0] + 1e-9 * mass  # among boxes with equal surroundings, prefer the heavier
     first = member.gather(1, around.masked_fill(~heavy, 0.0).argmax(1, keepdim=True))
-    middle = poses.gather(1, first[..., None].expand(-1, -1, 3))[:, 0]
+    middle = picked(poses, first)[:, 0]
     return _Boxes(keys == keys.gather(1, first), middle, _modes(near, mass.masked_fill(mass <= BOX_MASS, 0.0)))
 
 

@@ -6,8 +6,8 @@ those of the K most similar images that agree on a place (:func:`~sextant.locali
 .. math:: \hat x = \frac{\sum_{i \in B} w_i\, x_i}{\sum_{i \in B} w_i}, \qquad w_i = \max(s_i, \epsilon),
 
 and likewise its heading, from wrapped differences. Without the agreement, one image of another place shifts the mean by
-metres. Each image is used on its own; a step without an image moves the last pose by the odometry. This is the baseline
-for filters and continuous maps.
+metres. Each image is used on its own; a step without an image moves the last pose by the odometry, if it is known. This
+is the baseline for filters and continuous maps.
 
 Source: A. Torii, J. Sivic, T. Pajdla, "Visual localization by linear combination of image descriptors", ICCV Workshops
 2011, for poses between images; here the similarities themselves are the weights.
@@ -72,7 +72,7 @@ def interpolated(
     for step, rows in enumerate(frames):
         began = time.perf_counter()
         if step:
-            poses = se2_compose(poses, torch.from_numpy(motion[step])[:, None])
+            poses = se2_compose(poses, torch.from_numpy(motion[step]).nan_to_num(0.0)[:, None])
         query = normalize(torch.from_numpy(camera.descriptors[rows]).double() - mean, dim=1)
         found, nearest = (query @ among.T).topk(count, dim=1)
         looked = torch.from_numpy(seen[step])

@@ -12,14 +12,15 @@ once.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import NormalDist
 
 import torch
 from jaxtyping import Float64, Int64
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
+from sextant.ranges import Count, NonNegative, Positive, Share, checked
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class PoseBins:
         return 1 + (ordered[:, 1:] != ordered[:, :-1]).sum(1)
 
 
+@checked
 @dataclass(frozen=True)
 class KLDSize:
     r"""How many particles a run needs.
@@ -78,7 +80,7 @@ class KLDSize:
         tolerance: a run is resampled to its new size only if the size changes by more than this share.
 
     Raises:
-        UserError: an argument is outside its allowed range.
+        ArgumentError: an argument is outside its allowed range.
 
     Example:
         >>> size = KLDSize(minimum=100, maximum=10_000)
@@ -88,27 +90,21 @@ class KLDSize:
         tensor([100])
     """
 
-    epsilon: float = 0.05
-    delta: float = 0.01
-    minimum: int = 100
-    maximum: int = 10_000
-    position_bin: float = 0.5
-    heading_bin_rad: float = math.radians(10)
-    tolerance: float = 0.2
+    epsilon: Positive = 0.05
+    delta: Share = 0.01
+    minimum: Count = 100
+    maximum: Count = 10_000
+    position_bin: Positive = 0.5
+    heading_bin_rad: Positive = field(default=math.radians(10))
+    tolerance: NonNegative = 0.2
 
     def __post_init__(self) -> None:
-        for name in ("epsilon", "position_bin", "heading_bin_rad"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise UserError(f"kld.{name}={getattr(self, name)} must be above 0", f"For example kld.{name}=0.05")
-        if not 0 < self.delta < 1:
-            raise UserError(f"kld.delta={self.delta} must lie between 0 and 1", "For example kld.delta=0.01")
-        if not 1 <= self.minimum <= self.maximum:
-            raise UserError(
-                f"kld.minimum={self.minimum} and kld.maximum={self.maximum} must satisfy 1 <= minimum <= maximum",
-                "For example kld.minimum=100 kld.maximum=10000",
+        if self.minimum > self.maximum:
+            raise ArgumentError(
+                f"minimum={self.minimum} must be at most maximum={self.maximum}",
+                "For example minimum=100 maximum=10000",
+                of=self,
             )
-        if not 0 <= self.tolerance < math.inf:
-            raise UserError(f"kld.tolerance={self.tolerance} must be at least 0", "For example kld.tolerance=0.2")
 
     def wanted(self, occupied: Int64[Tensor, "r"]) -> Int64[Tensor, "r"]:
         """The number of particles for k occupied boxes, between minimum and maximum."""

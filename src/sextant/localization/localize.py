@@ -19,7 +19,6 @@ from sextant.localization.motion import MotionModel
 from sextant.localization.observation.evidence import Evidence, EvidenceOfSome
 from sextant.localization.observers import Camera, Observer
 from sextant.localization.particle_filter import FilterState, FilterStep, ParticleFilter
-from sextant.reporter import Advance
 
 #: called with the number of a step and the belief after it
 Watch = Callable[[int, Belief], None]
@@ -163,7 +162,6 @@ def localize(
     radius: float,
     adaptation: Adaptation | None = None,
     watch: Watch | None = None,
-    progress: Advance | None = None,
 ) -> Track:
     """Run a filter along runs, step by step.
 
@@ -172,14 +170,13 @@ def localize(
         start: initial distribution of the particles.
         observer: the sensor.
         frames: the frame of the drive that each run is at in each step.
-        motion: odometry since the previous step; that of the first step is not used.
+        motion: odometry since the previous step, nan where it is missing; that of the first step moves no particle.
         seen: whether there is an image.
         generator: generator of all random numbers.
         particles: number of particles of a run, unless it adapts.
         radius: radius of the reported mode, in the unit of the map.
         adaptation: learns along the drive, for a camera; None for a filter that does not adapt.
         watch: called with every step and the belief after it.
-        progress: called with the number of steps done and of all.
 
     Example:
         >>> from sextant.localization import initialisation, map_prior, motion, recovery, resampling
@@ -209,8 +206,6 @@ def localize(
             columns.setdefault(name, []).append(getattr(now.told, name))
         if watch is not None:
             watch(step, now.belief)
-        if progress is not None:
-            progress(step + 1, len(frames))
     return Track(**{name: torch.stack(values).numpy() for name, values in columns.items()}, seconds=seconds)
 
 

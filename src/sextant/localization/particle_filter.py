@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
 from sextant.errors import ArgumentError
-from sextant.localization.belief import Belief
+from sextant.localization.belief import Belief, picked
 from sextant.localization.initialisation import Initialisation
 from sextant.localization.kld_size import KLDSize
 from sextant.localization.map_prior import MapPrior
@@ -242,16 +242,14 @@ class ParticleFilter:
             ancestors = self.resampling.resample(belief.log_weights, width, generator)
             chosen = torch.where(needed[:, None], ancestors, torch.arange(width, device=ancestors.device))
             equal = Belief.uniform(belief.poses).log_weights
-            return Belief(
-                _picked(belief.poses, chosen), torch.where(needed[:, None], equal, belief.log_weights)
-            ), needed
+            return Belief(picked(belief.poses, chosen), torch.where(needed[:, None], equal, belief.log_weights)), needed
         return self._resized(belief, ess, self.kld, generator)
 
     def _resized(self, belief: Belief, ess: Tensor, kld: KLDSize, generator: torch.Generator) -> tuple[Belief, Tensor]:
         poses, log_weights = belief.poses, belief.log_weights
         alive = (log_weights > -torch.inf).sum(1)
         draws = self.resampling.resample(log_weights, log_weights.shape[1], generator)
-        wanted = kld.for_poses(_picked(poses, draws))
+        wanted = kld.for_poses(picked(poses, draws))
         needed = (ess < self.ess_threshold * alive) | ((wanted - alive).abs() > kld.tolerance * alive)
         if not bool(needed.any()):
             return belief, needed
@@ -264,7 +262,7 @@ class ParticleFilter:
         chosen = torch.where(needed[:, None], ancestors, order)
         kept = torch.where(needed[:, None], -sizes[:, None].double().log(), log_weights.gather(1, order))
         absent = torch.arange(width, device=poses.device) >= sizes[:, None]
-        return Belief(_picked(poses, chosen), kept.masked_fill(absent, -torch.inf)), needed
+        return Belief(picked(poses, chosen), kept.masked_fill(absent, -torch.inf)), needed
 
 
 def way_moved(motion: Float64[Tensor, "*b 3"], way: float, turn: float) -> Float64[Tensor, "*b"]:
@@ -301,7 +299,7 @@ def _joined(
     new_weights = injection.log_weights.gather(1, source)
     new_weights = torch.where(new_weights.isfinite(), new_weights, -torch.inf)
     return (
-        torch.where(filled[..., None], _picked(injection.poses, source), poses),
+        torch.where(filled[..., None], picked(injection.poses, source), poses),
         torch.where(filled, new_weights, log_weights),
         count,
     )
@@ -314,7 +312,3 @@ def _normalised(before: Belief, poses: Tensor, log_weights: Tensor, degenerate: 
     poses = torch.where(degenerate[:, None, None], before.poses, poses)
     log_weights = torch.where(degenerate[:, None], present, log_weights)
     return Belief(poses, log_weights - log_weights.logsumexp(1, keepdim=True))
-
-
-def _picked(poses: Tensor, rows: Tensor) -> Tensor:
-    return poses.gather(1, rows[..., None].expand(-1, -1, 3))

@@ -5,8 +5,9 @@ A folder holds ``map.json`` and one ``.npy`` file for each array: ``poses``, ``d
 folder in which writing was interrupted is not mistaken for a map. Nothing is pickled.
 """
 
+import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib import import_module
@@ -17,9 +18,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sextant.array_folder import FolderFormat, file_sha256
-from sextant.atomic_files import write_atomically
-from sextant.errors import UserError
+from sextant.array_folder import FolderFormat
+from sextant.atomic_files import hash_file, write_atomically
+from sextant.errors import ArgumentError, UserError, shown
 from sextant.localization import observation
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
@@ -56,9 +57,10 @@ def save_map(folder: Path, model: ObservationModel, likelihood: Likelihood, fact
         folder: folder to write to.
         model: the model, which may have been loaded from this folder.
         likelihood: likelihood to be used with it.
-        facts: anything that JSON can hold.
+        facts: anything that JSON can hold, and numbers and arrays of NumPy.
 
     Raises:
+        ArgumentError: JSON cannot hold a fact; then an existing map is kept.
         OSError: the folder cannot be written.
 
     Example:
@@ -75,6 +77,7 @@ def save_map(folder: Path, model: ObservationModel, likelihood: Likelihood, fact
         >>> saved.facts, saved.model.predict(poses).mean.equal(model.predict(poses).mean)  # to the last bit
         ({'descriptor': 'one of two'}, True)
     """
+    facts = plain(facts)
     (folder / HEADER).unlink(missing_ok=True)
     known = {"poses": model.map.poses, "descriptors": model.map.descriptors, "mean": model.map.mean}
     tensors = known | {f"state/{name}": tensor for name, tensor in model.state().items()}
@@ -118,13 +121,34 @@ def write_header(
         0.5
     """
     header = {
-        "model": {"class": _class_name(model), "arguments": model.arguments()},
-        "kernel": asdict(kernel),
-        "likelihood": asdict(likelihood),
-        "facts": facts,
+        "model": {"class": _class_name(model), "arguments": plain(model.arguments())},
+        "kernel": plain(asdict(kernel)),
+        "likelihood": plain(asdict(likelihood)),
+        "facts": plain(facts),
         "files": {name: _mark(array_path(folder, name)) for name in arrays},
     }
     KIND.write_header(folder, header)
+
+
+def plain(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Facts as JSON holds them: numbers and arrays of NumPy become plain ones.
+
+    Raises:
+        ArgumentError: JSON cannot hold one of them; the message names it.
+
+    Example:
+        >>> plain({"images": np.int64(3), "size": (24, 32)})
+        {'images': 3, 'size': [24, 32]}
+    """
+    result = {}
+    for name, value in facts.items():
+        try:
+            result[name] = json.loads(json.dumps(value, default=lambda each: each.tolist()))
+        except (AttributeError, TypeError, ValueError):
+            raise ArgumentError(
+                f"facts: {name}={shown(value)} cannot be written as JSON", "Give numbers, texts, or lists of these."
+            ) from None
+    return result
 
 
 def _class_name(model: ObservationModel) -> str:
@@ -223,4 +247,4 @@ def array_path(folder: Path, name: str) -> Path:
 
 
 def _mark(path: Path) -> dict[str, Any]:
-    return {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
+    return {"bytes": path.stat().st_size, "sha256": hash_file(path)}

@@ -28,13 +28,13 @@ from torch import Tensor
 from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.errors import UserError
 from sextant.geometry.planar import wrap_angle
-from sextant.localization.descriptor_map import BLOCK, DescriptorMap, mean_of_blocks
+from sextant.localization.descriptor_map import BLOCK, DescriptorMap, check_pairs, mean_of_blocks
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation._caches import images_at_a_time, layout, prepared
 from sextant.localization.observation.cached_local_gp import CachedLocalGP, MapEvidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
 from sextant.localization.pose_kernel import PoseKernel
-from sextant.localization.saved_map import HEADER, array_path, write_header
+from sextant.localization.saved_map import HEADER, array_path, plain, write_header
 from sextant.reporter import Advance
 from sextant.tables import counted
 
@@ -193,14 +193,15 @@ class TiledMapBuilder:
             descriptors: descriptors of the images there.
 
         Raises:
-            UserError: a pose or descriptor is not finite, or of a different dimension from earlier ones; or the map is
-                already being finished.
+            UserError: the numbers of poses and descriptors differ; a pose or descriptor is not finite, or of a
+                different dimension from earlier ones; or the map is already being finished.
             OSError: the folder cannot be written.
         """
         if self._state["stage"] != "adding":
             raise UserError(f"the map in {self.folder} is being finished", "Call finish(), or start in another folder.")
-        if not len(poses):
+        if len(poses) == len(descriptors) == 0:
             return
+        poses, descriptors = poses.double(), descriptors.float()
         self._check(poses, descriptors)
         for name, array in (("poses", poses.numpy()), ("descriptors", descriptors.numpy())):
             self._append(name, np.ascontiguousarray(array))
@@ -236,18 +237,20 @@ class TiledMapBuilder:
             raise UserError("the map is empty: no image was added", "Call add(poses, descriptors) first.")
         for count in (neighbours, blend):
             check_neighbours(count, self.images)
-        model = CachedLocalGP(neighbours, blend, map_evidence, tile)
+        model, facts = CachedLocalGP(neighbours, blend, map_evidence, tile), plain(facts or {})
+        neighbours, tile = int(neighbours), int(tile)
         if self._state["stage"] in ("adding", "sorting"):
             self._sort(progress)
         self._prepare(kernel, neighbours, tile, progress)
         shutil.rmtree(self.folder / INCOMING, ignore_errors=True)
         arrays = ["poses", "descriptors", "mean", *self._caches(kernel, neighbours)]
-        write_header(self.folder, model, kernel, likelihood, facts or {}, arrays)
+        write_header(self.folder, model, kernel, likelihood, facts, arrays)
         (self.folder / PROGRESS).unlink()
 
     # -- adding --------------------------------------------------------------------------------------------------------
 
     def _check(self, poses: Tensor, descriptors: Tensor) -> None:
+        check_pairs(poses, descriptors)
         if self.images and descriptors.shape[1] != self._state["dimension"]:
             raise UserError(
                 f"descriptors have {counted(descriptors.shape[1], 'value')}, but earlier ones have "
@@ -322,7 +325,7 @@ class TiledMapBuilder:
         return {f"state/{name}": kind for name, kind in layout(self.images, k, kernel).items()}
 
     def _prepare(self, kernel: PoseKernel, k: int, size: int, progress: Advance | None) -> None:
-        settings = {"kernel": asdict(kernel) | {"length": list(kernel.length)}, "neighbours": k, "tile": size}
+        settings = plain({"kernel": asdict(kernel), "neighbours": k, "tile": size})
         if self._state.get("settings") != settings:  # not begun, or begun with other settings
             for name, (shape, dtype) in self._caches(kernel, k).items():
                 _make_file(array_path(self.folder, name), shape, dtype)

@@ -76,6 +76,14 @@ def pairwise_distances(descriptors: Float[Tensor, "b d"]) -> Float[Tensor, "b b"
     return torch.cdist(wide, wide, compute_mode="donot_use_mm_for_euclid_dist")
 
 
+def cosine_similarities(descriptors: Float[Tensor, "b d"]) -> Float[Tensor, "b b"]:
+    """Cosine similarities in float32 or wider, also under autocast, which would round the product."""
+    wide = descriptors.to(torch.promote_types(descriptors.dtype, torch.float32))
+    with torch.autocast(descriptors.device.type, enabled=False):
+        unit = F.normalize(wide, dim=1)
+        return unit @ unit.T
+
+
 def as_relation(descriptors: Float[Tensor, "b d"], pairing: Pairing) -> Relation:
     """The pairs of a pairing; triplets give each anchor with its positive and with its negative, once.
 
@@ -329,13 +337,11 @@ class MultiSimilarityLoss(PlaceLoss):
     def forward(self, descriptors: Float[Tensor, "b d"], pairing: Pairing) -> PlaceLossOutput:
         """Loss of the pairs of a relation, or of those in triplets."""
         relation = as_relation(descriptors, pairing)
-        wide = descriptors.to(torch.promote_types(descriptors.dtype, torch.float32))
-        kept = relation if self.epsilon is None else informative_pairs(wide, relation, self.epsilon)
+        kept = relation if self.epsilon is None else informative_pairs(descriptors, relation, self.epsilon)
         before, after = (int(pairs.positive.sum() + pairs.negative.sum()) for pairs in (relation, kept))
         if after == 0:
             return nothing(descriptors)
-        unit = F.normalize(wide, dim=1)
-        above = unit @ unit.T - self.base
+        above = cosine_similarities(descriptors) - self.base
         value = _log_of_one_plus_sum(-self.alpha * above, kept.positive) / self.alpha
         value = value + _log_of_one_plus_sum(self.beta * above, kept.negative) / self.beta
         return PlaceLossOutput(value.mean(), torch.tensor(after / before, device=descriptors.device))
@@ -349,8 +355,7 @@ def _log_of_one_plus_sum(exponents: Float[Tensor, "b b"], chosen: Bool[Tensor, "
 @torch.no_grad()
 def informative_pairs(descriptors: Float[Tensor, "b d"], relation: Relation, epsilon: float) -> Relation:
     """The pairs that the multi-similarity loss learns from; anchors without positives or negatives have none."""
-    unit = F.normalize(descriptors, dim=1)
-    similarity = unit @ unit.T
+    similarity = cosine_similarities(descriptors)
     best_wrong = similarity.masked_fill(~relation.negative, -torch.inf).amax(1, keepdim=True)
     worst_right = similarity.masked_fill(~relation.positive, torch.inf).amin(1, keepdim=True)
     return Relation(
@@ -397,9 +402,7 @@ class InfoNCELoss(PlaceLoss):
         usable = relation.usable()
         if not bool(usable.any()):
             return nothing(descriptors)
-        wide = descriptors.to(torch.promote_types(descriptors.dtype, torch.float32))
-        unit = F.normalize(wide, dim=1)
-        scores = (unit @ unit.T / self.temperature)[usable]
+        scores = (cosine_similarities(descriptors) / self.temperature)[usable]
         positive, negative = relation.positive[usable], relation.negative[usable]
         right = scores.masked_fill(~positive, -torch.inf)
         wrong = scores.masked_fill(~negative, -torch.inf)

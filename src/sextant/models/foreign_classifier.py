@@ -12,7 +12,7 @@ beside its files.
 
 import hashlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,6 +22,7 @@ from torch import Tensor
 
 from sextant.atomic_files import read_json
 from sextant.errors import UserError, how_to_install
+from sextant.models.published_arrays import number_of
 from sextant.models.weights_file import read_weights
 from sextant.torch_file import require_finite
 
@@ -232,11 +233,11 @@ def _kind(reference: str, state: Mapping[str, Tensor]) -> tuple[dict[str, Any], 
     """The arguments of the network whose weights these are, and its number of classes."""
     try:
         if "block1.layer.0.conv1.weight" in state:
-            blocks = _count(state, r"block1\.layer\.\d+\.conv1\.weight")
+            blocks = number_of(state, r"block1\.layer\.\d+\.conv1\.weight")
             width, classes = len(state["block1.layer.0.conv1.weight"]) // 16, len(state["fc.weight"])
             return {"kind": "wide_resnet", "depth": 6 * blocks + 4, "width": width}, classes
         if "stage_1.0.conv_conv.weight" in state:
-            blocks, grouped = _count(state, r"stage_1\.\d+\.conv_conv\.weight"), state["stage_1.0.conv_conv.weight"]
+            blocks, grouped = number_of(state, r"stage_1\.\d+\.conv_conv\.weight"), state["stage_1.0.conv_conv.weight"]
             width, groups = grouped.shape[1], len(grouped) // grouped.shape[1]
             found = {"kind": "resnext", "depth": 9 * blocks + 2, "width": width, "groups": groups}
             return found, len(state["classifier.weight"])
@@ -249,10 +250,6 @@ def _kind(reference: str, state: Mapping[str, Tensor]) -> tuple[dict[str, Any], 
         f"model={reference}: neither a Wide ResNet, a ResNeXt nor a ResNet-18 in RobustBench's layout; it has {first}",
         "Other kinds of its networks are not supported.",
     )
-
-
-def _count(state: Iterable[str], pattern: str) -> int:
-    return sum(re.fullmatch(pattern, name) is not None for name in state)
 
 
 def _tensors(path: Path) -> dict[str, Tensor]:

@@ -32,13 +32,24 @@ def _is_plain(tensor: Tensor) -> bool:
 
 
 def count_of(names: Collection[str], pattern: str) -> int:
-    """One more than the largest number in names that begin with this pattern; 0 if there are none.
+    """One more than the largest number in names that begin with this pattern, at most one for each name.
 
-    >>> count_of(["block.0.a", "block.3.a"], r"block\\.(\\d+)\\.")
-    4
+    >>> count_of(["block.0.a", "block.1.a"], r"block\\.(\\d+)\\.")
+    2
+    >>> count_of(["block.0.a", "block.999999.a"], r"block\\.(\\d+)\\.")  # numbers without gaps need no more
+    2
     """
     found = (re.match(pattern, name) for name in names)
-    return max((int(match[1]) + 1 for match in found if match is not None), default=0)
+    return min(max((int(match[1]) + 1 for match in found if match is not None), default=0), len(names))
+
+
+def number_of(names: Collection[str], pattern: str) -> int:
+    """How many names have this pattern.
+
+    >>> number_of(["block.0.a", "block.3.a", "block.3.ab"], r"block\\.\\d+\\.a")
+    2
+    """
+    return sum(re.fullmatch(pattern, name) is not None for name in names)
 
 
 def fitted_arrays(

@@ -18,9 +18,10 @@ from torch import Tensor, nn
 from sextant.errors import UserError
 from sextant.layers import PushPullConv2d
 from sextant.models.densenet_cifar import DenseNetCifar
+from sextant.models.published_arrays import number_of
 from sextant.models.resnet_cifar import ResNetCifar
-from sextant.models.weights_file import why_unread
-from sextant.torch_file import load_verified, require_finite
+from sextant.models.weights_file import read_weights
+from sextant.torch_file import require_finite
 
 IMAGE_SIZE = (32, 32)
 FIX = "Give a checkpoint.pth.tar or model_best.pth.tar of https://github.com/nicstrisc/Push-Pull-CNN-layer."
@@ -68,7 +69,7 @@ def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0, conten
     >>> found.architecture, found.push_pull
     ('resnet-20', ('conv1',))
     """
-    content = _checked(path, _read(path) if content is None else content)
+    content = _checked(path, read_weights(path, str(path), FIX) if content is None else content)
     state = {name.removeprefix("module."): tensor for name, tensor in content["state_dict"].items()}
     push_pull = tuple(name.removesuffix(".push.weight") for name in state if name.endswith(".push.weight"))
     state = {re.sub(r"\.push\.(weight|bias)$", r".\1", name): tensor for name, tensor in state.items()}
@@ -85,18 +86,6 @@ def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0, conten
     return PublishedCheckpoint(
         network.eval(), architecture, push_pull, int(content["epoch"]), float(content["best_prec1"]) / 100
     )
-
-
-def _read(path: Path) -> Any:
-    try:
-        return load_verified(path)
-    except UserError:
-        raise
-    except FileNotFoundError:
-        raise UserError(f"there is no published network at {path}", FIX) from None
-    except Exception as error:  # a damaged pickle can fail in any way
-        problem = f"{path} cannot be read as a published network; nothing in it was executed: {why_unread(error)}"
-        raise UserError(problem, f"It may be truncated. {FIX}") from None
 
 
 def _checked(path: Path, content: Any) -> dict[str, Any]:
@@ -117,17 +106,13 @@ def _build(path: Path, state: Mapping[str, Tensor]) -> tuple[str, nn.Module]:
     try:
         if "fc.weight" in state:
             channels, classes = state["conv1.weight"].shape[1], len(state["fc.weight"])
-            depth = 6 * _count(state, r"layer1\.\d+\.conv1\.weight") + 2
+            depth = 6 * number_of(state, r"layer1\.\d+\.conv1\.weight") + 2
             return f"resnet-{depth}", ResNetCifar(channels, IMAGE_SIZE, classes, depth=depth)
         channels, classes = state["features.conv0.weight"].shape[1], len(state["classifier.weight"])
-        depth = 6 * _count(state, r"features\.denseblock1\.denselayer\d+\.conv1\.weight") + 4
+        depth = 6 * number_of(state, r"features\.denseblock1\.denselayer\d+\.conv1\.weight") + 4
         growth = len(state["features.denseblock1.denselayer1.conv2.weight"])
         return f"densenet-{depth}-{growth}", DenseNetCifar(channels, IMAGE_SIZE, classes, depth=depth, growth=growth)
     except (KeyError, IndexError, TypeError) as error:
         raise UserError(f"{path} is neither a ResNet nor a DenseNet of the paper: it has no {error}", FIX) from None
     except ValueError as error:
         raise UserError(f"{path} is not a network of the paper: {error}", FIX) from None
-
-
-def _count(state: Mapping[str, Tensor], pattern: str) -> int:
-    return sum(re.fullmatch(pattern, name) is not None for name in state)

@@ -15,11 +15,12 @@ def torchvision_backbone(
 ) -> nn.Module:
     """The torchvision network ``name`` with ``num_classes`` outputs and a first layer for ``in_channels``.
 
-    Filters of the first layer for further channels start at zero, so that pretrained features are kept.
+    Filters of the first layer for further channels start at zero, so that pretrained features are kept. A grey image is
+    seen by pretrained filters as an image of three equal colours.
 
     Args:
         name: such as ``resnet18``, ``mobilenet_v3_small`` or ``densenet161``.
-        in_channels: channels of the image; the first three are its colours.
+        in_channels: channels of the image: 1 for grey; otherwise the first three are its colours.
         image_size: not used: these networks pool over maps of any size.
         num_classes: outputs of the last layer.
         weights: None, ``imagenet`` (torchvision fetches them), or a safetensors or ``weights_only`` file.
@@ -35,7 +36,7 @@ def torchvision_backbone(
     network = torchvision_classifier(name, weights)
     _replace_last(network, num_classes)
     if in_channels != 3:
-        widen_first(network, in_channels)
+        widen_first(network, in_channels, trained=weights is not None)
     return network
 
 
@@ -111,10 +112,14 @@ def _replace_last(network: nn.Module, num_classes: int) -> None:
     _replace(network, name, nn.Linear(last.in_features, num_classes))
 
 
-def widen_first(network: nn.Module, in_channels: int) -> None:
-    """Change the first convolution's input channels, in place; filters of those after the colours start at zero."""
+def widen_first(network: nn.Module, in_channels: int, *, trained: bool = True) -> None:
+    """Change the first convolution's input channels, in place; filters of those after the colours start at zero.
+
+    Trained filters for a single channel are the sums over the colours; random ones keep the spread of their draw.
+    """
     first = next(module for module in network.modules() if isinstance(module, nn.Conv2d))
     wide = first.weight.new_zeros(first.out_channels, in_channels, *first.kernel_size)
     shared = min(3, in_channels)
-    wide[:, :shared] = first.weight.detach()[:, :shared]
+    colours = first.weight.detach()
+    wide[:, :shared] = colours.sum(1, keepdim=True) if trained and in_channels == 1 else colours[:, :shared]
     first.weight, first.in_channels = nn.Parameter(wide), in_channels

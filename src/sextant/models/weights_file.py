@@ -27,12 +27,7 @@ def load_weights(
             another network or not finite.
     """
     try:
-        if path.suffix == ".safetensors":
-            from safetensors.torch import load_file
-
-            state: Mapping[str, Any] = load_file(path)
-        else:
-            state = load_verified(path)
+        state: Mapping[str, Any] = _content(path)
         if adapt is not None and _misfits(network, state):
             state = adapt(state)
         _require_fit(network, state)
@@ -57,11 +52,7 @@ def read_weights(path: Path, told: str, usage: str) -> Any:
         UserError: the file is missing, damaged, or holds anything else.
     """
     try:
-        if path.suffix == ".safetensors":
-            from safetensors.torch import load_file
-
-            return load_file(path)
-        return load_verified(path)
+        return _content(path)
     except FileNotFoundError:
         raise UserError(f"{told}: there is no such file", usage) from None
     except UserError:
@@ -69,8 +60,16 @@ def read_weights(path: Path, told: str, usage: str) -> Any:
     except Exception as error:  # a damaged file can fail in any way
         raise UserError(
             f"{told} cannot be read; nothing in it was executed: {why_unread(error)}",
-            "Give a safetensors file or a state dict, as torch.save writes it.",
+            "It may be truncated. Give a safetensors file or a state dict, as torch.save writes it.",
         ) from None
+
+
+def _content(path: Path) -> Any:
+    if path.suffix == ".safetensors":
+        from safetensors.torch import load_file
+
+        return load_file(path)
+    return load_verified(path)
 
 
 def fit_weights(network: nn.Module, state: Mapping[str, Any], told: str) -> None:

@@ -7,9 +7,7 @@ import numpy as np
 from sextant.reports.contrasts import named_contrasts
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
-from sextant.tables import TextTable, number
-
-NOTHING = "–"
+from sextant.tables import NOTHING, TextTable, number
 
 
 def cost_section(results: SweepResults) -> Section:
@@ -20,8 +18,7 @@ def cost_section(results: SweepResults) -> Section:
         "## Cost\n\n"
         f"Ratios are to *{reference}*. Multiplications are those of one image through the whole network, with the pull "
         "as a second convolution; *inhibited layers* says how they were computed. Training times are of runs that "
-        "trained here, under whatever load the machine had; a resumed run counts only its last part: compare them with "
-        "care.\n\n"
+        "trained here, under whatever load the machine had: compare them with care.\n\n"
     )
     return Section(text + table.markdown(), {"cost.csv": table.csv()})
 

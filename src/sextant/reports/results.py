@@ -87,6 +87,7 @@ class CellResult:
         started: when the run was first started, in seconds since 1970; nan if its record does not say.
         headline: what the headline figure of a run under corruptions is; see :mod:`sextant.evaluation.headline`.
         training: how a run that diverged was trained; None for others.
+        code, data: hashes of the code and of the data that it was made with; None if its record does not say.
     """
 
     cell: Cell
@@ -101,6 +102,8 @@ class CellResult:
     started: float = math.nan
     headline: Mapping[str, Any] = field(default_factory=dict)
     training: Training | None = None
+    code: str | None = None
+    data: str | None = None
 
     def value(self, condition: str) -> float:
         """The measure of this run under a condition."""
@@ -113,12 +116,14 @@ class SweepResults:
 
     Attributes:
         shared: the conditions of a published set that all tested runs share; None if they were not tested under one.
+        configs: configs of runs by setting and arm, if its cells were stored apart from the runs.
     """
 
     plan: SweepPlan
     directory: Path
     cells: list[CellResult]
     shared: SharedSet | None = None
+    configs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def conditions(self) -> list[str]:
@@ -240,8 +245,10 @@ def _load(
         failure = cell.message or run.state().get("failure")
         return CellResult(cell, "failed" if failure and failure != "interrupted" else "missing", {})
     training = Training.of(run) if results["outcome"] == "diverged" else None
+    state = run.state()
+    made: dict[str, Any] = {"code": state.get("code"), "data": state.get("data")}
     if training is not None and training.stopped:
-        return CellResult(cell, results["outcome"], {}, training=training)
+        return CellResult(cell, results["outcome"], {}, training=training, **made)
     values_of = measured(run.path.parent.name)  # runs/<task>/<run>
 
     def values(arrays: Mapping[str, ndarray]) -> RunValues:
@@ -262,9 +269,10 @@ def _load(
         errors=found.errors,
         cost=results.get("cost") or {},
         metrics={name: value for name, value in (results.get("metrics") or {}).items() if value is not None},
-        started=float(run.state().get("started") or math.nan),
+        started=float(state.get("started") or math.nan),
         headline=results.get("headline") or {},
         training=training,
+        **made,
     )
 
 

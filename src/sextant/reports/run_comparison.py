@@ -11,10 +11,10 @@ from scipy import stats
 
 from sextant.moved import TARGET, present_name
 from sextant.runs.directory import RunDirectory, all_runs
+from sextant.tables import NOTHING
 
-NOTHING = "–"
-#: entries of a run's state, other than its config, that can differ, with their names
-SOURCES = {"code": "code", "data": "data"}
+#: entries of a run's state, other than its config, that can differ
+SOURCES = ("code", "data")
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def _metrics(run: RunDirectory) -> dict[str, float]:
 
 
 def _origin(state: Mapping[str, Any]) -> dict[str, Any]:
-    found = {told: str(state.get(name, NOTHING))[:12] for name, told in SOURCES.items()}
+    found = {name: str(state.get(name, NOTHING))[:12] for name in SOURCES}
     origin = state.get("provenance", {})
     for kind in ("git", "versions", "hardware"):
         found |= {f"{kind}.{name}": value for name, value in (origin.get(kind) or {}).items()}

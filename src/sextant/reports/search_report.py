@@ -9,10 +9,10 @@ import numpy as np
 
 from sextant.evaluation import mean_interval
 from sextant.figures.searches import TrialPoint, importance_bars, search_history
-from sextant.figures.style import save_figure
 from sextant.reports.metric import seeds_interval
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import SearchResults, search_results
+from sextant.reports.section import write_files
 from sextant.runs.sweep_directory import report_command
 from sextant.tables import TextTable, decimals, interval, number
 
@@ -39,13 +39,7 @@ def write_search_report(results: SweepResults) -> list[Path]:
         "winner.csv": winner.csv(),
         "importances.csv": importances.csv(),
     }
-    paths = []
-    for name, text in texts.items():
-        (folder / name).write_text(text)
-        paths.append(folder / name)
-    for name, figure in search_figures(found):
-        paths += save_figure(figure, folder, name, formats=("png", "svg"))
-    return paths
+    return write_files(folder, texts, search_figures(found))
 
 
 def search_figures(found: SearchResults) -> "list[tuple[str, Figure]]":

@@ -1,11 +1,13 @@
 """A part of a report: text, tables as files, and pictures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sextant.atomic_files import write_atomically
 from sextant.reports.results import SweepResults
 
 if TYPE_CHECKING:
@@ -81,3 +83,15 @@ class Section:
     text: str = ""
     files: Mapping[str, str] = field(default_factory=dict)
     figures: "Sequence[tuple[str, Figure]]" = ()
+
+
+def write_files(folder: Path, texts: Mapping[str, str], figures: "Iterable[tuple[str, Figure]]") -> list[Path]:
+    """Write texts and named figures into a folder and return the paths; a figure as PNG and SVG."""
+    from sextant.figures.style import save_figure
+
+    for name, text in texts.items():
+        write_atomically(folder / name, lambda file, text=text: file.write(text.encode()))  # type: ignore[misc]
+    paths = [folder / name for name in texts]
+    for name, figure in figures:
+        paths += save_figure(figure, folder, name, formats=("png", "svg"))
+    return paths

@@ -37,12 +37,11 @@ def write_cells(results: SweepResults, folder: Path) -> Path:
     """Write the tested cells of a sweep into a folder; what an earlier call left there is replaced."""
     outputs, rows = results.directory.parents[1], []
     values: dict[str, np.ndarray] = {}
-    configs: dict[str, dict[str, Any]] = {}
+    configs: dict[str, Mapping[str, Any]] = {**results.configs}
     for number, result in enumerate(results.cells):
         if result.outcome in ("missing", "failed"):
             continue
         cell, run = result.cell, RunDirectory(outputs / result.cell.run)
-        state = run.state()
         found = {
             "cost": result.cost,
             "metrics": result.metrics,
@@ -51,7 +50,7 @@ def write_cells(results: SweepResults, folder: Path) -> Path:
             "headline": result.headline,
             "training": result.training and asdict(result.training),
         }
-        identity = [cell.setting, cell.arm, cell.pair, cell.seed, cell.digest, state.get("code"), state.get("data")]
+        identity = [cell.setting, cell.arm, cell.pair, cell.seed, cell.digest, result.code, result.data]
         rows.append([*identity, result.outcome, result.seconds, result.parameters, json.dumps(found)])
         values |= {f"{number}/{condition}": images for condition, images in result.values.items()}
         if run.config.is_file() and (key := f"{cell.setting}: {cell.arm}") not in configs:
@@ -105,7 +104,8 @@ def join_cells(folders: Sequence[Path], outputs: Path) -> SweepResults:
                 )
         held = [block.cells[number] for block in blocks if block.cells[number].outcome != "missing"]
         cells.append(held[0] if held else empty)
-    return SweepResults(first.plan, first.plan.directory(outputs), cells, first.shared)
+    configs = {key: config for block in reversed(blocks) for key, config in block.configs.items()}
+    return SweepResults(first.plan, first.plan.directory(outputs), cells, first.shared, configs)
 
 
 def _read(folder: Path) -> "_Block":
@@ -125,6 +125,7 @@ class _Block:
         self.plan = SweepPlan(**{**plan, "cells": [Cell(**cell) for cell in plan["cells"]]})
         self.measure = Measure(**{**told["measure"], "metrics": tuple(told["measure"]["metrics"])})
         self.shared = None if told["shared"] is None else _shared(told["shared"])
+        self.configs: dict[str, dict[str, Any]] = told["configs"]
         with (folder / CELLS).open(newline="") as file:
             reader = csv.DictReader(file)
             rows = {_key(row): row for row in reader}
@@ -167,6 +168,8 @@ class _Block:
             math.nan if (started := found.get("started")) is None else float(started),
             found.get("headline") or {},
             Training(**found["training"]) if found.get("training") else None,
+            row["code"] or None,
+            row["data"] or None,
         )
 
 

@@ -12,7 +12,6 @@ from sextant.chapters.classification.figures import severity_curves
 from sextant.evaluation.paired import BLOCKS
 from sextant.evaluation.verdict import LEAST
 from sextant.figures.effects import ForestRow, contrast_forest
-from sextant.figures.style import save_figure
 from sextant.reports.cell_tables import cells_legend, cells_table, diverged_table, runs_table, seed_rows
 from sextant.reports.confidence_report import confidence_section
 from sextant.reports.contrasts import ContrastRow, contrasts, of_one_pair
@@ -27,7 +26,7 @@ from sextant.reports.pooled_report import pooled_section
 from sextant.reports.published_verdict import beside_published, published_verdict
 from sextant.reports.results import SweepResults
 from sextant.reports.search_report import write_search_report
-from sextant.reports.section import Section, Summary, summarise
+from sextant.reports.section import Section, Summary, summarise, write_files
 from sextant.reports.tasks_report import of_several_tasks, write_tasks_report
 from sextant.runs.sweep_directory import report_command
 from sextant.tables import TextTable, counted, interval, is_number, number, slug
@@ -74,14 +73,8 @@ def write_report(results: SweepResults) -> list[Path]:
     }
     for section in sections:
         texts |= section.files
-    paths = []
-    for name, text in texts.items():
-        (folder / name).write_text(text)
-        paths.append(folder / name)
     made = [*figures(results, summaries, rows), *(pair for section in sections for pair in section.figures)]
-    for name, figure in made:
-        paths += save_figure(figure, folder, name, formats=("png", "svg"))
-    return paths
+    return write_files(folder, texts, made)
 
 
 def contrast_table(rows: list[ContrastRow], name: str, results: SweepResults) -> TextTable:

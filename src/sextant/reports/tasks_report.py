@@ -12,9 +12,9 @@ from typing import Any
 from sextant.chapters.classification.figures import by_family, corruption_heatmap
 from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
 from sextant.evaluation.headline import CLEAN, PREFIX, relative_loss
-from sextant.figures.style import save_figure
 from sextant.reports.corruption_contrasts import OverSeeds
 from sextant.reports.results import SweepResults
+from sextant.reports.section import write_files
 from sextant.runs.sweep_directory import report_command
 from sextant.tables import TextTable, counted, interval, number
 
@@ -102,10 +102,7 @@ def write_tasks_report(results: SweepResults) -> list[Path]:
         "task_seeds.csv": _seeds_of(rows).csv(),
         "tasks.tex": table.latex(),
     }
-    for name, text in texts.items():
-        (folder / name).write_text(text)
-    paths = [folder / name for name in texts]
-    told = [row for row in rows if row.corruptions]
+    figures, told = [], [row for row in rows if row.corruptions]
     if told:
         names = {name: name for name in _corruptions(told)} | {"mean": CORRUPTED}
         losses = {name: [_mean_loss(row, of) / 100 for row in told] for name, of in names.items()}
@@ -117,8 +114,8 @@ def write_tasks_report(results: SweepResults) -> list[Path]:
             label="task",
             mean=False,
         )
-        paths += save_figure(figure, folder, "task_corruption_loss", formats=("png", "svg"))
-    return paths
+        figures.append(("task_corruption_loss", figure))
+    return write_files(folder, texts, figures)
 
 
 def overview_table(rows: Sequence[TaskRow]) -> TextTable:

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from sextant.array_folder import FolderFormat, file_sha256
-from sextant.atomic_files import write_atomically
+from sextant.array_folder import FolderFormat
+from sextant.atomic_files import hash_file, write_atomically
 from sextant.retrieval.nearest import Neighbours, PreparedReferences, Similarity, prepare_references, search_prepared
 
 DESCRIPTORS, HEADER = "descriptors.npy", "index.json"
@@ -113,7 +113,7 @@ class FlatIndex:
             "similarity": self.similarity,
             "count": len(self),
             "dimension": self.dimension,
-            "sha256": file_sha256(folder / DESCRIPTORS),
+            "sha256": hash_file(folder / DESCRIPTORS),
             "names": None if self.names is None else list(self.names),
         }
         KIND.write_header(folder, header)

@@ -8,8 +8,7 @@ For images i and j at :math:`p_i, p_j` with headings :math:`\theta_i, \theta_j`,
     \text{ignored:}\quad & \text{all others, and an image with itself}
 
 The ring between the tolerances is ignored because the views from there partly overlap. For traverses that are aligned
-frame by frame, p is the frame number, in one dimension. Images from different areas, such as two towns that each have
-their own origin, are negatives wherever they lie.
+frame by frame, p is the frame number, in one dimension.
 """
 
 from dataclasses import dataclass
@@ -51,10 +50,6 @@ class Relation:
         """Whether a row has at least one positive and one negative."""
         return self.positive.any(1) & self.negative.any(1)
 
-    def to(self, device: torch.device | str) -> "Relation":
-        """The relation on another device."""
-        return Relation(self.positive.to(device), self.negative.to(device))
-
 
 @dataclass(frozen=True)
 class Places:
@@ -64,8 +59,6 @@ class Places:
         position: coordinates in metres, or one column of frame numbers. Give UTM coordinates in float64: a float32
             resolves only half a metre of their northing.
         heading: in degrees, or None where it does not matter.
-        condition: index of the weather, season or light, or None.
-        area: index of the coordinate frame, such as the town, or None where all share one.
 
     Raises:
         ValueError: a position or heading is not finite, or they differ in number.
@@ -73,11 +66,9 @@ class Places:
 
     position: Real[Tensor, "n k"]
     heading: Real[Tensor, "n"] | None = None
-    condition: Int[Tensor, "n"] | None = None
-    area: Int[Tensor, "n"] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("position", "heading", "condition", "area"):
+        for name in ("position", "heading"):
             values = getattr(self, name)
             if values is not None and len(values) != len(self.position):
                 raise ValueError(f"{len(self.position)} positions but {len(values)} of {name}")
@@ -118,8 +109,6 @@ def relations(
     tolerance: Tolerance,
     rows: Int[Tensor, "m"] | None = None,
     columns: Int[Tensor, "n"] | None = None,
-    *,
-    across_conditions: bool = False,
 ) -> Relation:
     """Which pairs of images are positives and which negatives; see the module.
 
@@ -135,10 +124,9 @@ def relations(
         places: the places of all images.
         tolerance: in the unit of their positions.
         rows, columns: indices of images; all of them by default. The pair of an image with itself is neither.
-        across_conditions: only images under another condition are positives; those under the same one are ignored.
 
     Raises:
-        ValueError: headings or conditions are needed, and the places have none.
+        ValueError: headings are needed, and the places have none.
     """
     everything = torch.arange(len(places), device=places.position.device)
     rows, columns = (everything if chosen is None else chosen for chosen in (rows, columns))
@@ -148,13 +136,6 @@ def relations(
         if places.heading is None:
             raise ValueError("heading_deg is set, but the places have no heading")
         positive &= heading_difference(places.heading[rows], places.heading[columns]) <= tolerance.heading_deg
-    if across_conditions:
-        if places.condition is None:
-            raise ValueError("across_conditions is set, but the places have no condition")
-        positive &= places.condition[rows][:, None] != places.condition[columns]
-    if places.area is not None:
-        elsewhere = places.area[rows][:, None] != places.area[columns]
-        positive, negative = positive & ~elsewhere, negative | elsewhere
     itself = rows[:, None] == columns
     return Relation(positive & ~itself, negative & ~itself)
 

@@ -25,6 +25,11 @@ class RunKey:
         """The name of its directory, ``<digest8>-s<seed>``."""
         return f"{self.digest[:8]}-s{self.seed}"
 
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What its results say of it: all but the task."""
+        return {"digest": self.digest, "seed": self.seed, "code": self.code, "data": self.data}
+
 
 @dataclass(frozen=True)
 class RunDirectory:

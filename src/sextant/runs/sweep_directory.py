@@ -10,6 +10,7 @@ from typing import Any
 from sextant.atomic_files import read_json, write_json
 from sextant.errors import UserError, command
 from sextant.reporter import SILENT, Reporter
+from sextant.runs.directory import RunDirectory
 from sextant.runs.outputs_folder import conf_dir, other_than_default
 
 #: names of sweeps and searches that the command line defines
@@ -123,12 +124,17 @@ class SweepPlan:
         return directory
 
     def resumed(self, outputs: Path) -> "SweepPlan":
-        """This plan with the parent runs and times of the plan stored in its directory, if that can be read."""
+        """This plan with the parent runs, times and failures of the plan stored in its directory, if that can be read.
+
+        A failure is forgotten once the run has results.
+        """
         try:
             before = read_plan(self.directory(outputs))
         except UserError:  # not begun before, or damaged: the name of the directory identifies the plan
             return self
-        return replace(self, mlflow_runs=before.mlflow_runs, began=before.began, ended=before.ended)
+        failed = {cell.run: cell.message for cell in before.cells if RunDirectory(outputs / cell.run).results() is None}
+        cells = [replace(cell, message=failed.get(cell.run, "")) for cell in self.cells]
+        return replace(self, cells=cells, mlflow_runs=before.mlflow_runs, began=before.began, ended=before.ended)
 
 
 def read_plan(directory: Path) -> SweepPlan:

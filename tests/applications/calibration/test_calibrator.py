@@ -39,13 +39,15 @@ def noise(height=60, width=80):
     return np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
 
 
-def test_a_file_and_its_pixels_are_one_photo(calibrator, tmp_path):
+def test_a_file_and_its_pixels_are_one_photo(calibrator, tmp_path, monkeypatch):
     from_file = calibrator.calibrate(photo(tmp_path / "a.png"))
     from_bytes = calibrator.calibrate(np.full((60, 80, 3), 70, np.uint8))
     assert (from_file.name, from_bytes.name) == (str(tmp_path / "a.png"), "the photo")
     assert from_file.row() | {"file": ""} == from_bytes.row() | {"file": ""}
     assert from_file.focal_px == pytest.approx(42, rel=1e-6)
     assert calibrator.calibrate(str(tmp_path / "a.png")) == from_file
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert calibrator.calibrate("~/a.png").row() | {"file": ""} == from_bytes.row() | {"file": ""}
     assert calibrator.calibrate(Image.open(tmp_path / "a.png")).row() == from_bytes.row()
 
 

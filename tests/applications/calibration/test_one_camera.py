@@ -121,6 +121,24 @@ def taken(focal=None, model=None, serial=None):
     return block
 
 
+def test_a_photo_in_the_home_folder_is_named_by_its_path(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    path = photo(tmp_path / "a.png")
+    (found,) = PhotoCalibrator(Fake(), "network").calibrate_many(["~/a.png"], errors="return")
+    assert found.name == str(path)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_exif_without_a_focal_length_is_told_of_one_camera_too(tmp_path, known):
+    paths = [photo(tmp_path / f"{k}.jpg", grey=70 + k, exif=taken(28 if known and k else None)) for k in range(2)]
+    found = PhotoCalibrator(Fake(), "network").one_camera(paths, focal_prior="exif")
+    said = "EXIF contains no focal length: none was used"
+    assert (said in found.doubts) is not known
+    assert all((said in camera.reasons) is not known for camera in found.cameras)
+    if not known:
+        assert {camera.verdict for camera in found.cameras} == {"good"}
+
+
 #: photos as (size, grey value, EXIF), and what is said: "" for nothing; "refused: ..." or a doubt
 TOGETHER = {
     "one photo": ([((80, 60), 70, None)], ""),

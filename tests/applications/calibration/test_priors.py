@@ -3,8 +3,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from cli.photo_calibration.fakes import calibrate, exif, photo
+from cli.photo_calibration.fakes import Fake, calibrate, exif, photo
 
+from sextant.applications import PhotoCalibrator
+from sextant.errors import UserError
 from sextant.geometry import rho_from_tilt
 
 
@@ -32,6 +34,19 @@ def test_a_prior_that_agrees_changes_little_and_is_not_doubted(tmp_path):
     assert held["focal_px"] == pytest.approx(42.2, abs=0.2)
     assert held["confidence"] == {**held["confidence"], "verdict": "good", "reasons": []}
     assert held["intervals_by"].startswith("focal_prior=42.3")
+
+
+@pytest.mark.parametrize("number", [np.float32(42.5), np.int64(42)])
+def test_a_focal_length_is_a_number_of_any_type(tmp_path, number):
+    small, large = photo(tmp_path / "a.png"), photo(tmp_path / "b.png", (160, 120))
+    calibrator = PhotoCalibrator(Fake(), "network")
+    found, same = (calibrator.calibrate(small, focal_prior=each) for each in (number, float(number)))
+    assert found.focal_px == same.focal_px
+    with pytest.raises(UserError, match=f"focal_prior={number:g}: the photos have longer sides"):
+        calibrator.one_camera([small, large], focal_prior=number)
+    for wrong in (True, np.bool_(True), -number, np.float32("nan"), "42"):
+        with pytest.raises(UserError, match="must be None, exif or a focal length"):
+            calibrator.calibrate(small, focal_prior=wrong)
 
 
 @pytest.mark.slow

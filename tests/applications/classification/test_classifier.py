@@ -39,6 +39,15 @@ def test_files_and_arrays_are_classified_alike(classifier, value, label, tmp_pat
     assert sum(by_array.probabilities.values()) == pytest.approx(1)
 
 
+def test_files_are_scaled_and_cropped_to_images_of_any_shape(tmp_path):
+    classifier = ImageClassifier(Brightness(), ImageSpec(3, 8, 16, ("dark", "bright")))
+    photo = np.zeros((60, 40, 3), np.uint8)
+    photo[20:40] = 255  # the middle third, which 8x16 pixels show alone
+    Image.fromarray(photo).save(tmp_path / "photo.png")
+    middle = classifier.classify(np.full((8, 16, 3), 255, np.uint8))
+    assert classifier.classify(tmp_path / "photo.png").probability == pytest.approx(middle.probability, rel=1e-2)
+
+
 def test_many_images_are_classified_as_each_alone(classifier):
     images = list(np.random.default_rng(0).integers(0, 256, (600, 16, 16, 3), np.uint8))
     together = classifier.classify_many(images)

@@ -6,7 +6,7 @@ from PIL import Image
 from support import as_published, imported_anew
 
 from sextant.applications import ExampleDetector
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.models import ResNetCifar
 
 BLOCKED = ("hydra", "omegaconf", "pytorch_lightning", "lightning", "mlflow", "rich", "matplotlib")
@@ -88,11 +88,35 @@ def test_nothing_is_detected_without_an_example(two):
         ({"preset": "digits"}, "preset=digits must be one of photo, bifurcation"),
         ({"rotations": 0}, "at least one rotation"),
         ({"scales": (0.0, 1.0)}, "positive scales"),
+        ({"longest": 0}, "longest=0 must be at least 16"),
     ],
 )
 def test_choices_that_have_no_meaning_are_refused(chosen, says):
     with pytest.raises(UserError, match=says):
         ExampleDetector(**chosen)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "says"),
+    [
+        ({"max_detections": -1}, "max_detections=-1 must be at least 1"),
+        ({"min_distance": -3.0}, "min_distance=-3.0 must be above 0"),
+        ({"min_distance": float("nan")}, "min_distance=nan must be a number above 0"),
+        ({"threshold": 0.0}, "threshold=0.0 must be a share above 0"),
+    ],
+)
+def test_options_that_have_no_meaning_are_refused(example, chosen, says):
+    with pytest.raises(ArgumentError, match=says):
+        ExampleDetector().add(example).detect(example, **chosen)
+
+
+def test_an_example_is_detected_in_itself_at_the_largest_threshold(example):
+    assert max(each.score for each in ExampleDetector().add(example).detect(example, threshold=1)) >= 1
+
+
+def test_files_in_the_home_folder_are_found(example, monkeypatch):
+    monkeypatch.setenv("HOME", str(example.parent))
+    assert ExampleDetector().add("~/example.png").detect("~/example.png")
 
 
 @pytest.mark.parametrize("image", [np.zeros((40, 40)), np.zeros((3, 40, 40), np.uint8), np.zeros((0, 4), np.uint8)])

@@ -33,6 +33,7 @@ from sextant.chapters.localization.data.own_drive import open_drive
 from sextant.data.photos.gps import GpsPosition
 from sextant.errors import UserError
 from sextant.tools.inspection import inspect, suggestion, summary
+from sextant.tools.inspection.suggestion import outputs
 
 #: of a drive, by the name of the format
 POSE_FILES = {
@@ -246,6 +247,49 @@ def test_folders_of_one_camera_each_are_calibrated_apart(tmp_path):
         f"sextant predict input={tmp_path}/phone output=calibrated/phone camera=one",
         f"sextant predict input={tmp_path}/zoom output=calibrated/zoom camera=one",
     )
+
+
+def test_folders_of_one_name_are_calibrated_apart(tmp_path):
+    photos(tmp_path / "day1" / "left", camera=("Apple", "iPhone 12"))
+    photos(tmp_path / "day2" / "left", camera=("Canon", "Canon EOS 5D"), focal=50)
+    assert inspect(tmp_path).suggestions[0].commands == (
+        f"sextant predict input={tmp_path}/day1/left output=calibrated/day1/left camera=one",
+        f"sextant predict input={tmp_path}/day2/left output=calibrated/day2/left camera=one",
+    )
+
+
+def alike(folder):
+    """Files and folders whose names differ only in the suffix, or in the folder around them."""
+    make = {name: FOLDERS[name][0] for name in ("a drive without poses", "two trajectories", "known cameras")}
+    for name in ("tracks", "one/set", "two/set"):
+        (folder / name).mkdir(parents=True)
+    make["a drive without poses"](folder)
+    (folder / "again.bag").touch()
+    write_pictures(folder / "again", names(), first=30)
+    make["two trajectories"](folder / "tracks")
+    (folder / "tracks" / "estimate_2.txt").write_bytes((folder / "tracks" / "estimate.txt").read_bytes())
+    for name in ("one", "two"):
+        make["known cameras"](folder / name / "set")
+
+
+def test_no_two_commands_write_to_one_place(tmp_path):
+    alike(tmp_path)
+    several = 0
+    for each in inspect(tmp_path).suggestions:
+        words = [word for command in each.commands for word in shlex.split(command)]
+        written = [word for word in words if word.startswith(("output=", "figure="))]
+        assert len(set(written)) == len(written), written
+        several += len(written) > 1
+    assert several == 4  # walk, localize, benchmark, trajectory
+
+
+def test_a_suffix_is_kept_where_it_tells_two_apart(tmp_path):
+    (tmp_path / "drive.1").mkdir()
+    inputs = [Path("night.mp4"), Path("drive.1"), Path("day/night.mp4")]
+    found = outputs("walk", tmp_path, inputs)
+    assert [path.as_posix() for path in found.values()] == ["walk/night", "walk/drive.1", "walk/day/night"]
+    several = [*inputs, Path("night.bag")]
+    assert outputs("walk", tmp_path, several) == {each: Path("walk", each) for each in several}
 
 
 @pytest.mark.parametrize("plane", [True, False])

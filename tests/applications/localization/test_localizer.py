@@ -96,6 +96,25 @@ def test_it_goes_the_same_way_again_after_a_reset_and_another_way_with_another_s
     assert not same(first, drive(localizer, corridor))
 
 
+def test_a_reset_that_is_refused_changes_nothing(corridor):
+    localizer = corridor.localizer(seed=3)
+    for wrong in ({"seed": -1}, {"seed": 5, "start": "nowhere"}, {"seed": 5, "start": ""}):
+        with pytest.raises(UserError, match=r"seed=-1|start="):
+            localizer.reset(**wrong)
+        assert localizer.seed == 3
+    localizer.reset()
+
+
+def test_numbers_of_numpy_are_saved_and_a_wrong_fact_keeps_the_former_map(corridor, tmp_path):
+    localizer = corridor.localizer(particles=np.int64(300), radius=np.float32(2))
+    localizer.save(tmp_path)
+    localizer.facts["of"] = object()
+    with pytest.raises(UserError, match="facts: of=<object"):
+        localizer.save(tmp_path)
+    loaded = Localizer.load(tmp_path)
+    assert (loaded.particles, loaded.radius, loaded.facts) == (300, 2.0, {})
+
+
 @pytest.mark.parametrize("descriptor", [Pixels(16, 24), None])
 def test_what_was_saved_tells_the_same_bit_by_bit_wherever_it_is_moved(corridor, tmp_path, descriptor):
     localizer = corridor.localizer(descriptor=descriptor)

@@ -215,6 +215,12 @@ def test_arguments_that_do_not_fit_the_images_are_refused(arguments, said):
         PoseMap.from_images(images, poses, **({"cameras": (60, 60, 32, 32)} | arguments))
 
 
+def test_added_images_may_come_from_an_iterator():
+    images = (np.zeros((64, 64, 3), np.uint8) for _ in range(2))
+    with pytest.raises(ArgumentError, match="3 names for 2 images"):
+        PoseMap(None, [], None, None, None).add(images, np.tile(np.eye(4), (2, 1, 1)), names=iter("abc"))
+
+
 @real
 def test_a_lens_of_a_model_is_straightened(desk, tmp_path):
     """What the lens bent outwards comes from further out; a camera of turned images is refused."""

@@ -1,9 +1,10 @@
 """A map described in parts is the map that one process describes."""
 
 import pytest
-from tiny_places import ride, tiny_checkpoint
+from tiny_places import ride, scene, tiny_checkpoint
 
 from sextant import PlaceMap, cli
+from sextant.applications import FailedPhotosError
 from sextant.chapters.places import describing, map_shards
 from sextant.chapters.places.map_shards import describe_shard, merge_shards, photos_of, shard_folder
 from sextant.chapters.places.photo_folder import photos_below
@@ -73,6 +74,37 @@ def test_a_lost_damaged_or_foreign_part_is_named_and_is_all_that_is_made_again(p
         merge_shards(PlaceMap.load(run), fewer, tmp_path / "map", 3)
     assert not (tmp_path / "map" / "map.json").exists()
     merge_shards(PlaceMap.load(run), photos, tmp_path / "map", 3)
+
+
+def test_a_part_without_usable_photos_is_merged_as_one_process_would_skip_it(photos, run, tmp_path):
+    broken = [photos.folder / name for name in photos_of(photos, 1, 3).names]
+    for path in broken:
+        path.write_bytes(b"no photo")
+    describe_shard(PlaceMap.load(run), photos, tmp_path / "whole", None, 1)
+    for shard in range(3):
+        failed = describe_shard(PlaceMap.load(run), photos, tmp_path / "parts", shard, 3)
+        assert (len(failed) == len(broken)) == (shard == 1)
+    other = (*photos.names[:4], "other.png", *photos.names[5:])
+    with pytest.raises(UserError, match="shard 1 of 3 is of other photos"):
+        merge_shards(PlaceMap.load(run), type(photos)(photos.folder, other), tmp_path / "parts", 3)
+    assert merge_shards(PlaceMap.load(run), photos, tmp_path / "parts", 3).keys() == {path.name for path in broken}
+    assert files(tmp_path / "parts") == files(tmp_path / "whole")
+    scene(0).save(broken[0])
+    assert len(describe_shard(PlaceMap.load(run), photos, tmp_path / "parts", 1, 3)) == len(broken) - 1
+    merged = PlaceMap.load(run)
+    merge_shards(merged, photos, tmp_path / "parts", 3)
+    assert broken[0] in merged.described.paths
+
+
+def test_parts_without_any_usable_photo_are_no_map(photos, run, tmp_path):
+    for path in photos.paths:
+        path.write_bytes(b"no photo")
+    for shard in range(2):
+        describe_shard(PlaceMap.load(run), photos, tmp_path / "map", shard, 2)
+    with pytest.raises(FailedPhotosError, match="none of 12 photos could be described"):
+        merge_shards(PlaceMap.load(run), photos, tmp_path / "map", 2)
+    with pytest.raises(FailedPhotosError, match="none of 12 photos could be described"):
+        describe_shard(PlaceMap.load(run), photos, tmp_path / "map", None, 1)
 
 
 def test_wrong_numbers_are_refused(photos, run, tmp_path):

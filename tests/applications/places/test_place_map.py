@@ -20,6 +20,7 @@ from sextant.baselines import Pixels as PixelBaseline
 from sextant.baselines.network_layer import NetworkLayer
 from sextant.chapters.places import described_map
 from sextant.chapters.places.data.decoded_images import ImageSize
+from sextant.chapters.places.describing import describe
 from sextant.chapters.places.match_confidence import UNSEEN
 from sextant.chapters.places.saved_descriptor import kept_network
 from sextant.chapters.places.saved_map import FITTED, Temperature
@@ -73,6 +74,15 @@ def test_each_place_is_found_with_similarity_margin_and_confidence(rides, places
         weights = np.exp(np.array(similar) / SURE.value)
         assert [each.confidence for each in found.matches] == pytest.approx(weights / weights.sum(), abs=1e-6)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_photo_of_more_than_8_bits_is_described_alike_alone_and_among_others(tmp_path):
+    for k, top in enumerate((300, 900, 4000, 3000)):
+        deep = np.asarray(scene(k).convert("L")).astype(np.uint16) * (top // 255)
+        Image.fromarray(deep).save(tmp_path / f"{k}.png")
+    photos = sorted(tmp_path.iterdir())
+    alone = [describe(Pixels(), Pixels.size, [photo]).rows[0] for photo in photos]
+    np.testing.assert_array_equal(describe(Pixels(), Pixels.size, photos).rows, alone)
 
 
 def test_an_array_is_found_as_its_file_is(rides, places):

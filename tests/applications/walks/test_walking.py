@@ -173,6 +173,13 @@ def test_mistakes_are_told_before_any_camera_is_looked_for(world, tmp_path, wron
         )
 
 
+def test_the_home_folder_of_the_output_is_meant(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "found").touch()
+    with pytest.raises(UserError, match=f"output={tmp_path}/found is not a folder"):
+        localize_walk(tmp_path / "walk", tmp_path / "map", "~/found", calibrator=NeverAsked())
+
+
 def test_an_image_of_the_map_that_cannot_be_read_is_left_out_with_a_remark(tmp_path):
     rng = np.random.default_rng(0)
     for name in "abc":

@@ -5,18 +5,22 @@ import json
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 from cli.cosfire_detection.drawn import drawn
 from PIL import Image
 from support import as_published, fill_disk
 
+from sextant.chapters.cosfire.images import UprightImage
 from sextant.chapters.cosfire.network_image import TrainedFeatures, trained_features
 from sextant.chapters.cosfire.options import read_inputs
-from sextant.chapters.cosfire.predict import predict_detections
+from sextant.chapters.cosfire.predict import filter_facts, predict_detections
 from sextant.cli import predict
 from sextant.errors import UserError
+from sextant.layers.cosfire import Tolerance
 from sextant.models import FeatureMap, PlaceNet, ResNetCifar
 from sextant.models.pooling import GeM
 
@@ -118,6 +122,13 @@ def test_places_are_told_in_pixels_of_the_upright_original(tmp_path, example):
     assert places(small["images"][0])[0] == pytest.approx((236, 160), abs=4)
     with pytest.raises(UserError, match="outside the prototype of 440x320"):
         detect(tmp_path / "lying.png", tmp_path / "lying.png", tmp_path / "out", point="300,320")
+
+
+def test_the_point_is_told_in_the_original_whose_sides_shrank_unequally():
+    image = UprightImage("photo", np.zeros((80, 110, 3), np.uint8), 220, 161)
+    example = SimpleNamespace(image=image, point=image.at((100, 150)), parts=3, own=1.0)
+    facts = filter_facts(SimpleNamespace(examples=[example], filters=SimpleNamespace(tolerance=Tolerance())), {})
+    assert (facts["x"], facts["y"]) == (100, 150)
 
 
 def test_other_sizes_by_shrinking_are_told_of(tmp_path, example, capsys):

@@ -20,6 +20,21 @@ def test_a_photo_that_fails_is_named_and_the_rest_go_on(tmp_path, capsys):
     assert [bool(line["error"]) for line in lines] == [False, True, True]
 
 
+def test_a_photo_that_vanishes_meanwhile_has_failed_and_the_rest_is_written(tmp_path, capsys):
+    first, gone, last = (photo(tmp_path / f"{name}.png") for name in "abc")
+
+    class Slow(Fake):
+        def predict(self, images, aspect):
+            gone.unlink(missing_ok=True)
+            return super().predict(images, aspect)
+
+    rows = calibrate([first, gone, last], tmp_path / "out", Slow(), exports=("fspy",))
+    assert ["error" in row for row in rows] == [False, True, False]
+    assert "2 photos calibrated, 1 failed" in capsys.readouterr().out
+    assert json.loads((tmp_path / "out" / "calibrations.json").read_text())["photos"] == rows
+    assert {path.name for path in (tmp_path / "out").glob("*.fspy")} == {"a.fspy", "c.fspy"}
+
+
 def test_if_all_fail_the_command_fails_and_the_files_say_why(tmp_path):
     with pytest.raises(UserError, match=r"(?s)none of 1 photo could.*c.png.*1x1 pixels"):
         calibrate([photo(tmp_path / "c.png", (1, 1))], tmp_path / "out")

@@ -1,4 +1,4 @@
-"""Crops against the exact geometry, against renders, against many rays, and one backend against the other."""
+"""Crops against the exact geometry, against renders and many rays."""
 
 import math
 
@@ -114,15 +114,13 @@ def test_newton_takes_as_many_steps_as_the_lens_needs():
 # -- what is seen ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("backend", ["cv2", "torch"])
 @pytest.mark.parametrize("antialias", [False, True])
-def test_a_crop_is_what_its_exact_rays_see(backend, antialias):
+def test_a_crop_is_what_its_exact_rays_see(antialias):
     n, width, height = 24, 48, 36
     draw = LENSES.draw(n, 1)
     panorama = painted(smooth_colour, 512)
-    crops = crop_batch(
-        Panoramas([panorama], ["a"]), np.zeros(n, int), draw, width, height, antialias=antialias, backend=backend
-    )
+    held = Panoramas([panorama], ["a"])
+    crops = crop_batch(held, np.zeros(n, int), draw, width, height, antialias=antialias)
     for i in range(n):
         expected = smooth_colour(exact_directions(draw, i, width, height)).numpy().transpose(2, 0, 1)
         # half a grey level of the panorama, half of the crop, and the mean over a pixel that is not its middle
@@ -218,38 +216,6 @@ def test_rays_follow_the_size_of_a_pixel():
     sampling = Sampling.of(rays, np.array([32, 128, 512, 1024, 8192]), 64, 64)
     assert sampling.level.tolist() == [0, 0, 0, 1, 4]
     assert sampling.side.tolist() == [1, 2, 3, 3, 3]
-
-
-# -- both backends -----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("antialias", [False, True])
-def test_backends_agree(antialias):
-    rng = np.random.default_rng(1)
-    panoramas = Panoramas([rng.integers(0, 255, (rows, 2 * rows, 3), np.uint8) for rows in (64, 150, 301)], "abc")
-    draw, which = LENSES.draw(18, 4), np.arange(18) % 3
-    a, b = (
-        crop_batch(panoramas, which, draw, 40, 30, antialias=antialias, backend=backend) for backend in ("cv2", "torch")
-    )
-    assert b.shape == (18, 3, 30, 40)
-    assert b.dtype == torch.uint8
-    # OpenCV rounds to whole grey levels before the mean
-    assert np.abs(a.astype(int) - b.numpy()).max() <= (2 if antialias else 1)
-
-
-@pytest.mark.gpu
-@pytest.mark.parametrize("antialias", [False, True])
-def test_backends_agree_on_a_gpu(antialias):
-    if not torch.cuda.is_available():
-        pytest.skip("no CUDA device")
-    rng = np.random.default_rng(1)
-    panoramas = Panoramas([rng.integers(0, 255, (rows, 2 * rows, 3), np.uint8) for rows in (64, 150, 301)], "abc")
-    draw, which = LENSES.draw(18, 4), np.arange(18) % 3
-    a = crop_batch(panoramas, which, draw, 40, 30, antialias=antialias)
-    there = CameraDraw(draw.cameras.to(device=torch.device("cuda")), draw.yaw.cuda(), draw.aspect.cuda())
-    b = crop_batch(panoramas, which, there, 40, 30, antialias=antialias, backend="torch")
-    assert b.device.type == "cuda"
-    assert np.abs(a.astype(int) - b.cpu().numpy()).max() <= 2
 
 
 def test_a_crop_does_not_depend_on_the_rest_of_its_batch():

@@ -58,10 +58,10 @@ def test_a_halved_level_is_the_mean_of_four():
 
 def test_levels_are_made_once_and_the_oldest_forgotten():
     made = []
-    kept = Kept(100, len)
+    kept = Kept(100)
 
     def get(key):
-        return kept.get(key, lambda: made.append(key) or bytes(40))
+        return kept.get(key, lambda: made.append(key) or np.zeros(40, np.uint8))
 
     for key in "abacab":
         get(key)

@@ -1,6 +1,7 @@
 """The user's own drives: every format, and every way to get them wrong."""
 
 import copy
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from data.places.gps_pictures import add_gps
 from data.places.place_pictures import picture, write_pictures
 from data.reconstructions.written import WRITERS
+from PIL import Image
 
 from sextant.chapters.localization.data import DriveSettings, LocalizationSource, PoseFolder, as_localization_source
 from sextant.chapters.localization.data.drive import motions_along
@@ -215,6 +217,13 @@ def test_missing_folders_and_files_are_told(tmp_path, form):
     (folder / "run" / name).rename(folder / "run" / "moved")
     with pytest.raises(MissingDataError, match=rf"test.run: \S*run has no poses, the file {name}"):
         source(folder, form).files("test")
+    for split, given, key in (
+        ("map", {"map": "run", "test": {"other": "map"}}, "map"),
+        ("validation", {"validation": {"first": "run"}, "test": {"other": "map"}, "map": "map2"}, "validation.first"),
+    ):
+        shutil.copytree(folder / "map", folder / "map2", dirs_exist_ok=True)
+        with pytest.raises(MissingDataError, match=rf"^{key}: \S*run has no poses"):
+            source(folder, form, **given).files(split)
     (folder / "run" / "moved").rename(folder / "run" / name)
     with pytest.raises(MissingDataError, match=r"has no odometry, the file wheels(.|\n)*odometry=<name>"):
         source(folder, form, odometry="wheels").files("test")
@@ -299,6 +308,15 @@ def test_a_damaged_image_is_named_or_left_out_and_motion_goes_over_it(tmp_path):
     data = source(folder, skip_bad=True).read()
     assert same(data.test[0].motion[1:], motions_along(ODOMETRY[[2, 3, 5, 6, 7]])[1:])
     assert any("1004.25.png" in note for note in data.notes)
+
+
+def test_drives_of_deeper_images_have_one_white_level(tmp_path):
+    folder = write(tmp_path / "drives", "csv")
+    for drive, top in (("map", 900), ("run", 4000)):
+        for name in names():
+            Image.fromarray(np.full((24, 32), top, np.uint16)).save(folder / drive / name)
+    found = source(folder, roots=[tmp_path / "cache"]).read()
+    assert (found.map.images[0].max(), found.test[0].images[0].max()) == (900 >> 4, 4000 >> 4)
 
 
 def test_the_fingerprint_follows_contents_and_meaning(tmp_path, form):

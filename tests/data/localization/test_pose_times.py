@@ -3,9 +3,10 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from sextant.chapters.localization.data.pose_times import no_times, times_of_names
+from sextant.chapters.localization.data.pose_times import no_times, poses_at, times_of_names
 
 NOON = datetime(2023, 1, 1, 12, 0, 55, tzinfo=UTC).timestamp()
 
@@ -133,3 +134,10 @@ def test_the_time_that_differs_counts_and_neighbouring_nanoseconds_stay_in_order
     stamps = [1403636579763555584 + 500 * k for k in range(5)]
     assert times(*(f"{stamp}.png" for stamp in stamps)) == [stamp / 10**9 for stamp in stamps]
     assert times("20230101_235959.5.png", "20230102_000000.5.png") == [NOON + 43144.5, NOON + 43145.5]
+
+
+def test_an_empty_row_of_a_trajectory_leaves_the_rest_known():
+    poses = np.array([[0, 0, 3.0], [1, 0, 3.1], [np.nan] * 3, [3, 0, -3.1], [4, 0, -3.0]])
+    found = poses_at(np.arange(5.0), poses, np.array([0.5, 1.5, 3.5]), ["a", "b", "c"], 1.0, "test.run")
+    assert found[[0, 2]] == pytest.approx(np.array([[0.5, 0, 3.05], [3.5, 0, -3.05]]))
+    assert np.isnan(found[1]).all()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from data.places.place_pictures import picture, write_pictures
+from PIL import Image
 
 from sextant.chapters.places.data import ConditionSplit, ConditionSplitSource, FrameRanges, Nordland, PlaceTolerance
 from sextant.data.source import MissingDataError
@@ -56,8 +57,18 @@ def test_a_missing_partner_is_named_or_counted(root):
     images = Nordland(roots=[root], skip_bad=True, **SMALL).read("test")
     assert images.frame.tolist() == [7, 8, 9, 7, 9]
     assert images.skipped == ("winter/images-00090 is missing",)
+    assert Nordland(roots=[root], skip_bad=True, **SMALL).read("train").skipped == ()
     matrix = images.positives(images.rows_of("summer"), images.rows_of("winter"), PlaceTolerance("frames", 0, 2))
     assert (np.diff(matrix.indptr) == 0).tolist() == [False, True, False]
+
+
+def test_splits_of_deeper_frames_have_one_white_level(root):
+    for season in ("summer", "winter"):
+        for k, name in enumerate(NAMES):
+            deep = np.full((16, 24), 4000 if k < 5 else 900, np.uint16)
+            Image.fromarray(deep).save(root / "nordland" / season / name)
+    source = Nordland(roots=[root], channels=1, **SMALL)
+    assert [source.read(split).images[0].max() for split in ("train", "test")] == [4000 >> 4, 900 >> 4]
 
 
 def test_the_fingerprint_follows_the_split(root):

@@ -324,6 +324,23 @@ def test_what_is_decoded_is_kept_and_read_from_the_map(folder, tmp_path, monkeyp
         source.read("test")
 
 
+def test_splits_of_deeper_images_have_one_white_level_also_in_the_cache(tmp_path):
+    def write(traverse, top):
+        (tmp_path / traverse).mkdir(exist_ok=True)
+        Image.fromarray(np.full((16, 24), top, np.uint16)).save(tmp_path / traverse / "a.png")
+
+    def brightest(roots):
+        source = folders(tmp_path, places="order", channels=1, train={"x": "day"}, allow_duplicates=True, roots=roots)
+        return [source.read(split).images[0].max() for split in ("train", "test")]
+
+    for traverse, top in (("day", 4000), ("reference", 900), ("query", 900)):
+        write(traverse, top)
+    for roots in ([], [tmp_path / "cache"], [tmp_path / "cache"]):
+        assert brightest(roots) == [4000 >> 4, 900 >> 4]
+    write("day", 60000)
+    assert brightest([tmp_path / "cache"]) == [60000 >> 8, 900 >> 8]
+
+
 def test_the_fingerprint_follows_files_places_and_splits(folder):
     source = folders(folder, places="order")
     before = source.fingerprint()

@@ -161,6 +161,12 @@ def test_drives_that_are_not_aligned_are_matched_by_position_and_lacking_images_
     assert scenes.left_out == ("0/8 has no image under season1",)
 
 
+def test_a_drive_without_a_partner_of_any_place_is_not_called_too_dense():
+    elsewhere = placed([np.arange(0, 100, 10), np.arange(500, 600, 10)])
+    with pytest.raises(UserError, match=r"0 scenes in 10 frames(.|\n)*has no image under season1"):
+        scenes_of(Made(elsewhere, "m"), spacing=2).read("train")
+
+
 def test_metres_that_are_too_close_name_the_least_spacing():
     images = placed([np.arange(0, 60, 2.0), np.arange(0, 60, 2.0)], aligned=True)
     with pytest.raises(UserError, match="within 5m of the next"):

@@ -146,6 +146,20 @@ def test_the_field_of_view_of_nerf_is_a_focal_length(tmp_path):
     assert read(path).images[0].lens.focal_px == pytest.approx(320)
 
 
+@pytest.mark.parametrize("value", [None, "wide", [1.0], float("nan")])
+def test_a_lens_with_a_number_that_is_none_has_no_parameters(value, tmp_path):
+    path = nerfstudio(tmp_path / "transforms.json", ["a.jpg"], some_poses(1))
+    path.write_text(json.dumps({**json.loads(path.read_text()), "k1": value}))
+    lens = read(path).images[0].lens
+    assert (lens.opencv, lens.width) == (None, 640)
+    path = opensfm(tmp_path / "reconstruction.json", ["a.jpg"], some_poses(1))
+    assert read(path).images[0].lens.opencv is not None
+    content = json.loads(path.read_text())
+    content[0]["cameras"]["phone"]["k2"] = value
+    path.write_text(json.dumps(content))
+    assert read(path).images[0].lens.opencv is None
+
+
 def test_files_are_found_by_the_ends_of_their_paths(tmp_path):
     names = ["images/left/1.png", "images/right/1.png", "train/r_0", "deep/only.jpg"]
     found = read(colmap_text(tmp_path / "images.txt", names, some_poses(4)))

@@ -218,6 +218,22 @@ def test_a_real_drive_has_the_errors_that_evo_finds(real_data):
     compare_with_evo(*drives, 1e-9)
 
 
+@pytest.mark.parametrize(
+    ("errors", "unknown", "told"),
+    [
+        (absolute_errors, {"alignment": "sim3"}, "alignment=.sim3. must be one of none, rigid, similarity"),
+        (absolute_errors, {"part": "rotation"}, "part=.rotation. must be one of translation, rotation_deg"),
+        (relative_errors, {"unit": "metres"}, "unit=.metres. must be one of frames, m"),
+        (relative_errors, {"pairs_from": "truth"}, "pairs_from=.truth. must be one of estimate, reference"),
+        (relative_errors, {"part": "rotation"}, "part=.rotation. must be one of"),
+    ],
+)
+def test_unknown_words_are_refused(errors, unknown, told):
+    truth, guess = curve(0)
+    with pytest.raises(ArgumentError, match=told):
+        errors(truth, guess, **unknown)
+
+
 def test_errors_of_several_runs_are_pooled_over_a_span_of_each():
     truth, guess = curve(3)
     reference, estimate = np.stack([truth, truth], axis=1), np.stack([guess, moved(truth, 5, -2, 0.4)], axis=1)

@@ -55,7 +55,7 @@ def test_numbers_that_do_not_fit_are_refused():
     descriptors, condition, mask = images(1)
     positives = Positives.from_mask(mask)
     with pytest.raises(ValueError, match=r"positives of \d+ images among themselves"):
-        condition_recall(descriptors, condition, positives.select(np.arange(3)), ("a", "b", "c"))
+        condition_recall(descriptors, condition, Positives.from_mask(mask[:3]), ("a", "b", "c"))
     with pytest.raises(ValueError, match=r"conditions must be in \[0, 2\)"):
         condition_recall(descriptors, condition, positives, ("a", "b"))
 

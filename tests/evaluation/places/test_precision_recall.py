@@ -49,7 +49,6 @@ def test_a_case_by_hand():
     assert curve.auc == pytest.approx((1 + (1 / 2 + 2 / 3) / 2 + (2 / 3 + 3 / 4) / 2) / 4)
     assert curve.recall_at_precision(1) == 0.25
     assert curve.recall_at_precision(0.7) == 0.75  # though precision was lower in between
-    assert curve.extended_precision == (1 + 0.25) / 2
 
 
 def test_recall_at_a_precision_is_that_of_the_interpolated_curve():
@@ -68,7 +67,7 @@ def test_99_of_100_is_a_precision_of_99_percent():
 
 def test_no_match_at_full_precision_is_a_recall_of_zero():
     curve = precision_recall(np.array([0.9, 0.8]), np.array([False, True]), 1)
-    assert (curve.recall_at_precision(1), curve.extended_precision) == (0, 0)
+    assert curve.recall_at_precision(1) == 0
 
 
 def test_matches_of_queries_without_a_positive_are_wrong_and_counted():

@@ -2,22 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
 from sextant.evaluation.positives import Positives
-from sextant.evaluation.retrieval import (
-    RetrievalProtocol,
-    chance_recall,
-    recall,
-    recall_name,
-    recall_within_frames,
-)
-
-SIMILARITIES = ("cosine", "euclidean")
-
-
-def rows(count, length, seed=0):
-    return np.random.default_rng(seed).normal(size=(count, length)).astype(np.float32)
+from sextant.evaluation.retrieval import RetrievalProtocol, chance_recall, recall
 
 
 def random_case(seed, queries=12, references=9, share=0.2):
@@ -97,34 +84,3 @@ def test_ranks_without_a_neighbour_are_refused(ranks):
     mask, ranking = random_case(0)
     with pytest.raises(ValueError, match=r"must be in \[1, 9\]"):
         recall(ranking, Positives.from_mask(mask), ranks)
-
-
-def test_the_name_of_a_recall_carries_its_protocol():
-    assert (recall_name(1), recall_name(10, 5)) == ("R@1_pm1f", "R@5_pm10f")
-
-
-@pytest.mark.parametrize("similarity", SIMILARITIES)
-def test_identical_traverses_are_recalled_whole(similarity):
-    places = rows(200, 16)
-    assert recall_within_frames(places, places, 0, similarity) == 1
-
-
-@given(shift=st.integers(0, 6), tolerance=st.integers(0, 6))
-def test_a_shifted_traverse_is_recalled_within_the_shift(shift, tolerance):
-    places = rows(100, 16)
-    recall = recall_within_frames(places, np.roll(places, shift, axis=0), tolerance)
-    assert recall == (1 if shift == 0 else (1 - shift / 100) * (shift <= tolerance))
-
-
-@pytest.mark.parametrize("tolerance", [0, 1, 3])
-def test_shuffled_traverses_are_recalled_by_chance(tolerance):
-    count, repeats = 300, 20
-    places, rng = rows(count, 16), np.random.default_rng(1)
-    hits = sum(count * recall_within_frames(places, places[rng.permutation(count)], tolerance) for _ in range(repeats))
-    low, high = stats.binom.interval(0.999, count * repeats, (2 * tolerance + 1) / count)
-    assert low <= hits <= high
-
-
-def test_traverses_of_different_length_are_refused():
-    with pytest.raises(ValueError, match="the same number of frames; got 4 and 3"):
-        recall_within_frames(rows(4, 2), rows(3, 2))

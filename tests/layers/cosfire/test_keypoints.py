@@ -25,10 +25,11 @@ def test_near_peaks_are_one_and_the_strongest_speaks_for_them():
     assert len(keypoints(response(*peaks), min_distance=3.0)) == 3
 
 
-def test_what_does_not_exceed_the_threshold_is_no_peak():
+def test_what_is_below_the_threshold_is_no_peak():
     found = response((5, 6, 0.5), (30, 30, 1.0))
-    assert keypoints(found, threshold=0.5) == [Keypoint(30, 30, 1.0)]
-    assert keypoints(found, threshold=1.0) == []
+    assert keypoints(found, threshold=1.0) == [Keypoint(30, 30, 1.0)]
+    assert len(keypoints(found, threshold=0.5)) == 2
+    assert keypoints(found, threshold=1.001) == []
     assert keypoints(torch.zeros(9, 9)) == []
 
 

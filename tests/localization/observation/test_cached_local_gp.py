@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from localization.observation.battery import LIKELIHOODS, GaussianBattery, ObservationModelBattery
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.cached_local_gp import CachedLocalGP, blending_weights
@@ -172,19 +172,6 @@ def test_a_blend_of_a_whole_map_works():
     assert told.log_likelihood(poses_in_room(5)[None]).isfinite().all()
 
 
-def test_caches_in_files_are_those_in_memory_and_cannot_be_changed(tmp_path):
-    known, poses, told = smooth_map(), poses_in_room(30, seed=5), []
-    mapped = CachedLocalGP().fit(known, KERNEL, folder=tmp_path, progress=lambda done, of: told.append((done, of)))
-    kept = CachedLocalGP().fit(known, KERNEL)
-    assert told[-1] == (240, 240)
-    assert isinstance(mapped.caches.grams, np.memmap)
-    assert torch.equal(mapped.predict(poses).mean, kept.predict(poses).mean)
-    for name, tensor in mapped.state().items():
-        assert torch.equal(tensor, kept.state()[name])
-        tensor.fill_(0)  # in memory only
-        np.testing.assert_array_equal(np.load(tmp_path / f"{name}.npy"), kept.state()[name])
-
-
 def test_blocks_of_any_size_give_the_same_caches(monkeypatch):
     whole = CachedLocalGP().fit(smooth_map(), KERNEL).state()
     monkeypatch.setattr("sextant.localization.observation._caches.ENTRIES", 2000)
@@ -216,6 +203,12 @@ def test_a_railway_works_where_all_y_and_headings_are_one():
 def test_a_blend_of_more_images_than_there_are_is_refused_with_the_key(blend, said):
     with pytest.raises(UserError, match=rf"blend={blend} must be .*{said}"):
         CachedLocalGP(blend=blend).fit(smooth_map(), KERNEL)
+
+
+def test_an_argument_that_does_not_suit_the_map_is_of_the_model():
+    with pytest.raises(ArgumentError, match="neighbours=241") as error:
+        CachedLocalGP(241).fit(smooth_map(), KERNEL)
+    assert error.value.of == "CachedLocalGP"
 
 
 def test_a_state_that_points_outside_the_map_is_refused():

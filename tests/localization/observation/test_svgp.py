@@ -1,3 +1,5 @@
+import math
+
 import pytest
 import torch
 from localization.observation.battery import GaussianBattery
@@ -7,6 +9,18 @@ from sextant.errors import UserError
 from sextant.localization.observation.exact_gp import ExactGP
 from sextant.localization.observation.sgpr import SGPR
 from sextant.localization.observation.svgp import SVGP
+
+
+def elbo(model):
+    """The lower bound on the log marginal likelihood of all outputs in nats."""
+    known, noise = model.map, model.kernel.noise_variance
+    predicted = model.predict(known.poses)
+    squared = float((known.descriptors.double() - predicted.mean).square().sum())
+    left = float((predicted.variance - noise).sum())
+    numbers = known.descriptors.numel()
+    expected = -0.5 * (numbers * math.log(2 * math.pi * noise) + (squared + known.dimension * left) / noise)
+    spread = float(model.root.square().sum()) - model.size - float(2 * model.root.diagonal().log().sum())
+    return expected - 0.5 * (float(model.weights.square().sum()) + known.dimension * spread)
 
 
 class TestSVGPPassesTheBattery(GaussianBattery):
@@ -22,7 +36,7 @@ def test_one_step_with_the_whole_map_is_sgpr():
     svgp = SVGP(inducing=40, steps=1, batch=1000).fit(known, KERNEL)
     torch.testing.assert_close(svgp.predict(poses).mean, sgpr.predict(poses).mean, rtol=0, atol=1e-8)
     torch.testing.assert_close(svgp.predict(poses).variance, sgpr.predict(poses).variance)
-    assert svgp.elbo() == pytest.approx(sgpr.elbo(), rel=1e-9)
+    assert elbo(svgp) == pytest.approx(sgpr.elbo(), rel=1e-9)
 
 
 @pytest.mark.slow
@@ -35,7 +49,7 @@ def test_it_converges_to_sgpr_with_the_same_inducing_poses(forgetting, batch):
 
     def error(steps: int) -> float:
         model = SVGP(inducing=40, steps=steps, batch=batch, forgetting=forgetting).fit(known, KERNEL)
-        assert model.elbo() <= sgpr.elbo() + 1e-6 * abs(sgpr.elbo())
+        assert elbo(model) <= sgpr.elbo() + 1e-6 * abs(sgpr.elbo())
         return float((model.predict(poses).mean - wanted.mean).square().mean().sqrt())
 
     few, many = error(4), error(2000)
@@ -46,7 +60,7 @@ def test_it_converges_to_sgpr_with_the_same_inducing_poses(forgetting, batch):
 def test_the_bound_is_below_the_log_marginal_likelihood_however_few_the_steps():
     known = smooth_map(80)
     exact = ExactGP().fit(known, KERNEL).log_marginal_likelihood()
-    bounds = [SVGP(inducing=30, steps=steps, batch=10).fit(known, KERNEL).elbo() for steps in (1, 4, 8, 400)]
+    bounds = [elbo(SVGP(inducing=30, steps=steps, batch=10).fit(known, KERNEL)) for steps in (1, 4, 8, 400)]
     assert max(bounds) <= exact
     assert bounds[-1] > bounds[0]
 

@@ -7,9 +7,10 @@ import pytorch_lightning as pl
 import torch
 from calibration_toy import ToyPanoramas, distribution
 
+from sextant.chapters.calibration.data.batches import Crops
 from sextant.chapters.calibration.data.datamodule import CalibrationData
 from sextant.chapters.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork, reported
-from sextant.chapters.calibration.report import _looks, arrays, compare, figures, metrics, table
+from sextant.chapters.calibration.report import _looks, _over_crops, arrays, compare, figures, metrics, table
 from sextant.chapters.calibration.task import Calibration
 from sextant.corruptions import CorruptionSuite
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace
@@ -98,6 +99,22 @@ def test_the_scores_of_the_intervals_are_those_of_the_validation_crops(trained):
     torch.testing.assert_close(calibration.scores, scores.detach(), rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.parametrize("few", [1, 8])
+def test_a_validation_of_a_few_crops_keeps_their_scores_and_knows_no_more(few):
+    calibration = module(data())
+    for count in (48, few):  # as debug=one_batch may
+        scores, looks = torch.rand(count, 4), torch.rand(count, 16)
+        calibration.keep_validation(scores, looks, torch.arange(count) // 4)
+        assert torch.equal(calibration.scores[:count], scores)
+        assert calibration.looks_scores[:count].isfinite().all() == (count > 1)
+    assert calibration.scores[few:].isinf().all()
+    assert calibration.looks_scores[few:].isinf().all()
+    noise = torch.randint(0, 256, (2, 3, 48, 64), dtype=torch.uint8)
+    prediction = calibration.eval().predict(noise, torch.full((2,), 4 / 3))
+    assert (prediction.strangeness == 0).all()
+    assert prediction.quantile(0.5).isinf().all()
+
+
 def test_intervals_grow_with_their_level(trained):
     calibration, crops, _ = trained
     batch = crops.split("test")[[0, 1]]
@@ -165,6 +182,20 @@ def test_geometric_methods_see_the_networks_pixels_at_its_height(height, same):
     assert larger.images.shape[-2:] == (height, height * 64 // 48)
     assert (larger.images.shape == seen.images.shape and torch.equal(larger.images, seen.images)) == same
     assert all(torch.equal(a, b) for a, b in zip(larger.cameras, seen.cameras, strict=True))
+
+
+@pytest.mark.parametrize(("aspect", "width"), [("4:3", 64), ("2:1", 96), ("1:1", 48), ("3:4", 36)])
+def test_geometric_methods_see_pictures_that_are_not_squashed(aspect, width):
+    crops = data(geometric_height=48)
+    crops.distribution = crops.test_distribution = replace(distribution(), aspect={aspect: 1})
+    crops.setup("test")
+    seen = np.stack(list(_over_crops(crops, "test", 3, lambda image: image, lambda *_: None)))
+    split = crops.split("test")
+    as_wide = Crops(split.panoramas, split.distribution, width, 48, split.seed)[[0, 1, 2]].images.permute(0, 2, 3, 1)
+    assert seen.shape == as_wide.shape
+    off = abs(seen.astype(float) - as_wide.numpy()).mean()
+    assert off < 6
+    assert (off == 0) == (width == 64)
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """What the module of a classifier tells of its network."""
 
-import torch
 from torch import nn
 
 from sextant.chapters.classification.task import Classification
@@ -23,6 +22,3 @@ def test_a_run_records_the_convolutions_that_were_to_be_inhibited_and_were_not()
     assert "without_inhibition" not in classifier("first").facts()["cost"]
 
 
-def test_predictions_are_probabilities():
-    probabilities = classifier("first").eval().predict_step(torch.rand(3, 1, 9, 9))
-    torch.testing.assert_close(probabilities.sum(1), torch.ones(3))

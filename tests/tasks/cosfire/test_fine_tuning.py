@@ -136,5 +136,15 @@ def test_the_state_fits_filters_that_do_not_train():
 def test_a_loss_that_is_no_number_is_told():
     filters, layer, maxima, images, labels = started(of_image)
     broken = LinearLayer(layer.weights * math.nan, layer.bias)
-    with pytest.raises(LossNotFiniteError):
+    with pytest.raises(LossNotFiniteError, match=r"fine-tuning became nan at step 0\nLower task.fine_tune.lr"):
         fine_tune(filters, of_image, broken, maxima, images, labels, FineTuning(1), torch.Generator())
+
+
+def test_the_step_of_a_divergence_is_counted_over_all_epochs(monkeypatch):
+    filters, layer, maxima, images, labels = started(of_image)
+    losses = iter([1.0, 1.0, 1.0, math.inf])  # two steps an epoch
+    monkeypatch.setattr(
+        "sextant.chapters.cosfire.fine_tuning.F.cross_entropy", lambda scores, _: scores.sum() * 0 + next(losses)
+    )
+    with pytest.raises(LossNotFiniteError, match="became inf at step 3"):
+        fine_tune(filters, of_image, layer, maxima, images, labels, FineTuning(2), torch.Generator())

@@ -5,10 +5,14 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+import torch
 from scipy.stats import multivariate_normal
 from tiny_office import SHARP, office_cache, office_config
 
 from sextant.chapters.localization.along_drives import BACKGROUND, LEAST, best_share, reported_pose_nll
+from sextant.chapters.localization.validation import same_place
+from sextant.errors import UserError
+from sextant.evaluation.protocols import NORDLAND_LOCALIZATION, TOWN_LOCALIZATION
 from sextant.lifecycle.execute import execute
 from sextant.lifecycle.run_reporter import RunReporter
 from sextant.localization.localize import Track
@@ -108,3 +112,13 @@ def test_what_a_run_finds_is_a_share_of_what_single_images_ask_for(tmp_path_fact
     tried = [steps for what, unit, steps in hears.shown if what.startswith("trying ")]
     assert len(tried) > halvings
     assert {steps[-1] for steps in tried} == {(1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("protocol", "limits"),
+    [(NORDLAND_LOCALIZATION, "within 2 frames of a map"), (TOWN_LOCALIZATION, "within 5 m and 20 degrees of a map")],
+)
+def test_the_limits_within_which_no_image_is_are_told(protocol, limits):
+    far = torch.zeros(2, 3, dtype=torch.float64)
+    with pytest.raises(UserError, match=limits):
+        same_place(far + 1000, far, protocol)

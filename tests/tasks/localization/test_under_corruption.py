@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sextant.chapters.localization.report import name_of
+from sextant.chapters.localization.report import name_of, shares_by_particles
 from sextant.chapters.localization.testing import Trial
 from sextant.chapters.localization.under_corruption import by_corruption, metrics, pooled, success_by_condition, table
 from sextant.evaluation.success import NEVER
@@ -84,3 +84,22 @@ def test_names_of_trials(drives, name):
     trials = [Trial(drive, "night", "none", 100) for drive in drives]
     corrupted = Trial(f"{drives[0]}, fog/3", "night", "none", 100, "fog/3")
     assert name_of(corrupted, [*trials, corrupted]) == name
+
+
+@pytest.mark.parametrize(
+    ("conditions", "names"),
+    [(("night", "night"), ["run", "other", "run, fog/1"]), (("night", "day"), ["night", "day", "night, fog/1"])],
+)
+def test_each_drive_has_a_curve_of_its_own(conditions, names):
+    found = {}
+    for count in (400, 100):
+        for drive, condition, corruption in zip(
+            ("run", "other", "run, fog/1"), (*conditions, conditions[0]), ("", "", "fog/1"), strict=True
+        ):
+            trial = Trial(drive, condition, "none", count, corruption)
+            summary = SimpleNamespace(share=(drive, count))
+            found[f"{drive} {count}"] = SimpleNamespace(outcome=SimpleNamespace(trial=trial), summary=summary)
+    drives = ("run", "other", "run, fog/1")
+    expected = {name: {100: (drive, 100), 400: (drive, 400)} for name, drive in zip(names, drives, strict=True)}
+    assert shares_by_particles(found) == expected
+    assert all(list(shares) == [100, 400] for shares in shares_by_particles(found).values())

@@ -119,6 +119,17 @@ def test_all_pairs_round_as_the_report_does():
     assert pairs["test/R_at_1_pm1f_winter_to_summer"] == found.methods["network"].hit.mean()
 
 
+def test_figures_of_a_drive_whose_name_has_a_slash_are_saved(tmp_path):
+    places = ride(("day", "night/rain"), 4)
+    descriptors = by_frame(places)
+    pairs = condition_pairs(descriptors, places, TOLERANCE)
+    for name, figure in report.figures(compared(places, network=descriptors), places, pairs):
+        save_figure(figure, tmp_path, name)
+    assert {f"{kind}_night_rain.png" for kind in ("precision_recall", "similarity", "gallery")} < {
+        path.name for path in tmp_path.iterdir()
+    }
+
+
 # -- factors -----------------------------------------------------------------------------------------------------------
 
 

@@ -71,9 +71,9 @@ class Observed(ABC):
         """Tilt and roll to start from."""
 
     @property
-    @abstractmethod
     def count(self) -> int:
         """Number of points."""
+        return len(self.points)
 
     #: whether the spreads are given; otherwise the errors are measured by the residuals
     has_spread: bool = True
@@ -194,11 +194,6 @@ class ObservedField(Observed):
         if not np.linalg.norm(self.up, axis=1).all():
             raise ArgumentError("an observed field's up directions must not be 0", "Leave such points out.")
 
-    @property
-    def count(self) -> int:
-        """Number of points."""
-        return len(self.points)
-
     def start(self) -> tuple[float, float]:
         """Latitude and up direction of the points about the centre, where they are tilt and roll."""
         near = np.argsort(np.linalg.norm(self.points, axis=1), kind="stable")[: max(4, self.count // 20)]
@@ -248,11 +243,6 @@ class ObservedRays(Observed):
         if not lengths.all():
             raise ArgumentError("observed rays must not be 0", "Leave such points out.")
         object.__setattr__(self, "rays", self.rays / lengths)
-
-    @property
-    def count(self) -> int:
-        """Number of points."""
-        return len(self.points)
 
     def start(self) -> tuple[float, float]:
         """Level: rays do not depend on the pose."""

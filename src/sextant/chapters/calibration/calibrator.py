@@ -1,5 +1,6 @@
 """Camera calibration from photos, by a trained network and the lines in the photos."""
 
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sized
 from pathlib import Path
 from typing import Any, Literal, Self, overload
@@ -122,7 +123,7 @@ class PhotoCalibrator:
         Raises:
             UserError: the photo cannot be read, or the network's prediction is not a valid camera.
         """
-        name = str(photo) if isinstance(photo, Path | str) else "the photo"
+        name = _name(photo, "the photo")
         (found,) = self._each([(name, photo)], focal_prior, gravity_prior)
         if isinstance(found, FailedPhoto):
             raise found.error
@@ -224,4 +225,8 @@ class PhotoCalibrator:
 
 def _named(photos: Iterable[AnyPhoto]) -> Iterator[tuple[str, AnyPhoto]]:
     for i, photo in enumerate(photos):
-        yield str(photo) if isinstance(photo, Path | str) else f"photos[{i}]", photo
+        yield _name(photo, f"photos[{i}]"), photo
+
+
+def _name(photo: AnyPhoto, otherwise: str) -> str:
+    return os.path.expanduser(str(photo)) if isinstance(photo, Path | str) else otherwise

@@ -9,7 +9,7 @@ from sextant.chapters.calibration.config import CalibrationConfig
 from sextant.config.building import build, part_name
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
-from sextant.kit.chapter import Chapter, Content, Source, TestRecord
+from sextant.kit.chapter import Chapter, Content, TestRecord
 
 if TYPE_CHECKING:
     from numpy import ndarray
@@ -47,11 +47,6 @@ class CalibrationChapter(Chapter[CalibrationConfig]):
         for world in rendered_sources(source):
             world.showing = partial(self.reporter.progress, f"rendering {world.name}, once", "images")
         return source
-
-    def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files of a split are missing; worlds not yet rendered need none."""
-        for split in ("train", "val", "test"):
-            source.files(split)
 
     def training_size(self, config: CalibrationConfig, source: "PanoramaSource") -> int | None:
         """The number of crops of the training panoramas."""

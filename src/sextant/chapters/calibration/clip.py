@@ -1,17 +1,12 @@
 """The frames of a video as photos of one camera."""
 
 import glob
-import io
 import math
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
-from typing import IO
-
-from PIL import Image
 
 from sextant.applications.write_errors import telling_write_errors
-from sextant.atomic_files import write_atomically
+from sextant.chapters.calibration.written_cameras import save_picture
 from sextant.data.photo_files import FRAMES
 from sextant.data.videos import Video
 
@@ -47,12 +42,6 @@ def write_frames(video: Video, output: Path) -> Iterator[tuple[Path, str]]:
     for number, frame in zip(range(0, video.frames, video.every), video.read(None), strict=True):
         path = folder / f"{stem}_frame_{number:06d}.jpg"
         if frame.image is not None:
-            buffer = io.BytesIO()
-            Image.fromarray(frame.image).save(buffer, "JPEG", quality=95, subsampling=0)
             with telling_write_errors(output):
-                write_atomically(path, partial(_copy, buffer))
+                save_picture(frame.image, path)
         yield path, frame.problem
-
-
-def _copy(buffer: io.BytesIO, file: IO[bytes]) -> None:
-    file.write(buffer.getbuffer())

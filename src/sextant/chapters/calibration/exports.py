@@ -27,7 +27,7 @@ import re
 import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 import torch
@@ -36,7 +36,7 @@ from numpy import ndarray
 
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import json_bytes, write_atomically
-from sextant.chapters.calibration.options import Export
+from sextant.chapters.calibration.options import Export, Undistort
 from sextant.chapters.calibration.photo_camera import PhotoCamera
 from sextant.data.photo_files import file_stems
 from sextant.data.photos import Keep, straight_focal
@@ -130,13 +130,8 @@ def ros_camera_info(camera: PhotoCamera) -> dict[str, Any]:
     }
 
 
-def kalibr_camchain(camera: PhotoCamera, topic: str = "/cam0/image_raw") -> dict[str, Any]:
-    """The camera as a Kalibr ``camchain.yaml`` of one camera.
-
-    Args:
-        camera: camera of the photo.
-        topic: ROS topic of its images.
-    """
+def kalibr_camchain(camera: PhotoCamera) -> dict[str, Any]:
+    """The camera as a Kalibr ``camchain.yaml`` of one camera."""
     matrix, (k1, k2, *tangential, _) = camera.opencv()
     fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
     return {
@@ -147,12 +142,12 @@ def kalibr_camchain(camera: PhotoCamera, topic: str = "/cam0/image_raw") -> dict
             "distortion_model": "radtan",
             "intrinsics": [fx, fy, cx, cy],
             "resolution": [camera.width, camera.height],
-            "rostopic": topic,
+            "rostopic": "/cam0/image_raw",
         }
     }
 
 
-def check_exports(exports: Sequence[Export], undistort: Keep | Literal["none"]) -> None:
+def check_exports(exports: Sequence[Export], undistort: Undistort) -> None:
     """Raise a ``UserError`` if an export needs undistorted photos and none are written."""
     if "fspy" in exports and undistort == "none":
         raise UserError(

@@ -125,7 +125,7 @@ def _found_by_others(
 
 def _read(name: str, photo: AnyPhoto) -> Photo:
     if isinstance(photo, Path | str):
-        return read_photo(Path(photo))
+        return read_photo(Path(photo).expanduser())
     if isinstance(photo, Image.Image):
         try:
             photo = np.asarray(rgb_bytes(upright(eight_bits(photo)), 1))

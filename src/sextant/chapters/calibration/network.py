@@ -187,16 +187,19 @@ class CameraNetwork(nn.Module):
     def keep_validation(self, scores: Float[Tensor, "n 4"], looks: Float[Tensor, "n 16"], panoramas: Tensor) -> None:
         """Keep the data on which intervals and strangeness are based.
 
+        Crops that were not validated, as with ``debug=one_batch``, count as those with infinite scores.
+
         Args:
             scores: ratios of error to expected error on the validation split.
             looks: of its images, by :func:`~sextant.chapters.calibration.metrics.picture_looks.picture_looks`.
             panoramas: the panorama that each image was cut from.
         """
-        spread = LooksSpread.fit(looks)
-        self.scores.copy_(scores)
-        self.looks_mean.copy_(spread.mean)
-        self.looks_whitening.copy_(spread.whitening)
-        self.looks_scores.copy_(own_distances(looks, panoramas))
+        self.scores.fill_(torch.inf)[: len(scores)] = scores
+        self.looks_scores.fill_(torch.inf)[: len(looks)] = own_distances(looks, panoramas)
+        if len(looks) > 1:
+            spread = LooksSpread.fit(looks)
+            self.looks_mean.copy_(spread.mean)
+            self.looks_whitening.copy_(spread.whitening)
 
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *arguments: Any) -> None:
         for name in ("looks_mean", "looks_whitening", "looks_scores"):  # missing in older runs

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from sextant.chapters.calibration.jointly import jointly
 from sextant.chapters.calibration.matched_focal import MatchedFocal, PhotoMatches
 from sextant.chapters.calibration.metrics.fusion import CORRELATION, Fusion, Prior, fuse, with_prior
 from sextant.chapters.calibration.photo_camera import PhotoCamera
-from sextant.chapters.calibration.priors import PRIOR_DISAGREES, FocalPrior, disagreement, prior_of
+from sextant.chapters.calibration.priors import NONE_IN_EXIF, PRIOR_DISAGREES, FocalPrior, disagreement, prior_of
 from sextant.data.metadata import EXIF_BLOCK, as_text, directory, exif_of, tag_of
 from sextant.data.photos.header import MAKE, MODEL
 from sextant.data.picture_files import open_picture
@@ -125,6 +126,9 @@ def fuse_as_one_camera(
     for i, first in enumerate(firsts):
         if i != first:
             fused[i] = fused[i].doubted(0, f"a copy of {findings[first].name}: the two count as one photo")
+    if focal_prior == "exif" and not any(finding.photo.exif_focal_px for finding in distinct.values()):
+        doubts.append(NONE_IN_EXIF)
+        fused = [finding.doubted(0, NONE_IN_EXIF) for finding in fused]
     if resized:
         doubts.append(f"{resized}: they are treated as resized photos of one camera")
         fused = [finding.doubted(0, doubts[-1]) for finding in fused]
@@ -195,7 +199,7 @@ def _check_one_camera(findings: Sequence[Finding], focal_prior: FocalPrior) -> s
             "Remove it, or calibrate each photo by itself.",
         )
     sides = {finding.side for finding in findings}
-    if isinstance(focal_prior, int | float) and len(sides) > 1:
+    if isinstance(focal_prior, Real) and len(sides) > 1:
         raise UserError(
             f"focal_prior={focal_prior:g}: the photos have longer sides of {min(sides)} to {max(sides)} pixels, so "
             "their focal lengths in pixels differ",

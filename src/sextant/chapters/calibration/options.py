@@ -8,6 +8,7 @@ from sextant.console.arguments import SPLIT, Options, UserPath
 
 #: reads the word "none" as None
 NONE = BeforeValidator(lambda text: None if text == "none" else text)
+#: whether and how photos are undistorted
 Undistort = Literal["crop", "all", "none"]
 #: formats of other programs
 Export = Literal["nerfstudio", "fspy", "ros", "kalibr"]

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -18,6 +19,7 @@ FocalPrior = float | Literal["exif"] | None
 #: standard deviation of the log of a focal length. EXIF: rounding to whole millimetres (2 % at 26 mm), makers that
 #: compare widths and not diagonals (4 %), lens corrections that crop. Given by hand: a typical user's accuracy.
 PRIOR_SIGMA = {"exif": 0.05, "given": 0.02}
+NONE_IN_EXIF = "EXIF contains no focal length: none was used"
 PRIOR_DISAGREES = 3.0  # standard errors
 #: gravity from the accelerometer, in the photo's metadata, or none
 GravityPrior = Literal["exif"] | None
@@ -31,8 +33,8 @@ def check_priors(focal_prior: FocalPrior, gravity_prior: GravityPrior) -> None:
         raise ArgumentError(f"gravity_prior={gravity_prior} must be None or exif", "gravity_prior=exif")
     if focal_prior is None or focal_prior == "exif":
         return
-    number = isinstance(focal_prior, int | float) and not isinstance(focal_prior, bool)
-    if not (number and 0 < focal_prior < math.inf):
+    number = isinstance(focal_prior, Real) and not isinstance(focal_prior, bool)
+    if not (number and 0 < float(focal_prior) < math.inf):
         raise ArgumentError(
             f"focal_prior={focal_prior} must be None, exif or a focal length in pixels above 0", "focal_prior=exif"
         )
@@ -72,7 +74,7 @@ def with_focal_prior(finding: Finding, focal_prior: FocalPrior) -> Finding:
     known = finding.photo.exif_focal_px
     if prior is None:
         if focal_prior == "exif":
-            return finding.doubted(0, "EXIF contains no focal length: none was used")
+            return finding.doubted(0, NONE_IN_EXIF)
         if known:
             low, high = finding.focal_interval("95")
             if not low <= known <= high:

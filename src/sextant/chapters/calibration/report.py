@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float, Int64, UInt8
 from numpy import ndarray
 
 from sextant.chapters.calibration.data.datamodule import CalibrationData
@@ -144,7 +144,10 @@ def _looks(data: CalibrationData, split: str, n: int, progress: Advance) -> dict
 def _over_crops(
     data: CalibrationData, split: str, n: int, look: Callable[..., Any], progress: Advance, *beside: Sequence[Any]
 ) -> Iterator[Any]:
-    """``look(image, *beside[i])`` for the first ``n`` crops of a split, in order, on ``1 + workers`` processes."""
+    """``look(image, *beside[i])`` for the first ``n`` crops of a split, unsquashed, in order.
+
+    They are looked at by ``1 + workers`` processes.
+    """
     from joblib import Parallel, delayed
 
     crops = data.larger(split)
@@ -152,13 +155,26 @@ def _over_crops(
     def work() -> Iterator[Any]:
         for start in range(0, n, BATCH):
             numbers = list(range(start, min(start + BATCH, n)))
-            images = np.ascontiguousarray(crops[numbers].images.numpy().transpose(0, 2, 3, 1))
-            for i, image in zip(numbers, images, strict=True):
-                yield delayed(look)(image, *(each[i] for each in beside))
+            batch = crops[numbers]
+            images = np.ascontiguousarray(batch.images.numpy().transpose(0, 2, 3, 1))
+            for i, image, aspect in zip(numbers, images, batch.aspect.tolist(), strict=True):
+                yield delayed(look)(_unsquashed(image, aspect), *(each[i] for each in beside))
 
     for done, found in enumerate(Parallel(1 + data.workers, return_as="generator")(work()), 1):
         progress(done, n)
         yield found
+
+
+def _unsquashed(image: UInt8[ndarray, "h w 3"], aspect: float) -> UInt8[ndarray, "h w2 3"]:
+    """A crop at its own aspect, since geometric methods take pixels as square; nothing changes where it has it."""
+    import cv2
+
+    height, width = image.shape[:2]
+    wide = round(height * aspect)
+    if wide == width:
+        return image
+    means = cv2.INTER_AREA if wide < width else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(image, (wide, height), interpolation=means))
 
 
 def _repeated(camera: CameraParameters, n: int) -> CameraParameters:

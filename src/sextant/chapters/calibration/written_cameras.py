@@ -13,14 +13,14 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
-from sextant.applications.failures import FailedPhoto, FailedPhotosError
+from sextant.applications.failures import FailedPhoto, FailedPhotosError, attempted
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically, write_csv, write_json
 from sextant.chapters.calibration.calibrator import PhotoCalibrator
 from sextant.chapters.calibration.colmap_database import check_colmap, write_colmap
 from sextant.chapters.calibration.exports import check_exports, photo_stems, write_exports
 from sextant.chapters.calibration.finding import LEVELS
-from sextant.chapters.calibration.options import Export
+from sextant.chapters.calibration.options import Export, Undistort
 from sextant.chapters.calibration.photo_camera import PhotoCamera
 from sextant.chapters.calibration.priors import FocalPrior, GravityPrior
 from sextant.data.photos import Keep, read_photo
@@ -76,17 +76,17 @@ def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 SHEET = 40  # photos on the contact sheet
-#: whether and how photos are undistorted
-Undistort = Keep | Literal["none"]
 
 
 def write_photos(
     found: Sequence[PhotoCamera | FailedPhoto], output: Path, undistort: Undistort
-) -> tuple[list[dict[str, Any]], "list[CalibratedPhoto]"]:
+) -> tuple[list[PhotoCamera], list[dict[str, Any]], "list[CalibratedPhoto]"]:
     """Write ``<stem>.json``, ``<stem>_overlay.png`` and ``<stem>_undistorted`` for each photo that did not fail.
 
+    A photo that can no longer be read has failed too.
+
     Returns:
-        The rows of all photos, and what belongs on the contact sheet.
+        The cameras of the photos written, the rows of all, and what belongs on the contact sheet.
 
     Raises:
         UserError: the disk is full, or the folder cannot be written to.
@@ -94,24 +94,31 @@ def write_photos(
     from sextant.chapters.calibration.figures.overlay import LONGEST_SIDE, calibration_overlay
     from sextant.figures.style import save_figure
 
+    good: list[PhotoCamera] = []
     sheet: list[CalibratedPhoto] = []
     rows = [each.row() for each in found]
-    good = [(each, row) for each, row in zip(found, rows, strict=True) if isinstance(each, PhotoCamera)]
-    stems = photo_stems([camera for camera, _ in good])
-    for (camera, row), stem in zip(good, stems, strict=True):
-        image = read_photo(Path(camera.name)).image  # read again, so that only one photo at a time is in memory
+    stems = iter(photo_stems([each for each in found if isinstance(each, PhotoCamera)]))
+    for i, camera in enumerate(found):
+        if isinstance(camera, FailedPhoto):
+            continue
+        row, stem = rows[i], next(stems)
+        photo = attempted(camera.name, read_photo, Path(camera.name))  # again: only one at a time is in memory
+        if isinstance(photo, FailedPhoto):
+            rows[i] = photo.row()
+            continue
         with telling_write_errors(output):
             _forget_straight(output, stem)
             if undistort != "none":
-                row["undistorted"] = _write_straight(camera, image, output, stem, undistort)
-            small = Image.fromarray(image)
+                row["undistorted"] = _write_straight(camera, photo.image, output, stem, undistort)
+            small = Image.fromarray(photo.image)
             small.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
             drawn = camera.drawn(np.asarray(small))
             save_figure(calibration_overlay(drawn), output, f"{stem}_overlay")
             write_json(output / f"{stem}.json", row)
+        good.append(camera)
         if len(sheet) < SHEET:
             sheet.append(drawn)
-    return rows, sheet
+    return good, rows, sheet
 
 
 def _forget_straight(output: Path, stem: str) -> None:
@@ -130,14 +137,15 @@ def _write_straight(
     kind = "jpg" if Path(camera.name).suffix.lower() in (".jpg", ".jpeg") else "png"
     name = f"{stem}_undistorted.{kind}"
     straight, focal = camera.undistort(image, keep)
-    _save(Image.fromarray(straight), output / name, kind)
+    save_picture(straight, output / name)
     return {"file": name, "focal_px": focal, "width": straight.shape[1], "height": straight.shape[0], "kept": keep}
 
 
-def _save(image: Image.Image, path: Path, kind: str) -> None:
-    buffer = io.BytesIO()
-    options: dict[str, int] = {"quality": 95, "subsampling": 0} if kind == "jpg" else {"compress_level": 3}
-    image.save(buffer, "JPEG" if kind == "jpg" else "PNG", **options)
+def save_picture(image: UInt8[ndarray, "h w 3"], path: Path) -> None:
+    """Write a picture as JPEG or PNG, by the suffix of its file."""
+    jpeg, buffer = path.suffix == ".jpg", io.BytesIO()
+    options: dict[str, int] = {"quality": 95, "subsampling": 0} if jpeg else {"compress_level": 3}
+    Image.fromarray(image).save(buffer, "JPEG" if jpeg else "PNG", **options)
     write_atomically(path, lambda file: file.write(buffer.getbuffer()))
 
 
@@ -193,10 +201,9 @@ def write_cameras(
     found, summary = _calibrated(
         calibrator, paths, camera, {"focal_prior": focal_prior, "gravity_prior": gravity_prior}
     )
-    rows, sheet = write_photos(found, output, undistort)
+    good, rows, sheet = write_photos(found, output, undistort)
     write_collected(rows, summary, sheet, output)
     files = [output / f"calibrations.{kind}" for kind in ("csv", "json", "png")]
-    good = [each for each in found if isinstance(each, PhotoCamera)]
     if colmap and good:
         files += write_colmap(good, output / "colmap")
     if exports and good:

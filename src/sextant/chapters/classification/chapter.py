@@ -10,7 +10,7 @@ from sextant.config.schema.images import PerturbationSuite
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
-from sextant.kit.chapter import Chapter, Content, Source, TestRecord
+from sextant.kit.chapter import Chapter, Content, TestRecord
 from sextant.kit.trained import image_spec
 from sextant.tables import counted
 
@@ -30,6 +30,7 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
 
     about = "Push-pull inhibition against image corruptions (chapter 7)."
     evaluation_example = ("corruption=gaussian",)
+    splits = ("train", "test")
     monitor = ("val/accuracy", "max")
     sweep_example = ("inhibition", ("none", "push_pull"))
     cannot_test = ()
@@ -46,11 +47,6 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
                 "worlds are rendered by sextant data render.",
             )
         return source  # type: ignore[no-any-return]
-
-    def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files of the training or the test split are missing."""
-        source.files("train")
-        source.files("test")
 
     def training_size(self, config: ClassificationConfig, source: "ImageSource") -> int | None:
         """The size of the training split without its held-out share."""
@@ -131,7 +127,7 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
         table = (
             [] if isinstance(config.corruption, PerturbationSuite) else corruption_table(module.result, module.suite)
         )
-        return TestRecord(module.arrays(), pictures, headline.metrics(), table, module.facts() | told)
+        return TestRecord(module.result.arrays(), pictures, headline.metrics(), table, module.facts() | told)
 
     def measured(
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None

@@ -1,6 +1,6 @@
 """A trained classifier: maps images to class probabilities."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -8,13 +8,14 @@ from typing import Any, Literal, Self, overload
 
 import numpy as np
 import torch
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray
 from torch import Tensor, nn
 
 from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
 from sextant.applications.pixels import checked_pixels
-from sextant.data.image_folder import decode_square
+from sextant.data.image_folder import decode_covering
+from sextant.data.pixel_values import WhiteLevels
 from sextant.data.source import ImageSpec
 from sextant.errors import UserError
 from sextant.kit.trained import image_spec, own_config, read_trained, trained_network
@@ -25,6 +26,8 @@ from sextant.runs.resolve import resolve_run
 #: images that are classified at a time
 BATCH = 256
 AnyImage = Path | str | UInt8[ndarray, "h w *c"]
+#: maps images to a number for each class
+Answering = Callable[[UInt8[Tensor, "b c h w"]], Float[Tensor, "b k"]]
 
 
 @dataclass(frozen=True)
@@ -131,8 +134,7 @@ class ImageClassifier:
         found: list[Classified | FailedPhoto] = []
         while batch := [self._tried(i, image) for i, image in islice(given, BATCH)]:
             pixels = [each for each in batch if isinstance(each, ndarray)]
-            stacked = np.stack(pixels).transpose(0, 3, 1, 2).copy() if pixels else None
-            rows = iter([] if stacked is None else self.probabilities(torch.from_numpy(stacked)).tolist())
+            rows = iter(class_numbers(pixels, self.probabilities, self.name))
             found += [
                 each
                 if isinstance(each, FailedPhoto)
@@ -150,13 +152,7 @@ class ImageClassifier:
             UserError: the network returns NaN.
         """
         device = next(self.network.parameters()).device
-        found: Tensor = self.network(images.to(device).float() / 255).softmax(1).cpu()
-        if bool(found.isnan().any()):
-            raise UserError(
-                f"the model in {self.name} returns NaN",
-                "Its weights are damaged, or its training diverged. Use another checkpoint.",
-            )
-        return found
+        return _numbers(self.network(images.to(device).float() / 255).softmax(1).cpu(), self.name)
 
     def _tried(self, number: int, image: AnyImage) -> UInt8[ndarray, "h w c"] | FailedPhoto:
         try:
@@ -165,12 +161,44 @@ class ImageClassifier:
             return FailedPhoto(str(image) if isinstance(image, Path | str) else f"image {number}", error)
 
     def _pixels(self, image: AnyImage) -> UInt8[ndarray, "h w c"]:
-        height, width, channels = self.spec.height, self.spec.width, self.spec.channels
         if isinstance(image, Path | str):
-            if height != width:
-                raise UserError(
-                    f"{self.name} takes images of {height}x{width}; only square ones are cropped to fit",
-                    f"Give arrays of {height}x{width} pixels, with values from 0 to 255.",
-                )
-            image = decode_square(Path(image).expanduser(), height, channels)
-        return checked_pixels(np.asarray(image), (height, width, channels))
+            image = decoded(Path(image).expanduser(), self.spec)
+        return checked_pixels(np.asarray(image), (self.spec.height, self.spec.width, self.spec.channels))
+
+
+def decoded(path: Path, spec: ImageSpec, levels: WhiteLevels | None = None) -> UInt8[ndarray, "h w *c"]:
+    """An image file as a network of ``spec`` takes it: upright, scaled to cover its images, cropped at the centre.
+
+    Raises:
+        UserError: it cannot be decoded.
+    """
+    return decode_covering(path, (spec.height, spec.width), spec.channels, levels)
+
+
+@torch.no_grad()
+def class_numbers(images: Sequence[UInt8[ndarray, "h w *c"]], answer: Answering, model: str) -> list[list[float]]:
+    """What a model answers about images, a number for each class.
+
+    Args:
+        images: as :func:`decoded` returns them.
+        answer: computes the numbers.
+        model: name of the model, for error messages.
+
+    Raises:
+        UserError: a number is NaN.
+    """
+    if not images:
+        return []
+    stacked = np.stack(images)
+    stacked = stacked[:, None] if stacked.ndim == 3 else stacked.transpose(0, 3, 1, 2)
+    found: list[list[float]] = _numbers(answer(torch.from_numpy(stacked.copy())), model).tolist()
+    return found
+
+
+def _numbers(found: Float[Tensor, "b k"], model: str) -> Float[Tensor, "b k"]:
+    if bool(found.isnan().any()):
+        raise UserError(
+            f"the model in {model} returns NaN",
+            "Its weights are damaged, or its training diverged. Use another checkpoint.",
+        )
+    return found

@@ -13,8 +13,8 @@ class Classification(Handler):
 
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
         """Classify images."""
-        from sextant.chapters.classification.classifier import ImageClassifier
-        from sextant.chapters.classification.predict import Answering, predict_classes
+        from sextant.chapters.classification.classifier import Answering, ImageClassifier
+        from sextant.chapters.classification.predict import predict_classes
 
         def opened() -> tuple[str, Answering]:
             classifier = ImageClassifier.of(trained.content, trained.found.checkpoint, trust=trained.trust)

@@ -89,7 +89,6 @@ def corruption_difference(
     mean: DifferenceBar | None = None,
     families: Mapping[str, Sequence[str]] | None = None,
     title: str = "",
-    interval: str = "95 % over seeds",
 ) -> Figure:
     """One bar per corruption: to the left, in blue, where the treatment has fewer errors; in orange where more.
 
@@ -101,7 +100,6 @@ def corruption_difference(
         mean: of all corruptions, drawn at the bottom and not counted.
         families: groups of corruptions, drawn together and named on the right; those in no group come last.
         title: the comparison, such as ``push-pull minus convolution``.
-        interval: describes the whiskers.
 
     Raises:
         ValueError: there is nothing to draw.
@@ -136,7 +134,7 @@ def corruption_difference(
     axes.tick_params(labelsize=8)
     plain(axes)
     axes.grid(visible=False, axis="y")
-    handles: list[Artist] = [*_counts(bars, with_intervals, interval)]
+    handles: list[Artist] = [*_counts(bars, with_intervals)]
     if any(bar.floor == bar.floor for bar in bars):
         handles.append(Line2D([], [], **FLOOR, label="seeds alone (noise floor)"))
     columns = 2 if len(handles) == 4 else 3
@@ -153,7 +151,7 @@ def _draw(axes: Axes, row: float, bar: DifferenceBar, *, pale: bool) -> None:
         axes.plot(100 * bar.floor, row, **FLOOR)
 
 
-def _counts(bars: Sequence[DifferenceBar], with_intervals: bool, interval: str) -> list[Patch]:
+def _counts(bars: Sequence[DifferenceBar], with_intervals: bool) -> list[Patch]:
     def count(name: str, chosen: list[DifferenceBar]) -> str:
         certain = f" ({sum(bar.certain for bar in chosen)} certain)" if with_intervals else ""
         return f"{name} on {len(chosen)} of {len(bars)}{certain}"
@@ -163,7 +161,7 @@ def _counts(bars: Sequence[DifferenceBar], with_intervals: bool, interval: str) 
         Patch(color=WORSE, label=count("worse", [bar for bar in bars if bar.difference > 0])),
     ]
     if with_intervals and not all(bar.certain for bar in bars):
-        handles.append(Patch(color="0.75", label=f"pale: interval contains 0 ({interval})"))
+        handles.append(Patch(color="0.75", label="pale: interval contains 0 (95 % over seeds)"))
     return handles
 
 
@@ -208,7 +206,6 @@ def corruption_heatmap(
     families: Mapping[str, Sequence[str]] | None = None,
     levels: Sequence[str] | None = None,
     title: str = "",
-    highest: float = 1.0,
     label: str = "severity, error (%)",
     mean: bool = True,
 ) -> Figure:
@@ -222,7 +219,6 @@ def corruption_heatmap(
         title: name of the model.
         label: what the columns are.
         mean: whether to add the mean of the columns, if there are several.
-        highest: error at the dark end of the colour scale; 1 in all figures makes models comparable.
 
     Raises:
         ValueError: there is nothing to draw.
@@ -248,10 +244,10 @@ def corruption_heatmap(
     if mean and columns > 1:  # the mean of a single severity would only repeat it
         table, names_of_levels = np.column_stack([table, means]), [*names_of_levels, "mean"]
     figure, (axes,) = new_figure(0.62 * table.shape[1] + 2.6, 0.27 * len(names) + 1.3)
-    axes.imshow(table, cmap="YlOrRd", vmin=0, vmax=highest, aspect="auto")
+    axes.imshow(table, cmap="YlOrRd", vmin=0, vmax=1, aspect="auto")
     for (row, column), value in np.ndenumerate(table):
         if not np.isnan(value):
-            colour = "white" if value > 0.62 * highest else "black"
+            colour = "white" if value > 0.62 else "black"
             weight = "bold" if mean and column == columns else "normal"
             axes.text(
                 column, row, f"{100 * value:.1f}", ha="center", va="center", color=colour, fontsize=7, fontweight=weight

@@ -6,16 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from jaxtyping import Float, UInt8
 from numpy import ndarray
-from torch import Tensor
 
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_csv, write_json
+from sextant.chapters.classification.classifier import BATCH, Answering, class_numbers, decoded
 from sextant.console.work_progress import Counted
 from sextant.console.written import skipped_of, tell_skipped, tell_written
-from sextant.data.image_folder import decode_square
 from sextant.data.pixel_values import WhiteLevels
 from sextant.data.source import ImageSpec
 from sextant.errors import UserError
@@ -23,11 +20,8 @@ from sextant.kit.handler import Trained
 from sextant.kit.trained import image_spec
 from sextant.tables import counted
 
-BATCH = 256
 #: number of images on the contact sheet
 SHEET = 40
-#: maps images to a number for each class
-Answering = Callable[[UInt8[Tensor, "b c h w"]], Float[Tensor, "b k"]]
 
 
 def predict_classes(
@@ -43,23 +37,17 @@ def predict_classes(
         given: what the user gave as ``input``.
 
     Raises:
-        UserError: not one image could be read, they cannot be cropped to the network's images, the model is damaged, or
-            the disk is full.
+        UserError: not one image could be read, the model is damaged, or the disk is full.
     """
     spec = image_spec(trained.about["spec"])
-    if spec.height != spec.width:
-        raise UserError(
-            f"{trained.found.checkpoint} takes images of {spec.height}x{spec.width}; only square ones are cropped to "
-            "fit",
-            "Images of a dataset: sextant evaluate run=<...> dataset=<...>",
-        )
     number, answer = opened()
     rows: list[dict[str, Any]] = [{"file": str(path)} for path in paths]
     sheet: list[tuple[ndarray, str]] = []
     levels = WhiteLevels(paths, f"input={given}")
     for start in Counted("classifying", f"batches of {BATCH} images", range(0, len(paths), BATCH)):
-        images = _decoded(rows[start : start + BATCH], spec, levels)
-        for row, image, values in _answered(images, answer, str(trained.found.checkpoint)):
+        images = _readable(rows[start : start + BATCH], spec, levels)
+        every = class_numbers([image for _, image in images], answer, str(trained.found.checkpoint))
+        for (row, image), values in zip(images, every, strict=True):
             best = int(np.argmax(values))
             row |= {"class": spec.classes[best], number: round(values[best], 6)}
             # a score of -inf means that there was no example of the class
@@ -79,35 +67,17 @@ def predict_classes(
     return rows
 
 
-def _decoded(
+def _readable(
     rows: Sequence[dict[str, Any]], spec: ImageSpec, levels: WhiteLevels
 ) -> list[tuple[dict[str, Any], ndarray]]:
     """The rows whose image can be read, with the image; the other rows get an error."""
     images = []
     for row in rows:
         try:
-            images.append((row, decode_square(Path(row["file"]), spec.height, spec.channels, levels)))
+            images.append((row, decoded(Path(row["file"]), spec, levels)))
         except UserError as error:
             row["error"] = error.problem
     return images
-
-
-def _answered(
-    images: Sequence[tuple[dict[str, Any], ndarray]], answer: Answering, model: str
-) -> list[tuple[dict[str, Any], ndarray, list[float]]]:
-    """Each row with its image and its numbers per class."""
-    if not images:
-        return []
-    stacked = np.stack([image for _, image in images])
-    stacked = stacked[:, None] if stacked.ndim == 3 else stacked.transpose(0, 3, 1, 2)
-    with torch.no_grad():
-        found = answer(torch.from_numpy(stacked.copy()))
-    if bool(found.isnan().any()):
-        raise UserError(
-            f"the model in {model} returns NaN",
-            "Its weights are damaged, or its training diverged. Use another checkpoint.",
-        )
-    return [(row, image, values) for (row, image), values in zip(images, found.tolist(), strict=True)]
 
 
 def draw(sheet: Sequence[tuple[ndarray, str]], output: Path) -> None:

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import numpy as np
 import pytorch_lightning as pl
 import torch
 import torch.nn.functional as F
@@ -107,10 +106,6 @@ class Classification(pl.LightningModule):
         self._test, self._beliefs, self._test_labels, self._test_indices = {}, {}, [], []
         self.log_dict(condition_metrics(self.result, self.suite) | self.result.trust())
 
-    def predict_step(self, images: Tensor) -> Tensor:
-        """Class probabilities ``(b, k)`` of images in [0, 1]."""
-        return torch.softmax(self(images), 1)
-
     def configure_optimizers(self) -> Any:
         """The optimiser, with the schedule stepped once per epoch."""
         return optimizers(self, self.optimizer_factory, self.schedule)
@@ -118,11 +113,6 @@ class Classification(pl.LightningModule):
     def converged(self, validation: dict[str, float]) -> bool:
         """Whether the run learnt at all, on the validation split and by the rule in ``evaluation.protocols``."""
         return classification_converged(validation["val/accuracy"], len(self.spec.classes))
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The arrays kept besides the metrics; see :meth:`ClassificationResult.arrays`."""
-        assert self.result is not None
-        return self.result.arrays()
 
     def facts(self) -> dict[str, Any]:
         """The network's multiplications per image, how its inhibition is computed, and the protocol of the test."""

@@ -21,7 +21,7 @@ from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
-from sextant.kit.chapter import Chapter, Content, Source, TestRecord
+from sextant.kit.chapter import Chapter, Content, TestRecord
 from sextant.kit.trained import image_spec
 from sextant.runs.resolve import resolve_run
 from sextant.tables import counted
@@ -40,6 +40,7 @@ class CosfireChapter(Chapter[CosfireConfig]):
 
     about = "Filters configured from one example (chapter 6)."
     evaluation_example = ("task.test_every=2",)
+    splits = ("train", "test")
     monitor = ("val/accuracy", "max")
     sweep_example = ("task.filters_per_class", ("20", "5"))
     cannot_test = (PerturbationSuite,)
@@ -56,7 +57,7 @@ class CosfireChapter(Chapter[CosfireConfig]):
         found, outputs = super().identity(config), Path(config.paths.outputs)
         if config.descriptor is not None:
             found["descriptor"] = descriptor_identity(found["descriptor"], outputs)
-        if config.features is not None and config.features.run is not None:
+        if config.features.run is not None:
             found["features"]["run"] = resolve_run(config.features.run, outputs, "features.run").identity
         return found
 
@@ -83,11 +84,6 @@ class CosfireChapter(Chapter[CosfireConfig]):
                 "Choose digits, mnist, fashion_mnist, cifar10 or image_folder, or experiment=cosfire_places.",
             )
         return scenes_of(source, scenes, self.reporter)
-
-    def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files of the training or the test split are missing."""
-        source.files("train")
-        source.files("test")
 
     def summary(self, config: CosfireConfig) -> dict[str, str]:
         """Features, bank, strategy and methods."""
@@ -132,7 +128,7 @@ class CosfireChapter(Chapter[CosfireConfig]):
         """The shape and classes of the images; for features of another run, also what builds its network."""
         spec = source.spec()
         told = {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
-        if config.features is not None and config.features.run is not None:
+        if config.features.run is not None:
             from sextant.kit.trained import own_config, read_trained
             from sextant.runs.checkpoint import KEY
 
@@ -141,7 +137,7 @@ class CosfireChapter(Chapter[CosfireConfig]):
             content = read_trained(found.checkpoint)[KEY]
             own_config(content, trust=found.is_own(outputs))
             told["features"] = {name: content[name] for name in ("task", "config", "spec")}
-        elif config.features is not None and config.features.frozen:
+        elif config.features.frozen:
             from sextant.chapters.places.backbone_layer import brings_weights
 
             told["brings_weights"] = brings_weights(config.plain["backbone"])

@@ -55,7 +55,8 @@ class Recognition(Handler):
 
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
         """Classify images, by the first method of the run."""
-        from sextant.chapters.classification.predict import Answering, predict_classes
+        from sextant.chapters.classification.classifier import Answering
+        from sextant.chapters.classification.predict import predict_classes
         from sextant.console.console import console
         from sextant.kit.trained import model_from_checkpoint, own_config
 

@@ -4,10 +4,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import torch
+from annotated_types import Ge
 from jaxtyping import Float, Int64
 from numpy import ndarray
 from torch import Tensor
@@ -19,6 +20,7 @@ from sextant.chapters.cosfire.images import AnyImage, UprightImage, upright_imag
 from sextant.chapters.cosfire.network_image import TrainedFeatures, trained_features
 from sextant.errors import ArgumentError, UserError
 from sextant.layers.cosfire import Cosfire, Move, keypoints
+from sextant.ranges import Count, Positive, checked
 from sextant.runs.outputs_folder import default_outputs
 
 #: default threshold of the score, for hand-made filters and for features of a network, whose cosines are seldom small
@@ -72,6 +74,7 @@ class Example:
     moves: tuple[Move | None, ...]
 
 
+@checked
 class ExampleDetector:
     """Finds what an example shows, wherever the same parts are arranged alike: a COSFIRE filter, without training.
 
@@ -100,8 +103,8 @@ class ExampleDetector:
         threshold: least score of a detection, unless another is given.
 
     Raises:
-        ArgumentError: there is no such preset, or it was given together with features; there is no rotation, or a
-            scale is not above 0.
+        ArgumentError: there is no such preset, or it was given together with features; there is no rotation, a scale
+            is not above 0, or ``longest`` is below 16.
     """
 
     def __init__(
@@ -112,7 +115,7 @@ class ExampleDetector:
         rotations: int | None = None,
         scales: Sequence[float] | None = None,
         reflection: bool | None = None,
-        longest: int = LONGEST,
+        longest: Annotated[int, Ge(16)] = LONGEST,
         reach: float = REACH,
     ):
         if features is None:
@@ -219,6 +222,7 @@ class ExampleDetector:
 
         Raises:
             UserError: there is no example yet, the image cannot be read, or the network cannot take it.
+            ArgumentError: an option is outside its range.
         """
         return self.find(
             upright_image(image, self.longest),
@@ -227,18 +231,20 @@ class ExampleDetector:
             max_detections=max_detections,
         )[1]
 
+    @checked
     def find(
         self,
         image: UprightImage,
         *,
         threshold: float | None = None,
-        min_distance: float | None = None,
-        max_detections: int = MAX_DETECTIONS,
+        min_distance: Positive | None = None,
+        max_detections: Count = MAX_DETECTIONS,
     ) -> tuple[Float[ndarray, "y x"], list[Detection]]:
         """The response over an image, and the detections as for :meth:`detect`.
 
         Raises:
             UserError: there is no example yet, or the network cannot take the image.
+            ArgumentError: an option is outside its range.
         """
         response, form = self.respond(image.tensor(self.channels))
         across, down = image.width / response.shape[1], image.height / response.shape[0]

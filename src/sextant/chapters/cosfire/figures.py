@@ -230,20 +230,18 @@ def recognition_errors(
     answers: Integer[ndarray, "n"],
     classes: Sequence[str],
     *,
-    most: int = MOST,
     title: str = "",
 ) -> Figure | None:
     """Misclassified test images, with ``truth → answer`` above each; None if there are none.
 
-    If there are more errors than ``most``, evenly spaced ones are shown, so that no class is left out because of its
-    position.
+    If there are more than :data:`MOST` errors, evenly spaced ones are shown, so that no class is left out because of
+    its position.
 
     Args:
         images: test images, bytes.
         labels: true classes.
         answers: classes predicted by the method.
         classes: names in label order.
-        most: images on the sheet.
         title: such as the name of the method; the number of errors is added.
 
     Example:
@@ -255,7 +253,7 @@ def recognition_errors(
     wrong = np.flatnonzero(labels != answers)
     if not len(wrong):
         return None
-    shown = wrong[np.linspace(0, len(wrong) - 1, min(most, len(wrong))).round().astype(int)]
+    shown = wrong[np.linspace(0, len(wrong) - 1, min(MOST, len(wrong))).round().astype(int)]
     pictures = [images[i, 0] if images.shape[1] == 1 else images[i].transpose(1, 2, 0) for i in shown]
     figure = gallery(pictures, [f"{classes[int(labels[i])]} → {classes[int(answers[i])]}" for i in shown])
     told = f"{len(wrong):,} of {len(labels):,} wrong ({100 * len(wrong) / len(labels):.2f} %)"

@@ -154,14 +154,17 @@ def _descend(
     optimizer = torch.optim.Adam([*parts, *head.parameters()], lr=settings.lr)
     losses, count = [], len(labels)
     for epoch in range(settings.epochs):
-        order, summed = torch.randperm(count, generator=generator), 0.0
-        for step, rows in enumerate(order.split(BATCH)):
+        batches, summed = torch.randperm(count, generator=generator).split(BATCH), 0.0
+        for step, rows in enumerate(batches):
             with torch.enable_grad():
                 loss = F.cross_entropy(head(seen(rows)), number[rows.to(number.device)])
                 optimizer.zero_grad()
                 loss.backward()
             if not math.isfinite(value := float(loss.detach())):
-                raise LossNotFiniteError.at(step, value)
+                raise LossNotFiniteError(
+                    f"the loss of fine-tuning became {value} at step {epoch * len(batches) + step}",
+                    "Lower task.fine_tune.lr.",
+                )
             optimizer.step()
             summed += value * len(rows)
             show(epoch * count + min((step + 1) * BATCH, count), settings.epochs * count)

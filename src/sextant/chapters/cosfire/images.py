@@ -37,8 +37,13 @@ class UprightImage:
 
     @property
     def scale(self) -> float:
-        """Pixels of the picture per pixel of the original."""
-        return float(self.picture.shape[1] / self.width)
+        """Pixels of the picture per pixel of the original, across."""
+        return self.ratios[0]
+
+    @property
+    def ratios(self) -> tuple[float, float]:
+        """Pixels of the picture per pixel of the original, across and down, which rounding makes differ a little."""
+        return self.picture.shape[1] / self.width, self.picture.shape[0] / self.height
 
     def tensor(self, channels: int) -> Float[Tensor, "c h w"]:
         """The picture with values in [0, 1]; a single channel is the luma."""
@@ -47,7 +52,7 @@ class UprightImage:
 
     def at(self, point: tuple[float, float]) -> tuple[float, float]:
         """A point of the original in picture coordinates; pixel centres are at whole numbers."""
-        across, down = self.picture.shape[1] / self.width, self.picture.shape[0] / self.height
+        across, down = self.ratios
         return (point[0] + 0.5) * across - 0.5, (point[1] + 0.5) * down - 0.5
 
 
@@ -62,7 +67,7 @@ def upright_image(image: AnyImage | UprightImage, longest: int) -> UprightImage:
     if isinstance(image, bytes | bytearray):
         raise UserError(f"the image is of type {type(image).__name__}; an image is a file or an array", DECODE)
     if not isinstance(image, ndarray):
-        return read_image(Path(image), longest)
+        return read_image(Path(image).expanduser(), longest)
     grey = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 1)
     if image.dtype != np.uint8 or not image.size or not (grey or (image.ndim == 3 and image.shape[2] == 3)):
         shape = "x".join(map(str, image.shape))

@@ -35,7 +35,7 @@ def check_parts(config: CosfireConfig, task: CosfireTask) -> None:
             "Choose both, or another bank with strategy=circles or channel_peaks.",
         )
     trained_before = _trained_before(config)
-    if config.features is not None and config.features.frozen:
+    if config.features.frozen:
         if config.features.run is not None:
             raise UserError(
                 "features.frozen=true: the network of features.run is always frozen", "Leave out features.frozen."
@@ -70,7 +70,7 @@ def _check_descriptor(config: CosfireConfig) -> None:
             else "descriptor=hog, or descriptor=run:<id>"
         )
         raise UserError(f"descriptor.dimensions={of.dimensions} are fitted to a map, and task=cosfire has none", fix)
-    if isinstance(of, NetworkDescriptor) and (config.features is None or not config.features.frozen):
+    if isinstance(of, NetworkDescriptor) and not config.features.frozen:
         raise UserError(
             "descriptor=network uses the backbone without training, but this run trains it",
             "features.frozen=true with a pretrained backbone; or descriptor=run:<id>",
@@ -92,7 +92,7 @@ def answering_with_parts(config: CosfireConfig, task: CosfireTask) -> list[str]:
 
 def _trained_before(config: CosfireConfig) -> bool:
     """Whether the filters use a network not trained by this run: another run's, or the frozen backbone."""
-    return config.features is not None and (config.features.run is not None or bool(config.features.frozen))
+    return config.features.run is not None or bool(config.features.frozen)
 
 
 def _check_scenes(config: CosfireConfig, task: CosfireTask, *, trains: bool) -> None:

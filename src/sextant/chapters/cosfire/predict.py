@@ -54,15 +54,15 @@ def filter_facts(detector: ExampleDetector, source: Mapping[str, Any]) -> dict[s
         source: what the filter operates on: a preset, or a run and its layer.
     """
     (example,) = detector.examples
-    scale = example.image.scale
+    across, down = example.image.ratios
     return {
         **source,
-        "x": round((example.point[0] + 0.5) / scale - 0.5, 2),
-        "y": round((example.point[1] + 0.5) / scale - 0.5, 2),
+        "x": round((example.point[0] + 0.5) / across - 0.5, 2),
+        "y": round((example.point[1] + 0.5) / down - 0.5, 2),
         "parts": example.parts,
         "own_response": example.own,
         "tolerance": asdict(detector.filters.tolerance),
-        "prototype_scale": scale,
+        "prototype_scale": across,
     }
 
 

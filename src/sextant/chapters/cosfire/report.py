@@ -2,7 +2,8 @@
 
 import copy
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,14 +53,13 @@ def recognition_figures(
 
     images = data.split("test").images[:: data.test_every]
     yield "prototypes", _prototypes(estimator)
-    for number in first_filters(estimator.configured_from().labels):
-        name = _file_name(estimator.classes[int(estimator.configured_from().labels[number])])
+    for number, name in file_names(estimator.classes, estimator.configured_from().labels).items():
         yield f"filter_{name}", _filter(estimator, number)
         yield f"response_{name}", _response(estimator, number, images, result.labels)
     method, answers = next(iter(result.answers.items()))
     if len(estimator.classes) <= 100:
         yield "confusion_matrix", confusion_matrix(result.labels, answers, estimator.classes)
-    errors = recognition_errors(images.numpy(), result.labels, answers, estimator.classes, most=SHEET, title=method)
+    errors = recognition_errors(images.numpy(), result.labels, answers, estimator.classes, title=method)
     if errors is not None:
         yield f"errors_{method}", errors
 
@@ -69,6 +69,17 @@ def first_filters(labels: Int64[Tensor, "f"]) -> list[int]:
     classes, of_filter = torch.unique(labels, return_inverse=True)
     rows = np.unique(np.linspace(0, len(classes) - 1, min(DRAWN, len(classes))).round().astype(int))
     return [int((of_filter == row).nonzero()[0, 0]) for row in rows.tolist()]
+
+
+def file_names(classes: Sequence[str], labels: Int64[Tensor, "f"]) -> dict[int, str]:
+    """The name of the class of each filter drawn, as part of a file name, by the filter's number.
+
+    >>> file_names(["a b", "a_b", "猫"], torch.tensor([0, 1, 2]))
+    {0: 'a_b_0', 1: 'a_b_1', 2: '猫'}
+    """
+    names = {number: re.sub(r"[^\w-]+", "_", classes[int(labels[number])]) for number in first_filters(labels)}
+    twice = {name for name, count in Counter(names.values()).items() if count > 1}
+    return {number: f"{name}_{number}" if name in twice else name for number, name in names.items()}
 
 
 def _prototypes(estimator: "CosfireEstimator") -> "Figure":
@@ -125,10 +136,6 @@ def _response(
 def on_processor(filters: "Cosfire") -> "Cosfire":
     """The filters, or a copy of them on the CPU, where figures are drawn."""
     return filters if filters.rho.device.type == "cpu" else copy.deepcopy(filters).cpu()
-
-
-def _file_name(text: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_-]+", "_", text)
 
 
 def _picture(image: np.ndarray) -> np.ndarray:

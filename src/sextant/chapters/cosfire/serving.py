@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import torch
 from torch import nn
 
 from sextant.errors import UserError
@@ -33,19 +32,18 @@ def exportable(content: Content, checkpoint: Path, *, trust: bool) -> Exportable
 
 def photo_predictor(content: Content, checkpoint: Path, *, trust: bool) -> PhotoPredictor:
     """The class of each photo."""
-    from sextant.data.image_folder import decode_square
-    from sextant.kit.trained import model_from_checkpoint
+    from sextant.chapters.classification.classifier import class_numbers, decoded
+    from sextant.kit.trained import image_spec, model_from_checkpoint
 
     estimator = model_from_checkpoint(own_config(content[KEY], trust=trust), content, checkpoint).estimator
-    spec = content[KEY]["spec"]
+    spec = image_spec(content[KEY]["spec"])
 
     def one(photo: Path) -> Row:
         try:
-            pixels = torch.from_numpy(decode_square(photo, spec["height"], spec["channels"]).copy())
+            image = decoded(photo, spec)
         except UserError as error:
             return failed_row(error)
-        (scores,) = estimator.first_scores(pixels.reshape(spec["height"], spec["width"], -1).permute(2, 0, 1)[None])
-        best = int(scores.argmax())
-        return {"label": spec["classes"][best], "score": float(scores[best])}
+        (scores,) = class_numbers([image], estimator.first_scores, str(checkpoint))
+        return {"label": spec.classes[scores.index(max(scores))], "score": max(scores)}
 
     return PhotoPredictor({"label": "string", "score": "double"}, lambda photos: [one(photo) for photo in photos])

@@ -99,7 +99,7 @@ def reported_pose_nll(
 
 def for_validation(drives: LocalizationData) -> LocalizationData:
     """The data with the validation drives and their map in place of those of the test."""
-    where = drives.map if drives.validation_map is None else drives.validation_map
+    where = drives.map_of_validation
     return replace(drives, map=where, test=drives.validation, validation=(), validation_map=None, corrupted=())
 
 

@@ -24,7 +24,7 @@ from sextant.kit.assemble import (
     fit_dataset,
     is_corrupted,
 )
-from sextant.kit.chapter import Chapter, Source, TestRecord
+from sextant.kit.chapter import Chapter, TestRecord
 
 if TYPE_CHECKING:
     from numpy import ndarray
@@ -49,6 +49,7 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
     about = "Gaussian processes in a particle filter (chapters 4 and 5)."
     evaluation_example = ("fault=dropped_frames",)  # of any drive, also a short one
     fits_elsewhere = True
+    splits = ("map", "validation", "test")
     monitor = ("val/place_nll", "min")
     alone = "learns a few hyper-parameters of a Gaussian process, which needs only one process"
     on_cpu = "learns a few hyper-parameters and weights a few thousand particles, which takes one core milliseconds"
@@ -63,12 +64,12 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         """Raise a ``UserError`` if the choices of several groups are incompatible."""
         super().check_parts(config)
         check_network_parts(config)
-        if config.filter.best is not None and _is_laser(config):
+        if config.filter.best is not None and isinstance(config.observation, LASERS):
             raise UserError(
                 f"filter.best={config.filter.best}: scans are compared with walls, not with images of the map",
                 "Leave out filter.best (filter=particles), or localize a camera: observation=cached_local",
             )
-        if config.filter.adapts and _is_laser(config):
+        if config.filter.adapts and isinstance(config.observation, LASERS):
             raise UserError(
                 "filter.adapts=true: a laser's scans do not change with the appearance of the world",
                 "Leave out filter.adapts, or localize a camera: observation=cached_local",
@@ -81,7 +82,7 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         found, outputs = super().identity(config), Path(config.paths.outputs)
         if isinstance(config.local, AlikedSettings):  # its files are checked by their hashes when it is built
             del found["local"]["weights"]
-        if _is_laser(config):
+        if isinstance(config.observation, LASERS):
             for key in ("support", "regions"):  # these apply only to maps of images
                 found["filter"].pop(key, None)
             if found["likelihood"]["tempering"] == ALONG_DRIVES:  # with a laser, tempering is fitted to single scans
@@ -95,14 +96,14 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         from sextant.chapters.localization.data.source import as_localization_source
 
         self.check_parts(config)
-        if _is_laser(config) and config.filter is not None and isinstance(config.filter.support, int | float):
+        if isinstance(config.observation, LASERS) and isinstance(config.filter.support, int | float):
             raise UserError(
                 f"filter.support={config.filter.support:g} is a distance from the images of a map, but a laser's map "
                 "consists of walls",
                 "Leave filter.support out, or filter.support=map",
             )
-        if is_corrupted(config) and (_is_laser(config) or "folder" in config.plain["descriptor"]):
-            blind = "a laser observation" if _is_laser(config) else "descriptor=files"
+        if is_corrupted(config) and (isinstance(config.observation, LASERS) or "folder" in config.plain["descriptor"]):
+            blind = "a laser observation" if isinstance(config.observation, LASERS) else "descriptor=files"
             raise UserError(f"corruption changes images, but {blind} uses none", "corruption=none")
         task = config.task
         outputs = Path(config.paths.outputs)
@@ -120,11 +121,6 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         from sextant.chapters.localization.data.corrupted_drives import CorruptedDrives
 
         return CorruptedDrives(whole, build_suite(config), json.dumps(config.plain["corruption"], sort_keys=True))
-
-    def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files are missing; a world that is not yet rendered has none."""
-        for split in ("map", "validation", "test"):
-            source.files(split)
 
     def summary(self, config: LocalizationConfig) -> dict[str, str]:
         """Descriptor, model and filter."""
@@ -183,7 +179,7 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
     def module(self, config: LocalizationConfig, spec: Mapping[str, Any], *, training: bool) -> Any:
         """The module of localization, from images or a laser."""
         task, likelihood = config.plain["task"], config.plain["likelihood"]
-        if _is_laser(config):
+        if isinstance(config.observation, LASERS):
             from sextant.chapters.localization.laser import LaserLocalization
 
             given = likelihood["tempering"]
@@ -246,7 +242,7 @@ class LocalizationChapter(Chapter[LocalizationConfig]):
         from sextant.chapters.localization.validation import protocol_of
 
         faults, settings = _faults(config), test_settings(config, data)
-        kernel = None if _is_laser(config) else module.kernel.frozen()
+        kernel = None if isinstance(config.observation, LASERS) else module.kernel.frozen()
         with self.reporter.progress("localizing", "trials") as progress:
             trials_of = run_trials(data.drives, faults, settings, partial(module.observers, data), progress, kernel)
             outcomes = list(widened(trials_of, region_scale(module, config)))
@@ -305,14 +301,15 @@ def _image_size(data: "LocalizationDataModule") -> tuple[int, int]:
 
 def region_scale(module: Any, config: LocalizationConfig) -> float:
     """The factor by which reported standard deviations of poses are widened; 1 if this is not requested."""
-    return 1.0 if config.filter.regions is None or _is_laser(config) else float(module.region_scale)
+    one_size = config.filter.regions is None or isinstance(config.observation, LASERS)
+    return 1.0 if one_size else float(module.region_scale)
 
 
 def _about_regions(module: Any, config: LocalizationConfig) -> list[str]:
     """Notes for the reader about confidence regions that were not widened, or widened by the maximum."""
     from sextant.chapters.localization.along_drives import WIDEST
 
-    if config.filter.regions is None or _is_laser(config):
+    if config.filter.regions is None or isinstance(config.observation, LASERS):
         return []
     scale = float(module.region_scale)
     if scale == 1.0:
@@ -335,7 +332,6 @@ def test_settings(config: LocalizationConfig, data: "LocalizationDataModule") ->
     from sextant.localization.kld_size import KLDSize
 
     task, filter = config.task, config.filter
-    assert filter is not None
     kld = None
     if filter.kld is not None:
         kld = KLDSize(
@@ -360,7 +356,7 @@ def test_settings(config: LocalizationConfig, data: "LocalizationDataModule") ->
         _spread(config, data),
         config.seed,
         task.replay,
-        support=None if _is_laser(config) else filter.support,
+        support=None if isinstance(config.observation, LASERS) else filter.support,
         outliers=filter.outliers,
         apart=filter.apart,
         best=filter.best,
@@ -415,14 +411,7 @@ def _faults(config: LocalizationConfig) -> dict[str, Any]:
 
 
 def _keeps_map(config: LocalizationConfig) -> bool:
-    return bool(config.task.save_map and not _is_laser(config) and config.filter.best is None)
-
-
-def _is_laser(config: LocalizationConfig) -> bool:
-    return str(config.plain["observation"]["_target_"]) in {
-        laser.model_fields["target"].annotation.__args__[0]  # type: ignore[union-attr]
-        for laser in LASERS
-    }
+    return bool(config.task.save_map and not isinstance(config.observation, LASERS) and config.filter.best is None)
 
 
 def _scan_model(config: LocalizationConfig, grid: Any, scanner: Any, tempering: float) -> Any:

@@ -77,7 +77,7 @@ class LaserLocalization(pl.LightningModule):
 
     def _scores(self, data: LocalizationDataModule) -> tuple[Tensor, Tensor, Tensor]:
         drives = data.drives
-        where = drives.map if drives.validation_map is None else drives.validation_map
+        where = drives.map_of_validation
         model, references = self._model(data, where, 1.0), torch.from_numpy(where.poses)
         rows, poses, scores = validation_rows(data, self.images), [], []
         for drive, row in zip(drives.validation, rows, strict=True):

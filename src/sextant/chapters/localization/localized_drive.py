@@ -13,7 +13,16 @@ from sextant.applications.write_errors import telling_write_errors
 from sextant.chapters.localization.data.own_drive import OwnDrive
 from sextant.chapters.localization.data.pose_formats import write_tum
 from sextant.chapters.localization.localizer import Localizer
-from sextant.chapters.localization.written_poses import Moment, Replay, Row, draw_trajectory, write_poses
+from sextant.chapters.localization.written_poses import (
+    SMOOTHED,
+    TABLE,
+    TRAJECTORY,
+    Moment,
+    Replay,
+    Row,
+    draw_trajectory,
+    write_poses,
+)
 from sextant.data.photo_files import nothing_usable
 from sextant.data.videos import Frame
 from sextant.errors import UserError
@@ -101,15 +110,15 @@ def localize_drive(
     drive.remarks.extend([*far_steps(drive, positions, localizer.unit), *doubts(localizer, rows, elsewhere)])
     with telling_write_errors(output):
         write_poses(rows, times, output)
-        written = [output / "poses.csv", output / "trajectory.tum"]
+        written = [output / TABLE, output / TRAJECTORY]
         try:
             draw_trajectory(rows, positions, output, localizer.unit)
             written.append(output / "trajectory.png")
             if smooth:
                 with progress("smoothing", "images") as advance:
                     past = np.stack([told.pose for told in localizer.past(advance)])
-                write_tum(output / "smoothed.tum", times, past)
-                written.append(output / "smoothed.tum")
+                write_tum(output / SMOOTHED, times, past)
+                written.append(output / SMOOTHED)
             if replay != "none":
                 with progress("drawing the replay", "frames"):
                     written.append(_animated(moments, positions, output, replay, localizer.unit, drive.remarks))

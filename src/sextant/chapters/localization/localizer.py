@@ -151,10 +151,10 @@ class Localizer:
         Raises:
             UserError: the seed is not a whole number of at least 0, or there is no such start.
         """
-        self.seed = self.seed if seed is None else seed
-        check_whole("seed", self.seed, 0, "For example seed=1")
-        check_start(start or self._start)
-        self._begins = self._start if start is None else start_of(start)
+        begins = self._start if start is None else start
+        check_whole("seed", self.seed if seed is None else seed, 0, "For example seed=1")
+        check_start(begins)
+        self.seed, self._begins = int(self.seed if seed is None else seed), start_of(begins)
         self._generator = torch.Generator().manual_seed(self.seed)
         self._now: Localized | None = None
         self._past: list[Localized] = []
@@ -172,7 +172,8 @@ class Localizer:
         Args:
             motion: dx, dy in the unit of the map and dtheta in rad since the previous step, in the robot's frame then.
                 None if unknown: particles then continue at the pace of the drive if the localizer adapts, otherwise
-                spread according to the motion model. Ignored in the first step.
+                spread according to the motion model. In the first step particles do not move: it only tells whether
+                there is odometry.
             image: a file, bytes or a picture, stretched to the size of the map's images; None if there is none.
             descriptor: descriptor to use instead of an image, computed like those of the map, before whitening.
 
@@ -305,7 +306,7 @@ class Localizer:
         """Write the map, with its descriptor and the filter's settings, into a folder; without pickles.
 
         Raises:
-            UserError: it is a file, or cannot be created.
+            UserError: it is a file, or cannot be created; or a fact is not a plain value.
             OSError: the disk is full.
         """
         save_localizer(self, make_folder("folder", folder))

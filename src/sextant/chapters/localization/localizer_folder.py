@@ -33,7 +33,7 @@ from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.recovery import Recovery
-from sextant.localization.saved_map import HEADER, SavedMap, load_map, save_map
+from sextant.localization.saved_map import HEADER, SavedMap, load_map, plain, save_map
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 from sextant.tables import counted
@@ -64,7 +64,12 @@ class Saveable(Protocol):
 
 
 def save_localizer(localizer: Saveable, folder: Path) -> None:
-    """Write the descriptor, the pictures and then the map, whose header comes last of all."""
+    """Write the descriptor, the pictures and then the map, whose header comes last of all.
+
+    Raises:
+        ArgumentError: JSON cannot hold one of the localizer's facts; then nothing is written.
+    """
+    about = plain(localizer.facts)
     (folder / HEADER).unlink(missing_ok=True)
     localizer.descriptor.save(folder / DESCRIPTOR)
     save_pictures(localizer.pictures, folder / PICTURES)
@@ -79,7 +84,7 @@ def save_localizer(localizer: Saveable, folder: Path) -> None:
         "image_size": localizer.image_size,
         "descriptor": localizer.descriptor.identity,
     }
-    save_map(folder, localizer.model, localizer.likelihood, {"localizer": settings, "about": localizer.facts})
+    save_map(folder, localizer.model, localizer.likelihood, {"localizer": settings, "about": about})
 
 
 def map_folder(folder: Path) -> Path:

@@ -1,7 +1,7 @@
 """What ``sextant locate`` does: photos or a video located in posed photos, and the results as files and pictures."""
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,9 +20,9 @@ from sextant.data.image_files import decode_image
 from sextant.data.photo_files import reason_alone
 from sextant.data.videos import Video
 from sextant.errors import ArgumentError, UserError
+from sextant.reporter import Advance
 from sextant.tables import counted
 
-Advance = Callable[[int, int], None]
 COLUMNS = (
     *("file", "verdict", "x", "y", "z", "qw", "qx", "qy", "qz", "sigma_position", "sigma_deg", "inliers", "matches"),
     *("log10_false_alarms", "seen", "fx", "fy", "cx", "cy", "nearest", "error"),
@@ -217,7 +217,7 @@ def draw_matches(
     assert found.nearest is not None
     scale = 480 / image.shape[0]
     left = Image.fromarray(image).resize((round(image.shape[1] * scale), 480))
-    height, width = _size(paths[found.nearest])
+    width, height = upright_size(paths[found.nearest])
     right = Image.fromarray(decode_image(paths[found.nearest], height, width, 3))
     right = right.resize((round(480 * width / height), 480))
     page = Image.new("RGB", (left.width + right.width + 8, 480), "white")
@@ -237,11 +237,6 @@ def _picture(name: str) -> str:
     """The file name of the matches of a photo, folders included."""
     flat = name.replace("/", "__").replace("\\", "__").replace(" ", "_")
     return flat if flat.lower().endswith(".jpg") else f"{flat}.jpg"
-
-
-def _size(path: Path) -> tuple[int, int]:
-    width, height = upright_size(path)
-    return height, width
 
 
 def draw_from_above(located: Sequence[LocatedFrame], poses: PoseMap, output: Path) -> Path:

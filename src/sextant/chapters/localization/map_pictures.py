@@ -8,8 +8,8 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
-from sextant.array_folder import FolderFormat, file_sha256
-from sextant.atomic_files import write_atomically
+from sextant.array_folder import FolderFormat
+from sextant.atomic_files import hash_file, write_atomically
 from sextant.chapters.places.data.image_rows import ImageRows
 from sextant.tables import counted
 
@@ -55,7 +55,7 @@ def save_pictures(pictures: UInt8[ndarray, "n h w c"] | None, folder: Path) -> N
         (folder / ARRAY).unlink(missing_ok=True)
         return
     write_atomically(folder / ARRAY, partial(np.save, arr=pictures, allow_pickle=False))
-    KIND.write_header(folder, {"sha256": file_sha256(folder / ARRAY)})
+    KIND.write_header(folder, {"sha256": hash_file(folder / ARRAY)})
 
 
 def load_pictures(folder: Path, images: int, *, verify: bool = True) -> UInt8[ndarray, "n h w c"] | None:

@@ -88,10 +88,4 @@ def metric_map(config: LocalizationConfig, data: "LocalizationDataModule") -> "M
             features = checked(build(config.plain, "local"))
     except ArgumentError as error:
         raise error.within("local", config.plain.get("local") or {}) from None
-    return MetricMap(features, camera, Path(config.paths.cache), data.show or _silent)
-
-
-def _silent(title: str) -> Any:
-    from sextant.reporter import SILENT
-
-    return SILENT.progress(title, "frames")
+    return MetricMap(features, camera, Path(config.paths.cache), data.show)

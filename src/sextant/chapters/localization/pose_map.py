@@ -166,8 +166,7 @@ class PoseMap:
             UserError: there are fewer than two images, numbers differ, a pose is no rigid motion, an image cannot be
                 read, no points agree with the poses, or a package of the extra ``local`` is missing.
         """
-        check_several("images", images)
-        images = images if hasattr(images, "__len__") else list(images)
+        images = _several(images)
         matrices, known = checked_poses(poses, len(images)), _checked_names(names, images)
         described_by = kept_network(resolve_run(str(descriptor), default_outputs(), "descriptor").checkpoint)
         features = extractor_of(local, described_by.describer, keypoints=keypoints, side=side)
@@ -204,7 +203,7 @@ class PoseMap:
 
         Without ``cameras`` they are by the camera of the map's first image, and must have its shape.
         """
-        check_several("images", images)
+        images = _several(images)
         matrices, named = checked_poses(poses, len(images), least=1), _checked_names(names, images)
         found, descriptors = _features_of(images, self._features, self._described_by, lambda done, total: None)
         if cameras is None:
@@ -350,13 +349,17 @@ def _colour(image: AnyImage) -> ndarray:
     return np.repeat(pixels, 3, 2) if pixels.shape[2] == 1 else pixels
 
 
+def _several(images: Sequence[AnyImage]) -> Sequence[AnyImage]:
+    check_several("images", images)
+    return images if hasattr(images, "__len__") else list(images)
+
+
 def _checked_names(names: Sequence[str] | None, images: Sequence[AnyImage]) -> list[str]:
-    if names is not None and len(names) != len(images):
+    if names is None:
+        return [Path(each).name if isinstance(each, str | Path) else str(k) for k, each in enumerate(images)]
+    given = [str(name) for name in names]
+    if len(given) != len(images):
         raise ArgumentError(
-            f"{counted(len(names), 'name')} for {counted(len(images), 'image')}", "One name for each image, or none."
+            f"{counted(len(given), 'name')} for {counted(len(images), 'image')}", "One name for each image, or none."
         )
-    return _names(images) if names is None else [str(name) for name in names]
-
-
-def _names(images: Sequence[AnyImage]) -> list[str]:
-    return [Path(each).name if isinstance(each, str | Path) else str(k) for k, each in enumerate(images)]
+    return given

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from sextant.array_folder import FolderFormat, file_sha256
-from sextant.atomic_files import write_atomically
+from sextant.array_folder import FolderFormat
+from sextant.atomic_files import hash_file, write_atomically
 from sextant.chapters.places.photo_features import extractor_of
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, load_descriptor
 from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, PosedMap, PoseErrors, XFeatures
@@ -67,7 +67,7 @@ def save_pose_map(saved: SavedPoseMap, folder: Path) -> None:
     for name, parts in arrays.items():
         path = folder / f"{name}.npy"
         write_atomically(path, lambda file, parts=parts: _write_parts(file, parts))  # type: ignore[misc]
-        hashes[name] = file_sha256(path)
+        hashes[name] = hash_file(path)
     options = {"keypoints": getattr(saved.features, "keypoints", None), "side": saved.features.side}
     FORMAT.write_header(
         folder,

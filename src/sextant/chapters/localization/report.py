@@ -17,9 +17,10 @@ from sextant.chapters.localization.testing import Trial
 from sextant.chapters.localization.validation import protocol_of
 from sextant.evaluation.pose_posterior import posterior_calibration
 from sextant.evaluation.protocols import LocalizationProtocol
-from sextant.evaluation.success import NEVER, ConvergenceSummary
+from sextant.evaluation.success import NEVER, Share
 from sextant.evaluation.trajectory_error import pooled_errors
 from sextant.localization.map_support import images_near
+from sextant.tables import number
 from sextant.training.peak_memory import peak_memory_mb
 from sextant.worlds.occupancy import OCCUPIED, occupancy_from_scans
 
@@ -36,9 +37,7 @@ DRAWN_WALLS_M = 0.1
 
 def name_of(trial: Trial, trials: Sequence[Trial]) -> str:
     """A short name of a trial: its condition or drive, its fault and particles where these differ, its corruption."""
-    clean = [t for t in trials if not t.corruption]
-    several = len({t.drive for t in clean}) > len({t.condition for t in clean})
-    parts = [trial.drive.removesuffix(f", {trial.corruption}") if several else trial.condition]
+    parts = [_drive_of(trial, trials)]
     if len({t.fault for t in trials}) > 1 or trial.fault != "none":
         parts.append(trial.fault)
     if len({t.particles for t in trials}) > 1:
@@ -46,6 +45,13 @@ def name_of(trial: Trial, trials: Sequence[Trial]) -> str:
     if trial.corruption:
         parts.append(trial.corruption)
     return ", ".join(parts)
+
+
+def _drive_of(trial: Trial, trials: Sequence[Trial]) -> str:
+    """The condition of a trial, or its drive where several are of one condition."""
+    clean = [t for t in trials if not t.corruption]
+    several = len({t.drive for t in clean}) > len({t.condition for t in clean})
+    return trial.drive.removesuffix(f", {trial.corruption}") if several else trial.condition
 
 
 def arrays(found: Mapping[str, Judged]) -> dict[str, ndarray]:
@@ -136,18 +142,18 @@ def table(found: Mapping[str, Judged], data: LocalizationData) -> list[dict[str,
             "runs": str(share.runs),
             "converged %": f"{100 * share.rate:.0f}",
             "95 %": f"{100 * share.low:.0f}-{100 * share.high:.0f}",
-            "frames": _told(judged.summary.median_frames, 0),
-            "p90": _told(judged.summary.p90_frames, 0),
-            "tracking %": _told(100 * judged.summary.tracking, 1),
-            "error": _told(_median(judged.position[later]), 2),
-            "deg": _told(_median(judged.heading_deg[later]), 1),
-            "in region %": _told(100 * _regions(judged, dof).get("coverage_95", math.nan), 0),
-            "NLL": _told(_mean(judged.outcome.nll.T[later]), 2),
+            "frames": number(judged.summary.median_frames, 0),
+            "p90": number(judged.summary.p90_frames, 0),
+            "tracking %": number(100 * judged.summary.tracking, 1),
+            "error": number(_median(judged.position[later]), 2),
+            "deg": number(_median(judged.heading_deg[later]), 1),
+            "in region %": number(100 * _regions(judged, dof).get("coverage_95", math.nan), 0),
+            "NLL": number(_mean(judged.outcome.nll.T[later]), 2),
         }
         if any(other.recovery is not None for other in found.values()):
             again = judged.recovery
             row["recovered %"] = "" if again is None else f"{100 * again.share.rate:.0f}"
-            row["in frames"] = "" if again is None else _told(again.median_frames, 0)
+            row["in frames"] = "" if again is None else number(again.median_frames, 0)
         row["ms/step/run"] = f"{1e3 * float(np.median(judged.outcome.track.seconds)) / share.runs:.2f}"
         rows.append(row)
     return rows
@@ -183,26 +189,24 @@ def figures(found: Mapping[str, Judged], data: LocalizationData) -> Iterator[tup
                 () if taken < 0 else (taken,),
             )
         yield f"errors_{_file(name)}", trajectory_errors(drawn, protocol)
-    curves: dict[str, list[tuple[int, ConvergenceSummary]]] = {}
-    for judged in found.values():
+    by_particles = shares_by_particles(found)
+    if max(map(len, by_particles.values())) > 1:
+        curves = {}
+        for name, shares in by_particles.items():
+            rates = np.array([(share.rate, share.low, share.high) for share in shares.values()])
+            curves[name] = SuccessCurve(np.array(list(shares)), *rates.T)
+        yield "success_by_particles", success_curves(curves)
+
+
+def shares_by_particles(found: Mapping[str, Judged]) -> dict[str, dict[int, Share]]:
+    """The share of runs that converged by ascending number of particles, of each drive, fault and corruption."""
+    shares: dict[str, dict[int, Share]] = {}
+    trials = [judged.outcome.trial for judged in found.values()]
+    for judged in sorted(found.values(), key=lambda each: each.outcome.trial.particles):
         trial = judged.outcome.trial
-        label = trial.condition if trial.fault == "none" else f"{trial.condition}, {trial.fault}"
-        curves.setdefault(label, []).append((trial.particles, judged.summary))
-    if max(len(points) for points in curves.values()) > 1:
-        yield (
-            "success_by_particles",
-            success_curves(
-                {
-                    label: SuccessCurve(
-                        np.array([count for count, _ in points]),
-                        np.array([summary.share.rate for _, summary in points]),
-                        np.array([summary.share.low for _, summary in points]),
-                        np.array([summary.share.high for _, summary in points]),
-                    )
-                    for label, points in curves.items()
-                }
-            ),
-        )
+        parts = (_drive_of(trial, trials), "" if trial.fault == "none" else trial.fault, trial.corruption)
+        shares.setdefault(", ".join(filter(None, parts)), {})[trial.particles] = judged.summary.share
+    return shares
 
 
 def write_trajectories(found: Mapping[str, Judged], folder: Path) -> None:
@@ -278,7 +282,3 @@ def _rmse(errors: ndarray) -> float:
 
 def _mean(values: ndarray) -> float:
     return float(values.mean()) if len(values) else math.nan
-
-
-def _told(value: float, digits: int) -> str:
-    return "–" if value != value else f"{value:.{digits}f}"

@@ -12,7 +12,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.chapters.localization.along_drives import best_share, for_validation, nll_along, scale_along
+from sextant.chapters.localization.along_drives import best_share, nll_along, scale_along
 from sextant.chapters.localization.data.datamodule import LocalizationDataModule
 from sextant.chapters.localization.data.drive import Drive
 from sextant.chapters.localization.metric_map import MetricMap
@@ -251,11 +251,11 @@ class Localization(pl.LightningModule):
         return posterior(scores_over_map(model, queries, likelihood), positives, self.likelihood.tempering)
 
     def _validation(self, data: LocalizationDataModule) -> tuple[ObservationModel, Queries]:
-        queries = validation_queries(data, self.calibration.images)
-        return self.fit_map(data, _validation_map(data)), replace(queries, descriptors=self.whiten(queries.descriptors))
+        queries, where = validation_queries(data, self.calibration.images), data.drives.map_of_validation
+        return self.fit_map(data, where), replace(queries, descriptors=self.whiten(queries.descriptors))
 
     def _validation_errors(self, data: LocalizationDataModule) -> Tensor:
-        where, queries = _validation_map(data), validation_queries(data, self.calibration.images)
+        where, queries = data.drives.map_of_validation, validation_queries(data, self.calibration.images)
         descriptors = as_tensor(data.descriptors(where))
         return nearest_errors(queries, torch.from_numpy(where.poses), descriptors, protocol_of(data.drives))
 
@@ -332,7 +332,7 @@ class Localization(pl.LightningModule):
 
     def _fit_metric_errors(self, data: LocalizationDataModule) -> None:
         """Fit how located poses err to all frames of the validation drives."""
-        where, errors, covariances, alarms = _validation_map(data), [], [], []
+        where, errors, covariances, alarms = data.drives.map_of_validation, [], [], []
         for driven in data.drives.validation:
             poses, stated, chance = self._located(data, where, where, driven)
             errors.append(pose_errors(driven.poses, poses))
@@ -423,10 +423,6 @@ class Localization(pl.LightningModule):
 def _with_weights(module: Any, keys: object) -> None:
     """Record that a localizer has loaded the weights of a checkpoint."""
     module._begun = True
-
-
-def _validation_map(data: LocalizationDataModule) -> Drive:
-    return for_validation(data.drives).map
 
 
 def as_tensor(rows: Float32[ndarray, "n d"]) -> Float32[Tensor, "n d"]:

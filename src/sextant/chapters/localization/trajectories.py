@@ -144,16 +144,17 @@ def compare_trajectories(
         >>> found = compare_trajectories("poses/00.txt", "estimates/00_ORB.txt")  # doctest: +SKIP
         >>> found.absolute_m["rigid"].rmse  # doctest: +SKIP
     """
-    formats = {str(path): pose_format(path) for path in (reference, estimate)}
-    if len({JOINED_BY[form] for form in formats.values()}) > 1:
-        said = ", ".join(f"{path} ({form}) by {JOINED_BY[form]}" for path, form in formats.items())
-        timed = next((each for path, form in formats.items() if form == "table" and "TUM" in formats.values()
+    given = [(path, pose_format(path)) for path in (reference, estimate)]
+    formats = [form for _, form in given]
+    if len({JOINED_BY[form] for form in formats}) > 1:
+        said = ", ".join(f"{path} ({form}) by {JOINED_BY[form]}" for path, form in given)
+        timed = next((each for path, form in given if form == "table" and "TUM" in formats
                       and (each := Path(path).with_name("trajectory.tum")).is_file()), None)  # fmt: skip
         fix = f"Give {timed}, which has times." if timed else "Convert one of them to the format of the other."
         raise UserError(f"these poses cannot be matched: {said}", fix)
-    if named := [_named(Path(path), form) for path, form in formats.items() if form in BY_NAME]:
-        return _compare_named(named[0], named[-1])
-    if "KITTI" in formats.values():
+    if named := [_named(Path(path), form) for path, form in given if form in BY_NAME]:
+        return _compare_named(*named)
+    if "KITTI" in formats:
         truth, guess = read_kitti(reference), read_kitti(estimate)
         if len(truth) != len(guess):
             raise UserError(
@@ -163,7 +164,7 @@ def compare_trajectories(
             )
         return _compare(truth, guess, len(truth), len(guess))
     (times, truth), (own_times, guess) = (
-        read_tum_matrices(path) if form == "TUM" else read_recorded(path) for path, form in formats.items()
+        read_tum_matrices(path) if form == "TUM" else read_recorded(path) for path, form in given
     )
     rows, own_rows = _joined(times, own_times, max_gap_s)
     if not len(rows):

@@ -16,6 +16,7 @@ from sextant.chapters.localization.judged import Judged
 from sextant.evaluation.headline import CLEAN
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.evaluation.success import NEVER
+from sextant.tables import number
 
 #: columns of the table, with the figure and its factor
 COLUMNS = {
@@ -94,8 +95,7 @@ def table(found: Mapping[str, Judged]) -> list[dict[str, str]]:
         figures = pooled(trials)
         row = {"images": name.replace("_", " "), "runs": str(sum(len(judged.found) for judged in trials))}
         for column, (figure, factor) in COLUMNS.items():
-            value = factor * figures[figure]
-            row[column] = "–" if value != value else f"{value:.{1 if factor == 100 else 2}f}"
+            row[column] = number(factor * figures[figure], 1 if factor == 100 else 2)
         rows.append(row)
     return rows
 

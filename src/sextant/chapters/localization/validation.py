@@ -80,9 +80,10 @@ def same_place(
         limit = np.inf if protocol.heading_deg is None else np.radians(protocol.heading_deg)
         lists.append(np.asarray(rows, np.int64)[turned <= limit])
     if not any(len(rows) for rows in lists):
+        turned_at_most = "" if protocol.heading_deg is None else f" and {protocol.heading_deg:g} degrees"
         raise UserError(
-            f"no image of the validation drives is within {protocol.position:g} {protocol.unit} and "
-            f"{protocol.heading_deg} degrees of a map image, so no likelihood can be fitted",
+            f"no image of the validation drives is within {protocol.position:g} {protocol.unit}{turned_at_most} of a "
+            "map image, so no likelihood can be fitted",
             "Check that map and drives are in the same frame, or give numbers: likelihood.tempering=0.25 "
             "likelihood.appearance_noise=0.0",
         )
@@ -96,9 +97,8 @@ def check_validation(data: LocalizationData) -> None:
         UserError: as for :func:`same_place`.
     """
     if data.validation:
-        where = data.map if data.validation_map is None else data.validation_map
         poses = np.concatenate([drive.poses for drive in data.validation])
-        same_place(torch.from_numpy(poses), torch.from_numpy(where.poses), protocol_of(data))
+        same_place(torch.from_numpy(poses), torch.from_numpy(data.map_of_validation.poses), protocol_of(data))
 
 
 def protocol_of(data: LocalizationData) -> LocalizationProtocol:

@@ -24,6 +24,9 @@ COLUMNS = (
     "file", "x", "y", "heading_deg", "sigma_x", "sigma_y", "sigma_heading_deg", "mass", "modes", "lost", "error",
     "off_map", "foreseen", "recognised",
 )  # fmt: skip
+TABLE, TRAJECTORY, SMOOTHED = "poses.csv", "trajectory.tum", "smoothed.tum"
+#: files that localizing may write and a user may have, the table first
+WRITTEN = (TABLE, TRAJECTORY, SMOOTHED, "replay.mp4", "replay.gif")
 #: most frames of an animation; for a longer run every second frame is shown, or every fourth, ...
 MOST_FRAMES = 600
 LOST = "#a02020"
@@ -114,21 +117,33 @@ class Replay:
         particle_replay(positions, (moment.drawn() for moment in self.kept), path, unit=unit, seen=seen)
 
 
-def refuse_to_replace_poses(output: Path) -> None:
-    """Raise an ``ArgumentError`` if there is a ``poses.csv`` that :func:`write_poses` did not write.
+def refuse_to_replace_poses(output: Path, *, smooth: bool = False, **read: Path | str | None) -> None:
+    """Check that no file of the user's is in the place of one that localizing writes.
 
-    A table of ground-truth poses has the same name.
+    A table of ground-truth poses is called ``poses.csv`` too, and a trajectory without our table beside it is not ours.
+
+    Args:
+        output: folder of the results, which need not exist.
+        smooth: ``smoothed.tum`` is written too.
+        read: files that are read, by their key; anything but a file is ignored.
+
+    Raises:
+        ArgumentError: a file would be replaced.
     """
-    table = output / "poses.csv"
+    fix = f"Choose a separate folder: output={output / 'localized'}"
+    table, *others = written = [output / name for name in WRITTEN if smooth or name != SMOOTHED]
+    for key, given in read.items():
+        path = Path(given or "").expanduser()
+        if path.is_file() and any(each.exists() and each.samefile(path) for each in written):
+            raise ArgumentError(f"{key}={given} is a file that output={output} would replace", fix)
     try:
         head = table.read_text(encoding="utf-8", errors="replace").partition("\n")[0]
     except OSError:
-        return
-    if not head.startswith(",".join(COLUMNS[:5])):
-        raise ArgumentError(
-            f"output={output}: {table} was not written by a localizer, and would be replaced",
-            f"Choose a separate folder: output={output / 'localized'}",
-        )
+        foreign = next((each for each in others if each.suffix == ".tum" and each.exists()), None)
+    else:
+        foreign = None if head.startswith(",".join(COLUMNS[:5])) else table
+    if foreign is not None:
+        raise ArgumentError(f"output={output}: {foreign} was not written by a localizer, and would be replaced", fix)
 
 
 def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Path) -> None:
@@ -143,8 +158,8 @@ def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Pat
         shares = {"off_map": f"{told.off_map:.6f}", "foreseen": f"{told.foreseen:.6f}"}
         shares["recognised"] = f"{told.recognised:.6f}"
         lines.append({"file": row.name, **named, **said, **shares})
-    write_csv(output / "poses.csv", COLUMNS, lines)
-    write_tum(output / "trajectory.tum", times_s, np.stack([row.told.pose for row in rows]))
+    write_csv(output / TABLE, COLUMNS, lines)
+    write_tum(output / TRAJECTORY, times_s, np.stack([row.told.pose for row in rows]))
 
 
 def draw_trajectory(rows: Sequence[Row], positions: Float64[ndarray, "n 2"], output: Path, unit: str = "m") -> None:

@@ -103,10 +103,9 @@ class PlacesChapter(Chapter[PlacesConfig]):
         return CorruptedQueries(source, build_suite(config)) if corrupts else source
 
     def check(self, source: Source) -> None:
-        """Raise a ``UserError`` if files of a split are missing; a world that is yet to be rendered needs none."""
+        """Raise a ``UserError`` if nothing can be trained on the source, or files of a split are missing."""
         _can_train_on(source)
-        for split in ("train", "val", "test"):
-            source.files(split)
+        super().check(source)
 
     def summary(self, config: PlacesConfig) -> dict[str, str]:
         """Network and training settings."""
@@ -148,8 +147,9 @@ class PlacesChapter(Chapter[PlacesConfig]):
 
     def module(self, config: PlacesConfig, spec: Mapping[str, Any], *, training: bool) -> "PlaceRecognition":
         """The module of place recognition."""
+        from sextant.chapters.places.data.decoded_images import ImageSize
         from sextant.chapters.places.network import place_network
-        from sextant.chapters.places.task import PlaceRecognition, PlaceSpec
+        from sextant.chapters.places.task import PlaceRecognition
         from sextant.chapters.places.whitening import Whitening
         from sextant.models.onnx_place_net import OnnxPlaceNet
         from sextant.models.published_place_net import PublishedPlaceNet
@@ -169,7 +169,7 @@ class PlacesChapter(Chapter[PlacesConfig]):
             _local_features(config, network)  # reports a network without such activations before any work
         return PlaceRecognition(
             cast("PlaceNet", network),  # a published one is only tested
-            PlaceSpec(spec["channels"], spec["height"], spec["width"]),
+            ImageSize(spec["height"], spec["width"], spec["channels"]),
             build(config.plain, "loss"),
             build(config.plain, "mining"),
             seed=config.seed,

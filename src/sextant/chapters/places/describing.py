@@ -18,7 +18,6 @@ from sextant.chapters.places.saved_descriptor import Describes
 from sextant.data import upright
 from sextant.data.image_files import decode_image
 from sextant.data.picture_files import UnreadableImageError, open_picture
-from sextant.data.pixel_values import WhiteLevels
 from sextant.reporter import Advance
 from sextant.retrieval.flat_index import FlatIndex
 
@@ -130,6 +129,8 @@ def describe(
 ) -> Described:
     """Describe photos; files are decoded like training images and stretched to one size.
 
+    Pictures of more than 8 bits share the white level of the files in their folder, whichever of them are given.
+
     Args:
         describer: computes the descriptors.
         size: size of the images that it takes.
@@ -160,7 +161,6 @@ def _decoded(
 ) -> Iterator[tuple[list[int], UInt8[ndarray, "b h w c"]]]:
     """Numbers and images batch by batch; why a photo cannot be decoded is put into ``failed``."""
     aspect = size.width / size.height
-    levels = WhiteLevels(photo for photo in photos if isinstance(photo, Path))
 
     def decode(photo: Path | ndarray) -> tuple[ndarray | str, bool]:
         if isinstance(photo, ndarray):
@@ -169,7 +169,7 @@ def _decoded(
             absent = "is a broken link" if photo.is_symlink() else "there is no such file"
             return ("is a folder, not a file" if photo.is_dir() else absent), False
         try:
-            image = decode_image(photo, size.height, size.width, size.channels, levels)
+            image = decode_image(photo, size.height, size.width, size.channels)
         except UnreadableImageError as error:
             return str(error), False
         width, height = upright_size(photo)

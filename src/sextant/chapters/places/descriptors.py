@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from sextant.chapters.places.data.image_rows import ImageRows
     from sextant.chapters.places.network import TrainedPlaceNetwork
 
+#: images of a map that a training-free descriptor is shown to learn from, unless it asks for more
+MOST_IMAGES = 10_000
+
 
 @runtime_checkable
 class Describer(Protocol):
@@ -122,7 +125,7 @@ class DescriptorFiles:
             )
         hashed = hashlib.sha256()
         for name, path in zip(widths, paths, strict=True):
-            hashed.update(name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+            hashed.update(name.encode() + b"\0" + bytes.fromhex(file_sha256(path)))
         return hashed.hexdigest()
 
     def of(self, drive: str, count: int) -> Float32[ndarray, "n d"]:
@@ -144,8 +147,9 @@ class BaselineDescriber:
         self.descriptor, self.identity = descriptor, identity
 
     def fit(self, images: "ImageRows") -> None:
-        """Learn from at most 10,000 images of the map, evenly spaced."""
-        rows = np.unique(np.linspace(0, len(images) - 1, min(len(images), 10_000)).astype(np.int64))
+        """Learn from at most 10,000 images of the map, evenly spaced, or as many as the descriptor asks for."""
+        most = max(MOST_IMAGES, getattr(self.descriptor, "most_images", 0))
+        rows = np.unique(np.linspace(0, len(images) - 1, min(len(images), most)).astype(np.int64))
         try:
             self.descriptor.fit(images[rows])
         except ValueError as error:

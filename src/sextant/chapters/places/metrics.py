@@ -83,12 +83,6 @@ class PrecisionRecall:
         # 99 of 100 is 0.99 up to rounding
         return float(self.recall[self.precision >= precision - 1e-12].max()) if self.positives else float("nan")
 
-    @property
-    def extended_precision(self) -> float:
-        """Mean of the precision at the first threshold and of the recall at precision 1; nan without a positive."""
-        first = float(self.precision[1]) if len(self.precision) > 1 else 0.0
-        return (first + self.recall_at_precision(1)) / 2
-
     def named(self, protocol: RetrievalProtocol) -> dict[str, float]:
         """The figures under their full names."""
         figures = {

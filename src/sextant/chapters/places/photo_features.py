@@ -14,8 +14,8 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from sextant.applications.pixels import AnyImage, as_pixels
-from sextant.array_folder import FolderFormat, file_sha256
-from sextant.atomic_files import write_atomically
+from sextant.array_folder import FolderFormat
+from sextant.atomic_files import hash_file, write_atomically
 from sextant.chapters.places.describing import upright_size
 from sextant.errors import ArgumentError, UserError, shown
 
@@ -238,7 +238,7 @@ def _write(kind: Kind, names: Mapping[Path, str], folder: Path, index: str) -> N
         array = np.concatenate([getattr(each, name) for each in kind.features.values()])
         path = folder / f"{name}.npy"
         write_atomically(path, lambda file, array=array: np.save(file, array, allow_pickle=False))  # type: ignore[misc]
-        hashes[name] = file_sha256(path)
+        hashes[name] = hash_file(path)
     KIND.write_header(
         folder,
         {

@@ -11,7 +11,7 @@ from numpy import ndarray
 from sextant.applications.arguments import check_whole
 from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
 from sextant.applications.pixels import AnyImage, as_pixels
-from sextant.array_folder import file_sha256
+from sextant.atomic_files import hash_file
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, failed_photo, silent
 from sextant.chapters.places.describing import describe
@@ -212,7 +212,7 @@ class PlaceMap(DescribedMap):
         kept += [Kind(each.extractor.name, model, each.kept) for model, each in self._kinds.items()]
         described, folder = self.described, Path(str(folder)).expanduser()
         names = dict(zip(described.paths, described.names, strict=True))
-        index = file_sha256(folder / flat_index.HEADER)
+        index = hash_file(folder / flat_index.HEADER)
         save_features(kept, names, folder, index)
         if self._opened is not None and self._opened[0].resolve() == folder.resolve():
             self._opened = folder, {name: file for file, name in names.items()}, index
@@ -221,7 +221,7 @@ class PlaceMap(DescribedMap):
         """Load the photos of a saved map into this one, replacing its own; their local features are read on demand."""
         super().take(folder)
         files = dict(zip(self.described.names, self.described.paths, strict=True))
-        self._opened = folder, files, file_sha256(folder / flat_index.HEADER)
+        self._opened = folder, files, hash_file(folder / flat_index.HEADER)
         self._features, self._kinds = None, {}
         return self
 

@@ -15,6 +15,7 @@ from sextant.chapters.places.photo_folder import PhotoFolder
 from sextant.chapters.places.place_map import PlaceMap
 from sextant.chapters.places.saved_map import Temperature
 from sextant.chapters.places.written_matches import (
+    check_pair_names,
     counts,
     query_rows,
     write_gallery,
@@ -125,6 +126,8 @@ def _fill(places: PlaceMap, inputs: PlaceInputs) -> None:
         refuse_overlap(places.described.photos, inputs.queries)
     reference = places.described.photos if isinstance(inputs.reference, Path) else inputs.reference
     check_truth(reference, inputs.queries, inputs.options.places)
+    if inputs.options.colmap:
+        check_pair_names(reference, inputs.queries)
     check_rides(len(reference), len(inputs.queries), inputs.options.sequence)
     if isinstance(inputs.reference, PhotoFolder):
         _add(places, "map", inputs.reference, inputs)

@@ -26,6 +26,7 @@ from sextant.evaluation.positives import Positives
 from sextant.evaluation.posterior import PlacePosterior, fit_temperature, place_posterior
 from sextant.evaluation.retrieval import RANKS, Recall, RetrievalProtocol, recall
 from sextant.reporter import Advance
+from sextant.retrieval.flat_index import FlatIndex
 from sextant.retrieval.nearest import Neighbours
 from sextant.retrieval.sequence_matching import match_sequences
 
@@ -177,7 +178,7 @@ def temperature(
 
 def _result(described: Described, positives: Positives, length: int | None) -> MethodResult:
     ranks = tuple(k for k in RANKS if k <= len(described.reference))
-    neighbours = nearest_with_values(described, max(ranks))
+    neighbours = FlatIndex(described.reference).search(described.query, max(ranks))
     sequence_hit = None
     if length is not None:
         sequences = match_sequences(described.similarities, length=length)
@@ -190,13 +191,6 @@ def _result(described: Described, positives: Positives, length: int | None) -> M
         positives.hits(neighbours.indices[:, :1])[:, 0],
         sequence_hit,
     )
-
-
-def nearest_with_values(described: Described, k: int) -> Neighbours:
-    """The k most similar references of every query, and their similarities."""
-    from sextant.retrieval.flat_index import FlatIndex
-
-    return FlatIndex(described.reference).search(described.query, k)
 
 
 def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior] | None) -> dict[str, float]:
@@ -319,9 +313,10 @@ def figures(reports: list[QueryReport], places: PlaceImages, pairs: ConditionRec
         condition, ours = report.protocol.query, report.methods[NETWORK]
         title = f"{condition} in {report.protocol.reference}, {report.protocol.name('R@1')}"
         curves = {name: result.curve for name, result in report.methods.items()}
-        yield f"precision_recall_{condition}", precision_recall_curves(curves, title)
+        file = condition.replace("/", "_")
+        yield f"precision_recall_{file}", precision_recall_curves(curves, title)
         yield (
-            f"similarity_{condition}",
+            f"similarity_{file}",
             similarity_matrix(
                 ours.described.similarities,
                 report.positives,
@@ -332,7 +327,7 @@ def figures(reports: list[QueryReport], places: PlaceImages, pairs: ConditionRec
             ),
         )
         rows = _gallery_rows(report, places, places.rows_of(condition), reference)
-        yield f"gallery_{condition}", retrieval_gallery(rows, title)
+        yield f"gallery_{file}", retrieval_gallery(rows, title)
     yield "condition_confusion", condition_confusion(pairs)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy import ndarray
 
 from sextant.chapters.places.data import PlaceImages
-from sextant.chapters.places.report import NETWORK, QueryReport, RerankedRecall, logged_name, nearest_with_values
+from sextant.chapters.places.report import NETWORK, QueryReport, RerankedRecall, logged_name
 from sextant.reporter import Advance
+from sextant.retrieval.flat_index import FlatIndex
 
 if TYPE_CHECKING:
     from sextant.correspondence import LocalFeatureExtractor, LocalFeatures
@@ -54,7 +55,7 @@ def rerank_reports(
     for report in reports:
         queries = places.rows_of(report.protocol.query)
         described = report.methods[NETWORK].described
-        near = nearest_with_values(described, min(candidates, len(reference))).indices
+        near = FlatIndex(described.reference).search(described.query, min(candidates, len(reference))).indices
         best = near[:, :1].copy()
         for i, row in enumerate(queries.tolist()):
             compared = [of_map(int(reference[image])) for image in near[i]]

@@ -21,7 +21,7 @@ from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.atomic_files import read_json, write_atomically, write_json
+from sextant.atomic_files import file_sha256, read_json, write_atomically, write_json
 from sextant.baselines import Hog, PatchNormalised, Pixels, PlaceDescriptor, WhitenedPCA
 from sextant.baselines.network_layer import NetworkLayer
 from sextant.chapters.places.given_descriptors import GivenDescriptors
@@ -156,7 +156,7 @@ def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, 
 
     content = read_trained(checkpoint) if content is None else content
     trained = {key: content[KEY][key] for key in ("config", "spec", "task", CARD) if key in content[KEY]}
-    sha256 = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
+    sha256 = file_sha256(checkpoint)
     return _network(
         {"kind": "network", "checkpoint_sha256": sha256, **trained}, content["state_dict"], checkpoint, trust
     )

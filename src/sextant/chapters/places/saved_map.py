@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.array_folder import FolderFormat, file_sha256
+from sextant.array_folder import FolderFormat
+from sextant.atomic_files import hash_file
 from sextant.chapters.places.data.decoded_images import DECODER, ImageSize
 from sextant.chapters.places.data.tolerance import PlaceTolerance, Unit
 from sextant.chapters.places.describing import DescribedPhotos
@@ -119,7 +120,7 @@ def save_map(described: DescribedPhotos, facts: MapFacts, folder: Path) -> None:
         "failed": dict(described.failed),
         "stretched": list(described.stretched),
         "positions": None if described.positions is None else described.positions.tolist(),  # nan becomes null
-        "index_sha256": file_sha256(folder / flat_index.HEADER),
+        "index_sha256": hash_file(folder / flat_index.HEADER),
     }
     KIND.write_header(folder, {**asdict(facts), "temperature": facts.temperature._asdict(), **photos})
 
@@ -151,7 +152,7 @@ def load_map(folder: Path) -> tuple[DescribedPhotos, MapFacts]:
     except (ValueError, TypeError):
         raise KIND.damaged(folder, f"{HEADER} does not give a position for each photo") from None
     found = DescribedPhotos(photos, index, header["failed"], tuple(header["stretched"]), positions)
-    if file_sha256(folder / flat_index.HEADER) != header["index_sha256"] or index.names != found.names:
+    if hash_file(folder / flat_index.HEADER) != header["index_sha256"] or index.names != found.names:
         raise KIND.damaged(folder, f"{flat_index.HEADER} is not the one that {HEADER} was written for")
     return found, _facts(header, folder)
 

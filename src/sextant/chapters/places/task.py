@@ -15,6 +15,7 @@ from torch.optim import Optimizer
 from sextant.chapters.places.data import PlaceImages, PlaceTolerance
 from sextant.chapters.places.data.batches import PlaceBatch, PlaceBatchImages, batch_places, places_of
 from sextant.chapters.places.data.datamodule import PlaceData
+from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.chapters.places.whitening import Whitening, solve_projection
 from sextant.data.share import Share
 from sextant.evaluation.positives import Positives
@@ -30,15 +31,6 @@ from sextant.training.steps import StepLosses, over_processes
 
 #: number of training images from which a pooling is initialised
 FIRST_LOOK = 256
-
-
-@dataclass(frozen=True)
-class PlaceSpec:
-    """The input of a trained network: channels, height and width of its images."""
-
-    channels: int
-    height: int
-    width: int
 
 
 @dataclass(frozen=True)
@@ -70,7 +62,7 @@ class PlaceRecognition(pl.LightningModule):
     def __init__(
         self,
         network: PlaceNet,
-        spec: PlaceSpec,
+        spec: ImageSize,
         loss: PlaceLoss,
         mining: Mining | CachedHardMining,
         *,
@@ -178,10 +170,6 @@ class PlaceRecognition(pl.LightningModule):
         self.result = PlaceResult(self._take(), self._data.split("test"))
         recall_at_1, chance = mean_recall(self.result.descriptors, self.result.places, self._data.test_tolerance)
         self.log_dict({"test/recall_at_1": recall_at_1, "test/chance": chance})
-
-    def predict_step(self, images: Tensor) -> Tensor:
-        """Descriptors of images in [0, 1]."""
-        return self(images)  # type: ignore[no-any-return]
 
     def configure_optimizers(self) -> Any:
         """The optimiser, with the schedule stepped once per epoch."""

@@ -16,6 +16,7 @@ from sextant.chapters.places.describing import DescribedPhotos, upright_size
 from sextant.chapters.places.known_places import KnownPlaces
 from sextant.chapters.places.match_confidence import verdict
 from sextant.chapters.places.matching import Match, Matches
+from sextant.chapters.places.photo_folder import PhotoFolder
 from sextant.data.image_files import decode_image
 from sextant.errors import ArgumentError
 from sextant.reporter import Advance
@@ -206,8 +207,19 @@ def write_row_pairs(rows: Sequence[Mapping[str, Any]], reference: Path, queries:
         for row in rows
         for found in (*row.get("matches", ()), *row.get("sequence_matches", ()))
     ]
-    write_pairs(pairs, output / PAIRS, os.path.commonpath([reference.absolute(), queries.absolute()]))
+    write_pairs(pairs, output / PAIRS, _around_both(reference, queries))
     return output / PAIRS
+
+
+def check_pair_names(reference: PhotoFolder, queries: PhotoFolder) -> None:
+    """Raise an ``ArgumentError`` if a photo has a name that :func:`write_row_pairs` could not write."""
+    around = Path(os.path.abspath(_around_both(reference.folder, queries.folder)))
+    for path in (*reference.paths, *queries.paths):
+        _name(Path(os.path.abspath(path)), around)
+
+
+def _around_both(reference: Path, queries: Path) -> str:
+    return os.path.commonpath([reference.absolute(), queries.absolute()])
 
 
 def write_pairs(

@@ -87,5 +87,9 @@ def _opencv(camera: Mapping[str, Any], width: int, height: int, focal_px: float 
     if focal_px is None or not width:
         return None
     usual = {"fl_y": focal_px, "cx": width / 2, "cy": height / 2}
-    fy, cx, cy = (float(camera.get(key, value)) for key, value in usual.items())
-    return (focal_px, fy, cx - 0.5, cy - 0.5, *(float(camera.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2")))
+    given = {**usual, **dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)}
+    found = finite([camera.get(key, value) for key, value in given.items()], len(given))
+    if found is None:
+        return None
+    fy, cx, cy, *bent = found.tolist()
+    return (focal_px, fy, cx - 0.5, cy - 0.5, *bent)

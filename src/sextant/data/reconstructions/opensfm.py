@@ -80,6 +80,7 @@ def _lens(camera: Any) -> Lens | None:
     if focal is None:
         return Lens(model, int(size[0]), int(size[1]), None)
     focal_px, (width, height) = float(focal * size.max()), size.tolist()
-    bent = (float(camera.get("k1", 0.0)), float(camera.get("k2", 0.0)), 0.0, 0.0)
-    opencv = (focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, *bent) if model == "perspective" else None
+    bent, opencv = finite([camera.get("k1", 0.0), camera.get("k2", 0.0)], 2), None
+    if model == "perspective" and bent is not None:
+        opencv = (focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, *bent.tolist(), 0.0, 0.0)
     return Lens(model, int(width), int(height), focal_px, opencv)

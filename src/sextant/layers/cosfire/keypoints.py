@@ -23,7 +23,7 @@ class Keypoint:
 def keypoints(
     response: Float[Tensor, "h w"], *, threshold: float = 0.0, min_distance: float = 8.0, most: int = 5000
 ) -> list[Keypoint]:
-    """Peaks above ``threshold``, the strongest first.
+    """Peaks of at least ``threshold``, the strongest first.
 
     Peaks closer together than ``min_distance`` pixels count as one (clusters by complete linkage), represented by the
     strongest. A level response has no peak.
@@ -38,7 +38,7 @@ def keypoints(
 
     Source: Azzopardi and Petkov 2013, section 3.
     """
-    found = (peaks(response.detach()[None])[0] & (response > threshold)).nonzero()
+    found = (peaks(response.detach()[None])[0] & (response >= threshold)).nonzero()
     scores = response.detach()[found[:, 0], found[:, 1]]
     order = torch.argsort(scores, descending=True, stable=True)[:most]
     places, scores = found[order].cpu().numpy(), scores[order].cpu()

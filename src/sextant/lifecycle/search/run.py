@@ -28,6 +28,7 @@ from sextant.lifecycle.sweep_plan import Planned
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
 from sextant.runs.sweep_directory import SweepPlan, attach_command
+from sextant.tables import counted
 
 if TYPE_CHECKING:
     from sextant.lifecycle.search.study import Asked, Study
@@ -195,7 +196,7 @@ class _Search:
             else:
                 value = self.design.sign * float(np.nanmean(row))
                 self.study.tell(trial.number, value)
-                self.reporter.settled(trial.number, trial.setting, value, _seeds(int((~np.isnan(row)).sum())))
+                self.reporter.settled(trial.number, trial.setting, value, counted(int((~np.isnan(row)).sum()), "seed"))
 
     def _add(self, asked: "Asked") -> Trial:
         try:
@@ -228,7 +229,3 @@ class _Search:
             "importances": importances([t.setting for t, _ in valued], means, self.design),
         }
         write_json(folder / "search.json", found)
-
-
-def _seeds(count: int) -> str:
-    return f"{count} seed{'s' * (count > 1)}"

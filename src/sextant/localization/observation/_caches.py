@@ -1,7 +1,6 @@
-"""The caches of all neighbourhoods of a map, computed in blocks of bounded size and kept in memory or in files."""
+"""The caches of all neighbourhoods of a map, computed in blocks of bounded size."""
 
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -15,7 +14,6 @@ from sextant.localization.observation._factor import noisy_factor, noisy_varianc
 from sextant.localization.observation.model import stored
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.pose_kernel import PoseKernel
-from sextant.reporter import Advance
 
 #: Noise, as a share of the signal, below which whiteners are kept in float64: rounding would show in the variance.
 LITTLE_NOISE = 1e-3
@@ -56,25 +54,20 @@ class Caches:
         kernel: PoseKernel,
         neighbourhoods: Neighbourhoods,
         k: int,
-        folder: Path | None,
-        progress: Advance | None,
     ) -> Self:
-        """Compute the caches of a map; if a folder is given, they are written there and mapped.
+        """Compute the caches of a map, whose descriptors may be a mapped file larger than memory.
 
         Raises:
             UserError: a covariance is not positive definite.
-            OSError: the folder cannot be written.
         """
         n = len(map)
-        arrays = {name: _room(folder, name, shape, dtype) for name, (shape, dtype) in layout(n, k, kernel).items()}
+        arrays = {name: np.empty(shape, dtype) for name, (shape, dtype) in layout(n, k, kernel).items()}
         at_a_time = images_at_a_time(k, map.dimension)
         for start in range(0, n, at_a_time):
             rows = torch.arange(start, min(start + at_a_time, n))
             for name, values in prepared(map, kernel, neighbourhoods.of_images(rows, k).rows, rows).items():
                 arrays[name][start : start + len(rows)] = values.numpy()
-            if progress is not None:
-                progress(start + len(rows), n)
-        return cls(**{name: _settled(array) for name, array in arrays.items()})
+        return cls(**arrays)
 
     @classmethod
     def of_state(cls, state: dict[str, Tensor], n: int, k: int, kernel: PoseKernel) -> Self:
@@ -109,23 +102,6 @@ def layout(n: int, k: int, kernel: PoseKernel) -> dict[str, tuple[tuple[int, ...
         "image_norms": ((n,), np.float64),
         "mean_norms": ((n,), np.float64),
     }
-
-
-def _room(folder: Path | None, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> ndarray:
-    if folder is None:
-        return np.empty(shape, dtype)
-    folder.mkdir(parents=True, exist_ok=True)
-    return np.lib.format.open_memmap(folder / f"{name}.npy", mode="w+", dtype=dtype, shape=shape)
-
-
-def _settled(array: ndarray) -> ndarray:
-    """A written file, mapped so that nothing can change it any more; an array in memory is returned as it is."""
-    if not isinstance(array, np.memmap):
-        return array
-    array.flush()
-    path = array.filename
-    mapped: ndarray = np.load(str(path), mmap_mode="c", allow_pickle=False)
-    return mapped
 
 
 def images_at_a_time(k: int, dimension: int) -> int:

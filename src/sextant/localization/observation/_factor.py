@@ -33,3 +33,12 @@ def noisy_variance(kernel: PoseKernel, explained: Tensor) -> Tensor:
     left = (kernel.signal_variance - explained).clamp_min(LEAST * kernel.signal_variance)
     noisy: Tensor = left + kernel.noise_variance
     return noisy
+
+
+def check_noise(kernel: PoseKernel, name: str) -> None:
+    """Raise a ``UserError`` if the kernel has no noise, which the model of that name divides by."""
+    if not kernel.noise_variance > 0:
+        raise UserError(
+            f"kernel.noise_variance={kernel.noise_variance} must be above 0 for {name}",
+            "Train the kernel, or set a noise variance of a few per cent of the signal variance.",
+        )

@@ -23,7 +23,6 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from sextant.errors import UserError
 from sextant.localization.observation.model import ObservationModel, Prediction
 
 #: Feature values that are held at a time: 32 MiB.
@@ -89,14 +88,6 @@ class FeatureRegression(ObservationModel):
         eye = torch.eye(self.size, dtype=torch.float64)
         self.root = torch.linalg.solve_triangular(factor.T, eye, upper=True).contiguous()
         self.weights = (self.root @ (self.root.T @ linear)).contiguous()
-
-    def check_noise(self) -> None:
-        """Raise a UserError if the kernel has no noise, which this regression divides by."""
-        if not self.kernel.noise_variance > 0:
-            raise UserError(
-                f"kernel.noise_variance={self.kernel.noise_variance} must be above 0 for {type(self).__name__}",
-                "Train the kernel, or set a noise variance of a few per cent of the signal variance.",
-            )
 
     def log_evidence(self, moments: Moments) -> float:
         r"""The log of :math:`N(\bar Y; 0, \Phi\Phi^\top + s_n^2 I)`, the map's density under the features alone."""

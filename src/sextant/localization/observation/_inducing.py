@@ -19,7 +19,7 @@ from torch import Tensor
 
 from sextant.errors import ArgumentError, UserError
 from sextant.localization.descriptor_map import DescriptorMap
-from sextant.localization.observation._factor import noisy_variance
+from sextant.localization.observation._factor import check_noise, noisy_variance
 from sextant.localization.observation._feature_regression import FeatureRegression
 from sextant.localization.observation.model import Prediction, stored
 from sextant.localization.pose_kernel import PoseKernel
@@ -59,7 +59,7 @@ class InducingRegression(FeatureRegression):
         return self.inducing
 
     def _fit(self) -> None:
-        self.check_noise()
+        check_noise(self.kernel, type(self).__name__)
         self.inducing_poses = inducing_poses(self.map, self.kernel, self.inducing, self.placement, self.seed)
         self._factor = factor_of(self.kernel, self.inducing_poses).contiguous()
         self._fit_posterior()

@@ -17,8 +17,7 @@ product of experts for automatic and principled fusion of Gaussian process predi
 """
 
 from copy import copy
-from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 import torch
@@ -27,7 +26,6 @@ from numpy import ndarray
 from torch import Tensor
 
 from sextant.errors import ArgumentError
-from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import _cache_kernels as machine
 from sextant.localization.observation._caches import Caches
@@ -36,9 +34,7 @@ from sextant.localization.observation._rounded_rows import RoundedRows
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.model import ObservationModel, Prediction, Residuals
 from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
-from sextant.localization.pose_kernel import PoseKernel
 from sextant.ranges import Count, checked
-from sextant.reporter import Advance
 
 
 def blending_weights(squared: Float64[Tensor, "n k"], m: int) -> Float64[Tensor, "n m"]:
@@ -89,7 +85,9 @@ class CachedLocalGP(ObservationModel):
         ValueError: ``tile`` is given with ``rounded``.
 
     Example:
+        >>> from sextant.localization.descriptor_map import DescriptorMap
         >>> from sextant.localization.observation import LocalGP
+        >>> from sextant.localization.pose_kernel import PoseKernel
         >>> poses = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
         >>> places, kernel = DescriptorMap.of(poses, torch.rand(20, 8)), PoseKernel("rbf", (3.0, 3.0), 1.0, 1.0, 0.1)
         >>> here, slow = poses[:4] + 0.3, LocalGP(4, "nearest_image").fit(places, kernel)
@@ -111,34 +109,9 @@ class CachedLocalGP(ObservationModel):
         self.neighbours, self.blend, self.map_evidence, self.tile = neighbours, blend, map_evidence, tile
         self.rounded = rounded
 
-    def fit(
-        self,
-        map: DescriptorMap,
-        kernel: PoseKernel,
-        folder: Path | None = None,
-        progress: Advance | None = None,
-    ) -> Self:
-        """Prepare all neighbourhoods, a block of images at a time.
-
-        Args:
-            map: the map, whose descriptors may be a mapped file larger than memory, best in
-                :func:`~sextant.localization.tiled_map.spatial_order`.
-            kernel: the kernel with its hyper-parameters.
-            folder: where the caches are written and mapped from; without it they are kept in memory.
-            progress: called with the number of images done and of all.
-
-        Raises:
-            UserError: ``neighbours`` or ``blend`` is not between 1 and the number of map images, or the covariance of
-                neighbours is not positive definite.
-            OSError: the folder cannot be written.
-        """
-        self.map, self.kernel = map, kernel
-        self._fit(folder, progress)
-        return self
-
-    def _fit(self, folder: Path | None = None, progress: Advance | None = None) -> None:
+    def _fit(self) -> None:
         self._prepare()
-        self.caches = Caches.build(self.map, self.kernel, self.neighbourhoods, self.neighbours, folder, progress)
+        self.caches = Caches.build(self.map, self.kernel, self.neighbourhoods, self.neighbours)
 
     def _prepare(self) -> None:
         check_neighbours(self.neighbours, len(self.map))

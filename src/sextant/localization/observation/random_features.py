@@ -24,6 +24,7 @@ from annotated_types import Ge, MultipleOf
 from jaxtyping import Float64
 from torch import Generator, Tensor
 
+from sextant.localization.observation._factor import check_noise
 from sextant.localization.observation._feature_regression import FeatureRegression
 from sextant.localization.observation.model import stored
 from sextant.localization.pose_kernel import PoseKernel
@@ -64,7 +65,7 @@ class RandomFeatures(FeatureRegression):
         return self.features
 
     def _fit(self) -> None:
-        self.check_noise()
+        check_noise(self.kernel, type(self).__name__)
         generator = torch.Generator().manual_seed(self.seed)
         self.frequencies = spectral_frequencies(self.kernel, self.features // 2, generator)
         moments, noise = self.moments(), self.kernel.noise_variance

@@ -32,6 +32,7 @@ from linear_operator.utils.warnings import NumericalWarning
 from torch import Tensor
 
 from sextant.errors import ArgumentError, UserError
+from sextant.localization.observation._factor import check_noise
 from sextant.localization.observation._inducing import factor_of, inducing_poses
 from sextant.localization.observation._pose_grid import PoseGrid
 from sextant.localization.observation.model import ObservationModel, Prediction, stored
@@ -79,11 +80,7 @@ class SKI(ObservationModel):
         self.spacing, self.rank, self.seed = spacing, rank, seed
 
     def _fit(self) -> None:
-        if not self.kernel.noise_variance > 0:
-            raise UserError(
-                f"kernel.noise_variance={self.kernel.noise_variance} must be above 0 for SKI",
-                "Train the kernel, or set a noise variance of a few per cent of the signal variance.",
-            )
+        check_noise(self.kernel, type(self).__name__)
         self._make_grid()
         weights, _ = self._grid.interpolation(self.map.poses)
         transposed = weights.T.tocsr()

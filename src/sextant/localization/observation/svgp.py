@@ -16,14 +16,12 @@ all models.
 Source: J. Hensman, N. Fusi, N. D. Lawrence, "Gaussian processes for big data", UAI 2013.
 """
 
-import math
 from typing import Annotated
 
 import torch
 from annotated_types import Gt, Le
 from torch import Tensor
 
-from sextant.localization.observation._feature_regression import ENTRIES
 from sextant.localization.observation._inducing import InducingRegression, Placement
 from sextant.ranges import Count, Seed, checked
 
@@ -83,17 +81,3 @@ class SVGP(InducingRegression):
             precision.lerp_(eye + scale * features.T @ features, rate)
             linear.lerp_(scale * features.T @ residuals, rate)
         self.solve(precision, linear)
-
-    def elbo(self) -> float:
-        """The lower bound on the log marginal likelihood of all outputs in nats, over the whole map, in blocks."""
-        n, outputs, noise = len(self.map), self.map.dimension, self.kernel.noise_variance
-        squared = left = 0.0
-        rows = max(1, ENTRIES // max(self.size, outputs))
-        for poses, descriptors in zip(self.map.poses.split(rows), self.map.descriptors.split(rows), strict=True):
-            predicted = self.predict(poses)
-            squared += float((descriptors.double() - predicted.mean).square().sum())
-            left += float((predicted.variance - noise).sum())
-        expected = -0.5 * (n * outputs * math.log(2 * math.pi * noise) + (squared + outputs * left) / noise)
-        log_determinant = float(2 * self.root.diagonal().log().sum())
-        spread = float(self.root.square().sum()) - self.size - log_determinant
-        return expected - 0.5 * (float(self.weights.square().sum()) + outputs * spread)

@@ -27,6 +27,7 @@ from torch import Tensor
 
 from sextant.errors import ArgumentError
 from sextant.geometry.planar import se2_between, wrap_angle
+from sextant.localization.belief import picked
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.metric_pose import EvidenceWithPose, MetricPoses
 from sextant.localization.recovery.bayes_restart import BayesRestart
@@ -174,12 +175,8 @@ def _together(restarted: Injection | None, drawn: Injection, log_rest: float, fo
     first = at < restarted.count[:, None]
     before = at.clamp(max=restarted.poses.shape[1] - 1)
     later = (at - restarted.count[:, None]).clamp(0, drawn.poses.shape[1] - 1)
-    poses = torch.where(first[..., None], _rows(restarted.poses, before), _rows(drawn.poses, later))
+    poses = torch.where(first[..., None], picked(restarted.poses, before), picked(drawn.poses, later))
     weights = restarted.log_weights + rest[:, None]
     log_weights = torch.where(first, weights.gather(1, before), drawn.log_weights.gather(1, later))
     kept = torch.where(restarted.count > 0, restarted.log_kept, 0.0)
     return Injection(poses, log_weights, count, kept + shared)
-
-
-def _rows(poses: Float64[Tensor, "r m 3"], rows: Tensor) -> Float64[Tensor, "r k 3"]:
-    return poses.gather(1, rows[..., None].expand(-1, -1, 3))

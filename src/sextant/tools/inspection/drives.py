@@ -13,13 +13,12 @@ from sextant.chapters.localization.data.recorded_poses import RECORDED
 from sextant.chapters.places.data.gps_poses import local_poses
 from sextant.chapters.places.data.pose_files import read_pose_table
 from sextant.config.override_words import override, overrides_of, plain_name
-from sextant.data.videos import VIDEOS
 from sextant.errors import ArgumentError
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION, TOWN_LOCALIZATION
 from sextant.tools.inspection.gps import positions, same_ground
 from sextant.tools.inspection.poses import FoundPoses
 from sextant.tools.inspection.seen import Seen
-from sextant.tools.inspection.suggestion import Suggestion, command
+from sextant.tools.inspection.suggestion import Suggestion, command, outputs
 from sextant.tools.inspection.traverses import MAPS
 from sextant.user_files import table_header
 
@@ -52,15 +51,14 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
         moved = {each.folder: _odometry(seen, each.folder) for each in seen.folders if each.folder not in posed}
         given |= {folder: {**table} for folder, table in moved.items() if table}
     if given:
+        answers = outputs("localization", seen.folder, given)
+        answers[Path()] = Path("localization", seen.folder.resolve().name)
         yield Suggestion(
             "localize a drive in a map",
             "<map> is a run of task=localization or a saved map of these places, such as one that sextant walk writes"
             + "; every=10 takes every tenth image" * bool(streams),
             tuple(
-                command(
-                    "localize", map="<map>", input=seen.folder / each, **more,
-                    output=_answers(seen.folder, each),
-                )
+                command("localize", map="<map>", input=seen.folder / each, **more, output=answers[each])
                 for each, more in list(given.items())[:MOST_STREAMS]
             ),
         )  # fmt: skip
@@ -93,12 +91,12 @@ def _located(seen: Seen) -> Iterator[Suggestion]:
         each for each in others if not any(each.is_relative_to(other) or other.is_relative_to(each) for other in posed)
     ]
     if found:
+        located = outputs("located", seen.folder, found)
         yield Suggestion(
             "locate photos among photos with poses",
             f"{homes[home].file.as_posix()} has poses in six dimensions; it takes pip install 'sextant-vision[local]'",
             tuple(
-                command("locate", map=seen.folder / home, input=seen.folder / each,
-                        output=Path("located", each.with_suffix("") if each.suffix.lower() in VIDEOS else each))
+                command("locate", map=seen.folder / home, input=seen.folder / each, output=located[each])
                 for each in found[:MOST_STREAMS]
             ),
         )  # fmt: skip
@@ -130,13 +128,13 @@ def _walks(seen: Seen) -> Iterator[Suggestion]:
         and not any(each.is_relative_to(other) or other.is_relative_to(each) for other in posed)
     }
     if found:
+        walks = outputs("walk", seen.folder, found)
         yield Suggestion(
             "localize images without poses in a map of your own",
             f"{homes[home].file.as_posix()} has the poses of {home.as_posix()}; both cameras are calibrated, if each "
             "set of images is from one camera with one zoom",
             tuple(
-                command("walk", input=seen.folder / each, map=seen.folder / home, **more,
-                        output=Path("walk", each.parent, each.stem))
+                command("walk", input=seen.folder / each, map=seen.folder / home, **more, output=walks[each])
                 for each, more in list(found.items())[:MOST_STREAMS]
             ),
         )  # fmt: skip
@@ -207,13 +205,6 @@ def _spacing(seen: Seen, found: FoundPoses, folder: Path) -> float:
         where = np.array([(each.x, each.y) for each in poses])
     steps = np.linalg.norm(np.diff(where, axis=0), axis=1)
     return float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-
-
-def _answers(folder: Path, drive: Path) -> Path:
-    """The output folder for a drive below a folder; a dot in the name of a folder does not begin a suffix."""
-    if not drive.name:
-        return Path("localization", folder.resolve().name)
-    return Path("localization", drive if (folder / drive).is_dir() else drive.with_suffix(""))
 
 
 def _odometry(seen: Seen, images: Path) -> dict[str, Path]:

@@ -17,7 +17,7 @@ from sextant.tools.inspection.drives import localization
 from sextant.tools.inspection.photos import camera_groups, described, fit_for_calibration
 from sextant.tools.inspection.poses import FoundPoses
 from sextant.tools.inspection.seen import Seen
-from sextant.tools.inspection.suggestion import Suggestion, command
+from sextant.tools.inspection.suggestion import Suggestion, command, outputs
 from sextant.tools.inspection.times import FolderOfPhotos
 from sextant.tools.inspection.traverses import ImageFolders, image_folders
 from sextant.user_files import table_header
@@ -82,9 +82,10 @@ def trajectory_pairs(seen: Seen) -> Iterator[Suggestion]:
     if not pairs:
         return
     commands = []
-    for pair in pairs[:MOST]:
+    for number, pair in enumerate(pairs[:MOST], 1):
         files = [each.file for each in sorted(pair, key=lambda each: not _is_reference(each))]
-        commands.append(command("trajectory", *(str(seen.folder / file) for file in files), "figure=plan.png"))
+        figure = "figure=plan.png" if number == 1 else f"figure=plan_{number}.png"
+        commands.append(command("trajectory", *(str(seen.folder / file) for file in files), figure))
     why = f"{len(pairs):,} pairs of files have poses of the same frames; the reference comes first"
     yield Suggestion("compare two trajectories", why, tuple(commands))
 
@@ -155,8 +156,7 @@ def _calibration(seen: Seen) -> Iterator[Suggestion]:
     commands, why = list[str](), counted(len(photos), "photo")
     if len(groups) > 1 and each_its_own and 1 < len(by_folder) <= CAMERAS:
         why += ", each folder of one camera"
-        for place in by_folder:
-            output = f"calibrated/{place.name}"
+        for place, output in outputs("calibrated", seen.folder, by_folder).items():
             commands.append(command("predict", input=seen.folder / place, output=output, camera="one"))
     else:
         one = {"camera": "one"} if len(groups) == 1 and len(photos) > 1 else {}
@@ -175,17 +175,12 @@ def _calibration(seen: Seen) -> Iterator[Suggestion]:
 
 def _calibration_of_videos(seen: Seen) -> Iterator[Suggestion]:
     fine = [Path(each.name) for each in seen.videos if min(each.width, each.height) >= SMALLEST_PHOTO]
-    stems = {each: each.with_suffix("") for each in fine}
-    if len({*stems.values()}) < len(fine):
-        stems = {each: each for each in fine}
     if fine:
+        calibrated = outputs("calibrated", seen.folder, fine)
         yield Suggestion(
             "calibrate the camera of a video",
             "some of its frames, as photos of one camera",
-            tuple(
-                command("predict", input=seen.folder / each, output=Path("calibrated", stems[each]))
-                for each in fine[:CAMERAS]
-            ),
+            tuple(command("predict", input=seen.folder / each, output=calibrated[each]) for each in fine[:CAMERAS]),
         )
 
 
@@ -195,7 +190,11 @@ def _benchmark(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Suggesti
     if not known and sum(header.focal_px is not None for header in photos.values()) >= LEAST_FOCALS:
         known = {Path(): "focal lengths in EXIF"}
     if known:
-        commands = [command("benchmark", "calibration", folder=seen.folder / place) for place in known]
+        own = {place: {"output": to} for place, to in outputs("benchmark", seen.folder, known).items()}
+        commands = [
+            command("benchmark", "calibration", folder=seen.folder / place, **(own[place] if len(known) > 1 else {}))
+            for place in known
+        ]
         why = f"ground truth beside the photos: {', '.join(dict.fromkeys(known.values()))}"
         yield Suggestion("measure calibration on photos of known cameras", why, tuple(commands))
 

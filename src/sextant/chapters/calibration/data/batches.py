@@ -1,7 +1,5 @@
 """Batches of crops: cameras drawn, images cut and augmented."""
 
-import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -13,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int64, UInt8
 from numpy import ndarray
 from torch import Tensor
-from torch.utils.data import Dataset, Sampler
+from torch.utils.data import Dataset
 
 from sextant.chapters.calibration.data.camera_distributions import CameraDistribution
 from sextant.chapters.calibration.data.crops import crop_batch
@@ -185,7 +183,6 @@ class Crops(Dataset[CropBatch]):
         width: width of a crop in pixels.
         height: height of a crop in pixels.
         seed: seed of the draws.
-        antialias: average over the area of a pixel.
         augment: vary lighting and sensor noise, and mirror, by :func:`augmented`.
         keep: cache every batch, for crops that are requested repeatedly.
         canvas: crops are squares of ``width`` with the whole picture in the middle (:mod:`sextant.geometry.canvas`);
@@ -201,7 +198,6 @@ class Crops(Dataset[CropBatch]):
         height: int,
         seed: int,
         *,
-        antialias: bool = True,
         augment: bool = False,
         keep: bool = False,
         canvas: bool = False,
@@ -209,7 +205,7 @@ class Crops(Dataset[CropBatch]):
     ):
         self.panoramas, self.distribution, self.seed, self.augment = panoramas, distribution, seed, augment
         self._kept: dict[bytes, CropBatch] | None = {} if keep else None
-        self.width, self.height, self.antialias = width, height, antialias
+        self.width, self.height = width, height
         self.canvas, self.detail = canvas, detail
 
     def __getitem__(self, numbers: list[int] | Tensor) -> CropBatch:
@@ -226,14 +222,12 @@ class Crops(Dataset[CropBatch]):
         shown = draw
         if self.canvas:
             shown = replace(draw, cameras=on_canvas(draw.cameras, draw.aspect), aspect=torch.ones_like(draw.aspect))
-        images = crop_batch(
-            self.panoramas, which, shown, self.width, self.height,
-            k2_of_k1=self.distribution.k2_of_k1, antialias=self.antialias,
-        )  # fmt: skip
+        family = self.distribution.k2_of_k1
+        images = crop_batch(self.panoramas, which, shown, self.width, self.height, k2_of_k1=family)
         if self.detail is not None:
-            images = with_detail(np.asarray(images), self.detail, chosen, self.seed)
+            images = with_detail(images, self.detail, chosen, self.seed)
         batch = CropBatch(
-            torch.as_tensor(images),
+            torch.from_numpy(images),
             draw.cameras.to(dtype=torch.float32),
             draw.aspect.float(),
             torch.from_numpy(which),
@@ -246,31 +240,3 @@ class Crops(Dataset[CropBatch]):
         numbers: Int64[ndarray, "n"] = np.arange(count)
         n = len(self.panoramas)
         return self.distribution.draw_for(numbers % n, numbers // n, self.seed).cameras
-
-
-class CropSampler(Sampler[Tensor]):
-    """Batches of crop numbers.
-
-    Args:
-        count: crops in an epoch.
-        batch_size: crops in a batch; the last of an epoch may be smaller.
-        seed: seed of the order; None keeps the order, and the same crops in every epoch.
-    """
-
-    def __init__(self, count: int, batch_size: int, seed: int | None = None):
-        self.count, self.batch_size, self.seed = count, batch_size, seed
-        self.epoch = 0
-
-    def set_epoch(self, epoch: int) -> None:
-        """Choose the epoch; the trainer calls this before each."""
-        self.epoch = epoch
-
-    def __len__(self) -> int:
-        return math.ceil(self.count / self.batch_size)
-
-    def __iter__(self) -> Iterator[Tensor]:
-        numbers = torch.arange(self.count)
-        if self.seed is not None:
-            generator = torch.Generator().manual_seed(self.seed * 1_000_003 + self.epoch)
-            numbers = self.epoch * self.count + torch.randperm(self.count, generator=generator)
-        return iter(numbers.split(self.batch_size))

@@ -4,9 +4,10 @@ import numpy as np
 import pytorch_lightning as pl
 from torch.utils.data import DataLoader
 
-from sextant.chapters.calibration.data.batches import CropBatch, Crops, CropSampler
+from sextant.chapters.calibration.data.batches import CropBatch, Crops
 from sextant.chapters.calibration.data.camera_distributions import CameraDistribution
 from sextant.chapters.calibration.data.panoramas import PanoramaSource
+from sextant.data.batches import EpochBatches
 from sextant.data.share import WHOLE, Share, SharedBatches
 from sextant.geometry import CameraParameters
 
@@ -80,9 +81,9 @@ class CalibrationData(pl.LightningDataModule):
         """Number of crops in a split; for ``train``, in an epoch."""
         return len(self._splits[name].panoramas) * self.crops_per_panorama[name]
 
-    def distribution_sample(self, count: int = 20_000) -> CameraParameters:
+    def distribution_sample(self) -> CameraParameters:
         """Cameras of the training distribution, for methods that learn only from labels."""
-        numbers = np.arange(count)
+        numbers = np.arange(20_000)
         return self.distribution.draw_for(numbers, np.zeros_like(numbers), self.seed).cameras
 
     def larger(self, name: str) -> Crops:
@@ -93,7 +94,7 @@ class CalibrationData(pl.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[CropBatch]:
         """New crops every epoch, a function of (seed, epoch)."""
-        batches = CropSampler(self.count("train"), self.batch_size, self.seed)
+        batches = EpochBatches(self.count("train"), self.batch_size, self.seed, numbered=True)
         if self.trainer is not None:
             # On resuming, Lightning takes the first iterator before it sets the sampler's epoch.
             batches.set_epoch(self.trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
@@ -101,13 +102,13 @@ class CalibrationData(pl.LightningDataModule):
 
     def val_dataloader(self) -> DataLoader[CropBatch]:
         """The same validation crops in every epoch."""
-        return self._loader("val", CropSampler(self.count("val"), self.eval_batch_size))
+        return self._loader("val", EpochBatches(self.count("val"), self.eval_batch_size))
 
     def test_dataloader(self) -> DataLoader[CropBatch]:
         """Test crops in order."""
-        return self._loader("test", CropSampler(self.count("test"), self.eval_batch_size))
+        return self._loader("test", EpochBatches(self.count("test"), self.eval_batch_size))
 
-    def _loader(self, name: str, batches: CropSampler, share: Share = WHOLE) -> DataLoader[CropBatch]:
+    def _loader(self, name: str, batches: EpochBatches, share: Share = WHOLE) -> DataLoader[CropBatch]:
         return DataLoader(
             SharedBatches(self._splits[name], share),
             sampler=batches,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar, get_args, runtime_checkable
+from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 from jaxtyping import UInt8
@@ -16,13 +16,7 @@ from numpy import ndarray
 from sextant.data.rendered import RenderedSource
 from sextant.errors import ArgumentError, UserError
 
-if TYPE_CHECKING:
-    import torch
-    from torch import Tensor
-
-
 SMALLEST = 8  # rows of the coarsest level
-Value = TypeVar("Value")
 
 
 def padded(panorama: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h+2 w+2 4"]:
@@ -53,22 +47,21 @@ def top_level(height: int) -> int:
     return max(0, (height // SMALLEST).bit_length() - 1)
 
 
-class Kept(Generic[Value]):
-    """A cache of values by key that drops the least recently used ones beyond a number of bytes.
+class Kept:
+    """A cache of arrays by key that drops the least recently used ones beyond a number of bytes.
 
     Args:
-        most_bytes: limit for all values together.
-        size: bytes of a value.
+        most_bytes: limit for all arrays together.
     """
 
-    def __init__(self, most_bytes: int, size: Callable[[Value], int]):
-        self.most_bytes, self._size = most_bytes, size
-        self._values: OrderedDict[object, Value] = OrderedDict()
+    def __init__(self, most_bytes: int):
+        self.most_bytes = most_bytes
+        self._values: OrderedDict[object, ndarray] = OrderedDict()
         self._bytes = 0
         self._lock = Lock()
 
-    def get(self, key: object, make: Callable[[], Value]) -> Value:
-        """The value of a key, made if it is not cached."""
+    def get(self, key: object, make: Callable[[], ndarray]) -> ndarray:
+        """The array of a key, made if it is not cached."""
         with self._lock:
             if key in self._values:
                 self._values.move_to_end(key)
@@ -77,14 +70,14 @@ class Kept(Generic[Value]):
         with self._lock:
             if key not in self._values:
                 self._values[key] = value
-                self._bytes += self._size(value)
+                self._bytes += value.nbytes
             while self._bytes > self.most_bytes and len(self._values) > 1:
                 _, oldest = self._values.popitem(last=False)
-                self._bytes -= self._size(oldest)
+                self._bytes -= oldest.nbytes
         return value
 
-    def __reduce__(self) -> tuple[type["Kept[Value]"], tuple[int, Callable[[Value], int]]]:
-        return type(self), (self.most_bytes, self._size)  # another process starts with an empty cache
+    def __reduce__(self) -> tuple[type["Kept"], tuple[int]]:
+        return type(self), (self.most_bytes,)  # another process starts with an empty cache
 
 
 Split = Literal["train", "val", "test"]
@@ -113,8 +106,7 @@ class Panoramas:
         self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
         if len(self._rows) != len(self.names):
             raise ValueError(f"{len(self._rows)} panoramas with {len(self.names)} names")
-        self._levels: Kept[ndarray] = Kept(KEPT_BYTES, _bytes)
-        self._on_device: Kept[Tensor] = Kept(KEPT_BYTES, _bytes)
+        self._levels = Kept(KEPT_BYTES)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -126,25 +118,11 @@ class Panoramas:
         """Panorama ``i`` halved ``level`` times and padded; computed once and kept within :data:`KEPT_BYTES`."""
         return self._levels.get((int(self._rows[i]), level), lambda: padded(self._halved(i, level)))
 
-    def level_on(self, i: int, level: int, device: "torch.device") -> "UInt8[Tensor, '3 h w']":
-        """The same on a device, channels first; kept there within the same limit."""
-        import torch
-
-        def moved() -> torch.Tensor:
-            planes = np.ascontiguousarray(self.level(i, level)[..., :3].transpose(2, 0, 1))
-            return torch.from_numpy(planes).to(device)
-
-        return self._on_device.get((int(self._rows[i]), level, device), moved)
-
     def _halved(self, i: int, level: int) -> ndarray:
         image = self[i]
         for _ in range(level):  # intermediate levels are not kept: they are often larger, and unused
             image = halved(image)
         return image
-
-
-def _bytes(array: "ndarray | Tensor") -> int:
-    return int(array.nbytes)
 
 
 @runtime_checkable

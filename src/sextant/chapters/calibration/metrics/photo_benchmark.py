@@ -10,6 +10,7 @@ from numpy import ndarray
 
 from sextant.chapters.calibration.metrics.errors import calibration_errors
 from sextant.chapters.calibration.metrics.summary import AUC_DEG, ErrorSummary, Estimate, summary
+from sextant.evaluation.conformal import cluster_resamples
 from sextant.geometry import CameraParameters, vfov_from_focal, wrap_angle
 
 #: columns of a table: title, error, digits, and whether it has areas under the recall curve
@@ -141,15 +142,15 @@ def interval_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
     return ["method", *(f"{name}, {level} %" for name in names for level in levels)], rows
 
 
-def verdict_table(truth: Truth, answers: Answers, wrong: float = 20.0) -> Table:
-    """For each verdict: the number of photos, their errors, and how many focal lengths are off by over ``wrong`` %.
+def verdict_table(truth: Truth, answers: Answers) -> Table:
+    """For each verdict: the number of photos, their errors, and how many focal lengths are wrong (:data:`WRONG`).
 
     >>> truth = Truth(np.array([[0.0, 0.0, 1.0, 0.0]] * 2), aspect=np.ones(2), clusters=["hall", "hall"])
     >>> said = Answers(truth.cameras * [[1, 1, 1.1, 1], [1, 1, 1.5, 1]], {}, ["good", "weak"])
     >>> [[row[0], *row[-2:]] for row in verdict_table(truth, said)[1][:2]]  # per cent, and how many are too far off
     [['good', '10.0', '0'], ['weak', '50.0', '1']]
     """
-    errors = truth.errors(answers.cameras)
+    errors, wrong = truth.errors(answers.cameras), WRONG["focal_percent"]
     rows = []
     for verdict in ("good", "weak", "not trustworthy", "failed"):
         has = np.array([each == verdict for each in answers.verdicts], bool)
@@ -225,14 +226,14 @@ def _median(errors: Float[ndarray, "n"], digits: int) -> str:
     return f"{np.median(known):.{digits}f}" if len(known) else "–"
 
 
-def _share(held: ndarray, clusters: ndarray, resamples: int = 1000) -> str:
+def _share(held: ndarray, clusters: ndarray) -> str:
     if not len(held):
         return "–"
-    own = np.unique(clusters, return_inverse=True)[1]
+    own = np.unique(clusters, return_inverse=True)[1].astype(np.int64)
     counts, hits = np.bincount(own), np.bincount(own, weights=held)
     value = f"{100 * held.mean():.0f}"
     if len(counts) < 2:
         return value
-    drawn = np.random.default_rng(0).multinomial(len(counts), np.full(len(counts), 1 / len(counts)), size=resamples)
+    drawn = cluster_resamples(own, 1000, 0)
     low, high = np.quantile(100 * (drawn @ hits) / (drawn @ counts), [0.025, 0.975])
     return f"{value} [{low:.0f}, {high:.0f}]"

@@ -29,6 +29,7 @@ from sextant.evaluation.shares import median_error
 
 FULL_BELOW = 1.0  # degrees: GeoCalib's ``min_error``
 AUC_DEG = (1, 5, 10)
+CONFIDENCE = 0.95  # of the intervals
 #: prefix of the arrays of a run that mark the images of a kind of scene
 KIND = "kind/"
 AUC_OF = ("tilt_deg", "roll_deg", "vfov_deg", "bearing_deg")
@@ -103,7 +104,6 @@ def summary(
     errors: Mapping[str, Float[ndarray, "n"]],
     panoramas: Integer[ndarray, "n"],
     *,
-    confidence: float = 0.95,
     resamples: int = 1000,
     seed: int = 0,
 ) -> dict[str, ErrorSummary]:
@@ -112,7 +112,6 @@ def summary(
     Args:
         errors: by name, absolute; nan where the method gave no answer.
         panoramas: which panorama each image was cut from.
-        confidence: of the intervals, in (0, 1).
         resamples: of the bootstrap.
         seed: of the bootstrap; the same panoramas give the same resamples for every method and error.
 
@@ -129,7 +128,7 @@ def summary(
     clusters = np.unique(panoramas, return_inverse=True)[1].astype(np.int64)
     counts = cluster_resamples(clusters, resamples, seed)
     return {
-        name: _summary_of(values, clusters, counts, confidence, AUC_DEG if name in AUC_OF else ())
+        name: _summary_of(values, clusters, counts, AUC_DEG if name in AUC_OF else ())
         for name, values in errors.items()
     }
 
@@ -138,7 +137,6 @@ def _summary_of(
     values: Float[ndarray, "n"],
     clusters: Int64[ndarray, "n"],
     counts: Int64[ndarray, "resamples k"],
-    confidence: float,
     thresholds: tuple[int, ...],
 ) -> ErrorSummary:
     answered = ~np.isnan(values)
@@ -158,14 +156,14 @@ def _summary_of(
         longest = np.zeros(k)
         np.maximum.at(longest, clusters, last)
         resampled = total(scores) / drawn + np.where(counts > 0, longest, 0).max(1) / (2 * drawn * t)
-        areas[t] = _estimate(auc(errors, float(t)), resampled, confidence, k)
+        areas[t] = _estimate(auc(errors, float(t)), resampled, k)
     mean = float(errors[answered].mean()) if answered.any() else float("nan")
     return ErrorSummary(
         images=len(values),
         panoramas=k,
         answered=float(answered.mean()),
-        median=_estimate(median_error(errors), _resampled_medians(errors, clusters, counts), confidence, k),
-        mean=_estimate(mean, means, confidence, k),
+        median=_estimate(median_error(errors), _resampled_medians(errors, clusters, counts), k),
+        mean=_estimate(mean, means, k),
         auc=areas,
     )
 
@@ -203,11 +201,11 @@ def _resampled_medians(
     return medians
 
 
-def _estimate(value: float, resampled: Float[ndarray, "resamples"], confidence: float, clusters: int) -> Estimate:
+def _estimate(value: float, resampled: Float[ndarray, "resamples"], clusters: int) -> Estimate:
     if clusters < 2 or np.isnan(resampled).any():
         return Estimate(value, float("nan"), float("nan"))
     # order statistics, as interpolating between infinite ones gives nan
-    low, high = np.quantile(resampled, [(1 - confidence) / 2, (1 + confidence) / 2], method="inverted_cdf")
+    low, high = np.quantile(resampled, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], method="inverted_cdf")
     return Estimate(value, float(low), float(high))
 
 
@@ -225,9 +223,7 @@ TABLE = (
 )
 
 
-def methods_table(
-    methods: Mapping[str, Mapping[str, ErrorSummary]], *, intervals: bool = False
-) -> tuple[list[str], list[list[str]]]:
+def methods_table(methods: Mapping[str, Mapping[str, ErrorSummary]]) -> tuple[list[str], list[list[str]]]:
     """Titles and rows of text, one row per method.
 
     Columns: the share of images for which the method gave an answer, median errors, and AUC@1/5/10 of the angles in
@@ -235,7 +231,6 @@ def methods_table(
 
     Args:
         methods: summaries of each method, in the order of the rows; a missing error is shown as a dash.
-        intervals: show the interval of each median.
 
     >>> titles, rows = methods_table({"ours": summary({"tilt_deg": np.array([0.5, 1.5])}, np.array([0, 1]))})
     >>> titles[:3], rows[0][:3]
@@ -248,16 +243,13 @@ def methods_table(
         # share of complete cameras, or of the quantities that a method without complete cameras estimates
         whole = errors["bearing_deg"].answered if "bearing_deg" in errors else 0.0
         share = whole or max((of.answered for of in errors.values()), default=float("nan"))
-        medians = [_cell(errors.get(name), digits, intervals) for _, name, digits in TABLE]
+        medians = [_cell(errors.get(name), digits) for _, name, digits in TABLE]
         rows.append([method, _number(100 * share, 0), *medians, *(_areas(errors.get(name)) for name in AUC_OF)])
     return ["method", "answered (%)", *titles, *areas], rows
 
 
-def _cell(of: ErrorSummary | None, digits: int, interval: bool) -> str:
-    if of is None:
-        return "–"
-    value, low, high = (_number(number, digits) for number in (of.median.value, of.median.low, of.median.high))
-    return f"{value} [{low}, {high}]" if interval else value
+def _cell(of: ErrorSummary | None, digits: int) -> str:
+    return "–" if of is None else _number(of.median.value, digits)
 
 
 def _areas(of: ErrorSummary | None) -> str:

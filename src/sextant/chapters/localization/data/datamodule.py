@@ -12,7 +12,7 @@ from numpy import ndarray
 from torch import Tensor
 from torch.utils.data import DataLoader
 
-from sextant.chapters.localization.data.described import DescribedDrives, Showing
+from sextant.chapters.localization.data.described import DescribedDrives, Showing, silent
 from sextant.chapters.localization.data.drive import Drive, LocalizationData
 from sextant.chapters.localization.data.source import LocalizationSource
 from sextant.chapters.places.descriptors import Describer
@@ -51,7 +51,7 @@ class LocalizationDataModule(pl.LightningDataModule):
         steps: int = 10,
         seed: int = 0,
         merge_duplicates: bool = False,
-        show: Showing | None = None,
+        show: Showing = silent,
     ):
         super().__init__()
         self.source, self.describer, self.cache = source, describer, cache

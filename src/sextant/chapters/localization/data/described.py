@@ -8,7 +8,7 @@ all, and memory-mapped.
 import hashlib
 import json
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -23,12 +23,17 @@ from sextant.chapters.places.data.image_rows import ImageRows
 from sextant.chapters.places.descriptors import Describer
 from sextant.errors import UserError
 from sextant.kept_array import keep_array, open_kept
-from sextant.reporter import Advance
+from sextant.reporter import SILENT, Advance
 
 #: images read and described at a time; in colour at 64x96 pixels they take 18 MB
 BATCH = 1024
 #: makes a progress display with the given title
 Showing = Callable[[str], AbstractContextManager[Advance]]
+
+
+def silent(title: str) -> AbstractContextManager[Advance]:
+    """A progress display that shows nothing."""
+    return SILENT.progress(title, "images")
 
 
 class DescribedDrives:
@@ -41,7 +46,7 @@ class DescribedDrives:
         show: makes the progress display of one drive.
     """
 
-    def __init__(self, describer: Describer, dataset: str, cache: Path, show: "Showing | None" = None):
+    def __init__(self, describer: Describer, dataset: str, cache: Path, show: Showing = silent):
         self.describer, self.dataset, self.cache, self.show = describer, dataset, cache, show
         self._fitted = False
 
@@ -82,7 +87,7 @@ class DescribedDrives:
             self.describer.fit(self._map.images)
             self._fitted = True
         try:
-            with self.show(f"describing {drive.name}") if self.show else nullcontext(_silent) as progress:
+            with self.show(f"describing {drive.name}") as progress:
                 keep_array(path, partial(self._describe, drive.images, progress))
         except OSError as error:
             raise UserError(
@@ -98,7 +103,3 @@ class DescribedDrives:
                 )
             file.write(found.data)
             progress(start + len(found), len(images))
-
-
-def _silent(done: int, total: int) -> None:
-    """Show nothing."""

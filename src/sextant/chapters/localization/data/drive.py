@@ -216,6 +216,11 @@ class LocalizationData:
         """The images that the descriptor and the kernel are fitted to."""
         return self.map if self.fit_map is None else self.fit_map
 
+    @property
+    def map_of_validation(self) -> Drive:
+        """The map in which ``validation`` is localized."""
+        return self.map if self.validation_map is None else self.validation_map
+
     def __post_init__(self) -> None:
         names = [drive.name for drive in (*self.test, *self.corrupted, *self.validation)]
         if len(set(names)) < len(names):

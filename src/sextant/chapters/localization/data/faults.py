@@ -1,14 +1,16 @@
 """Faults of the robot, its camera, its wheels, or its map."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.chapters.localization.data.drive import Drive, LocalizationData, compose_over
 from sextant.errors import ArgumentError, UserError
+from sextant.ranges import Count, NonNegative, Positive, checked
 from sextant.tables import counted
 
 __all__ = [
@@ -100,6 +102,7 @@ def stretch_at(frame: float | int, length: int, drive: Drive, name: str) -> slic
     return slice(first, first + length)
 
 
+@checked
 @dataclass(frozen=True)
 class DroppedFrames(Fault):
     """Each image, with its scan, is lost with probability ``share``; odometry continues.
@@ -107,11 +110,7 @@ class DroppedFrames(Fault):
     The first frame is kept: a drive begins with an image.
     """
 
-    share: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.share <= 1:
-            raise UserError(f"fault.share={self.share:g} must be in [0, 1]", "fault.share=0.5")
+    share: Annotated[float, Ge(0), Le(1)] = 0.5
 
     def drive(self, drive: Drive, rng: np.random.Generator, whole: Drive | None = None) -> Drive:
         """The drive with fewer frames ``seen``."""
@@ -134,6 +133,7 @@ class Blackout(Fault):
         return replace(drive, seen=seen)
 
 
+@checked
 @dataclass(frozen=True)
 class Kidnap(Fault):
     """At ``frame`` the drive continues from another of its frames, while odometry reports an ordinary step.
@@ -148,16 +148,9 @@ class Kidnap(Fault):
             drive to choose from, only places that the robot has already passed have enough frames left.
     """
 
-    frame: float | int = 0.5
-    distance: float = 10.0
-    after: int | None = None
-
-    def __post_init__(self) -> None:
-        if not self.frame > 0 or not self.distance >= 0 or (self.after is not None and self.after < 1):
-            raise UserError(
-                f"fault.frame={self.frame:g} must be positive, fault.distance={self.distance:g} not negative, and "
-                f"fault.after={self.after} at least 1 or null"
-            )
+    frame: Positive = 0.5
+    distance: NonNegative = 10.0
+    after: Count | None = None
 
     def drive(self, drive: Drive, rng: np.random.Generator, whole: Drive | None = None) -> Drive:
         """The drive up to the kidnap, followed by a stretch from elsewhere at the same pace."""
@@ -202,6 +195,7 @@ class Kidnap(Fault):
         return int(rng.choice(there))
 
 
+@checked
 @dataclass(frozen=True)
 class NoisyMapPoses(Fault):
     """Map poses are noisy, with errors ``N(0, position²)`` of x and y, and an error of the heading.
@@ -213,15 +207,8 @@ class NoisyMapPoses(Fault):
         heading_deg: standard deviation of the heading.
     """
 
-    position: float = 0.5
-    heading_deg: float = 5.0
-
-    def __post_init__(self) -> None:
-        if not self.position >= 0 or not self.heading_deg >= 0:
-            raise UserError(
-                f"fault.position={self.position:g} and fault.heading_deg={self.heading_deg:g} must not be negative",
-                "fault.position=0.5",
-            )
+    position: NonNegative = 0.5
+    heading_deg: NonNegative = 5.0
 
     def map(self, map: Drive, rng: np.random.Generator) -> Drive:
         """The map with other poses."""
@@ -233,6 +220,7 @@ class NoisyMapPoses(Fault):
         return replace(map, poses=poses)
 
 
+@checked
 @dataclass(frozen=True)
 class ThinnedMap(Fault):
     """A map of a random share ``keep`` of the images; taking every k-th would drop whole viewing directions.
@@ -240,11 +228,7 @@ class ThinnedMap(Fault):
     At least one image is kept.
     """
 
-    keep: float = 0.25
-
-    def __post_init__(self) -> None:
-        if not 0 < self.keep <= 1:
-            raise UserError(f"fault.keep={self.keep:g} must be in (0, 1]", "fault.keep=0.25")
+    keep: Annotated[float, Gt(0), Le(1)] = 0.25
 
     def map(self, map: Drive, rng: np.random.Generator) -> Drive:
         """The smaller map; its rows are those of :meth:`rows`."""
@@ -285,6 +269,7 @@ class WrongSeasonMap(Fault):
         return replace(data, map=chosen, test=test, other_maps=(data.map,), corrupted=corrupted)
 
 
+@checked
 @dataclass(frozen=True)
 class WrongStart(Fault):
     """The filter starts around a pose that is ``distance`` and ``heading_deg`` away from the true one.
@@ -296,30 +281,17 @@ class WrongStart(Fault):
         heading_deg: to either side.
     """
 
-    distance: float = 5.0
-    heading_deg: float = 90.0
-
-    def __post_init__(self) -> None:
-        if not self.distance >= 0 or not 0 <= self.heading_deg <= 180:
-            raise UserError(
-                f"fault.distance={self.distance:g} must not be negative, and fault.heading_deg={self.heading_deg:g} "
-                "must be in [0, 180]",
-                "fault.distance=5 fault.heading_deg=90",
-            )
+    distance: NonNegative = 5.0
+    heading_deg: Annotated[float, Ge(0), Le(180)] = 90.0
 
 
+@checked
 @dataclass(frozen=True)
 class OdometryScale(Fault):
     """A wrong odometry scale: reported distances are ``factor`` times too long, and turns ``turn`` times too large."""
 
-    factor: float = 1.1
-    turn: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not self.factor > 0 or not self.turn > 0:
-            raise UserError(
-                f"fault.factor={self.factor:g} and fault.turn={self.turn:g} must be positive", "fault.factor=1.1"
-            )
+    factor: Positive = 1.1
+    turn: Positive = 1.0
 
     def drive(self, drive: Drive, rng: np.random.Generator, whole: Drive | None = None) -> Drive:
         """The drive with scaled motions."""

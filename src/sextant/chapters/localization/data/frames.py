@@ -1,5 +1,6 @@
 """The images to localize, one by one: photos of a folder, or frames of a video."""
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,15 +88,15 @@ def find_frames(given: str, output: Path, every: int) -> Photos | Video:
         return Video.open(path, every)
     if every != 1:
         raise UserError(f"every={every} applies to a video; input={given} is not one", "Leave out every=.")
-    folder = path if path.is_dir() else path.parent
     mine = output.resolve()
     found = [p for p in find_photos(given, output) if not _is_written(p, mine)]
     if not found:
         raise UserError(f"input={given}: no photo there", "Give a folder of photos, a video, or a ROS bag.")
-    if not path.is_dir() and not path.is_file():
-        folder = Path(found[0].parent)
-        found = [p for p in found if p.parent == folder] if len({p.parent for p in found}) == 1 else found
-        folder = folder if len({p.parent for p in found}) == 1 else Path()
+    folder, parents = Path(), {p.parent for p in found}  # several folders of a relative pattern: as it names them
+    if path.is_dir():
+        folder = path
+    elif len(parents) == 1 or path.is_absolute():
+        folder = Path(os.path.commonpath(parents))
     names = sorted((p.relative_to(folder).as_posix() for p in found), key=natural_key)
     times = times_of_names([Path(name) for name in names])
     if times is not None:

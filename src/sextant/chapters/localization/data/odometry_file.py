@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.chapters.localization.data.drive import between
 from sextant.chapters.localization.data.pose_formats import read_tum, to_plane
-from sextant.chapters.localization.data.pose_times import EPOCH_UNITS, SAME_S, SECOND, no_times
+from sextant.chapters.localization.data.pose_times import EPOCH_UNITS, SAME_S, SECOND, interpolated, no_times
 from sextant.chapters.localization.data.recorded_poses import read_recorded, recorded_format
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
@@ -178,7 +178,8 @@ def _at_images(
     times = odometry.times_s
     if times is None:
         return None
-    poses, known = _at(times, odometry.poses, wanted_s)
+    poses, known, _ = interpolated(times, odometry.poses, wanted_s, GAP_S)
+    poses[~known] = np.nan
     apart = times - wanted_s if odometry.timed_rows and len(times) == len(wanted_s) > 1 else None
     if apart is not None and not known.any() and np.ptp(apart) <= np.median(np.diff(wanted_s)) / 2:
         remarks.append(f"odometry: its clock is {apart[0]:+.3f} s off the images: rows are matched to images in order")
@@ -199,24 +200,6 @@ def _at_images(
             f"more than {GAP_S:g} s, such as {missing[0]}: motion to and from there is unknown"
         )
     return poses
-
-
-def _at(
-    times_s: Float64[ndarray, "n"], poses: Float64[ndarray, "n 3"], wanted_s: Float64[ndarray, "m"]
-) -> tuple[Float64[ndarray, "m 3"], Bool[ndarray, "m"]]:
-    """Poses at other times, and which of them are known."""
-    after = np.clip(np.searchsorted(times_s, wanted_s), min(1, len(times_s) - 1), len(times_s) - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.minimum(np.abs(wanted_s - times_s[before]), np.abs(wanted_s - times_s[after]))
-    inside = (wanted_s >= times_s[0]) & (wanted_s <= times_s[-1]) & (times_s[after] - times_s[before] <= GAP_S)
-    known = inside | (nearest <= SAME_S)
-    turned = poses[:, 2].copy()
-    fine = np.isfinite(turned)
-    turned[fine] = np.unwrap(turned[fine])  # an unknown heading would make all after it unknown
-    x, y, heading = (np.interp(wanted_s, times_s, column) for column in (*poses[:, :2].T, turned))
-    found = np.column_stack([x, y, heading])
-    found[~known] = np.nan
-    return found, known
 
 
 def _of_table(table: TextTable) -> OdometryFile:

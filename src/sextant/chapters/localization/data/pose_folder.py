@@ -41,7 +41,7 @@ from sextant.chapters.localization.data.pose_times import (
 from sextant.chapters.localization.data.recorded_poses import RECORDED, read_recorded
 from sextant.chapters.localization.data.simulated import DriveSettings, Split
 from sextant.chapters.places.data.aligned import traverse_files
-from sextant.chapters.places.data.decoded_images import ImageSize, read_images
+from sextant.chapters.places.data.decoded_images import ImageSize, Together, read_images
 from sextant.chapters.places.data.gps_poses import drive_by_gps
 from sextant.chapters.places.data.pose_files import table_poses
 from sextant.data.reconstructions import NAMED_FORMATS, read_reconstruction
@@ -203,7 +203,7 @@ class PoseFolder:
         images = self._images()
         found: list[Path] = []
         for name, folder in self.folders[split].items():
-            found += [*images[name], *self._tables(self.folder / folder, f"{split}.{name}", split)]
+            found += [*images[name], *self._tables(self.folder / folder, _key(split, name), split)]
         return found
 
     def fingerprint(self) -> str:
@@ -225,7 +225,7 @@ class PoseFolder:
         drives: dict[Split, list[Drive]] = {split: [] for split in self.folders}
         for split, folders in self.folders.items():
             for name, folder in folders.items():
-                drives[split].append(self._drive(split, name, self.folder / folder, images[name], notes))
+                drives[split].append(self._drive(split, name, self.folder / folder, images, notes))
         if self.odometry is None:
             notes.append("odometry=null: the motion between images is unknown")
         (first,), test, validation = drives["map"], tuple(drives["test"]), tuple(drives["validation"])
@@ -279,11 +279,14 @@ class PoseFolder:
                 )
         return files
 
-    def _drive(self, split: Split, name: str, folder: Path, paths: list[Path], notes: list[str]) -> Drive:
-        key = f"{split}" if split == "map" else f"{split}.{name.removeprefix('validation/')}"
+    def _drive(
+        self, split: Split, name: str, folder: Path, images_of: Mapping[str, list[Path]], notes: list[str]
+    ) -> Drive:
+        key, paths = _key(split, name), images_of[name]
         frames = self._frames(split, folder, paths, key, notes)
         what = f"{name} images of dataset={self.name}"
-        decoded = read_images(paths, self.size, self.cache, what=what, skip_bad=self.skip_bad)
+        together = Together(f"dataset={self.name}", [path for paths in images_of.values() for path in paths])
+        decoded = read_images(paths, self.size, self.cache, what=what, skip_bad=self.skip_bad, together=together)
         notes += [f"left out {bad}" for bad in decoded.bad]
         kept, images = decoded.kept, decoded.images
         if split == "map":
@@ -431,6 +434,11 @@ class PoseFolder:
             )
         notes += [f"left out {name}" for name in named]
         return np.sort(first)
+
+
+def _key(split: Split, name: str) -> str:
+    """The argument that names the folder of a drive."""
+    return split if split == "map" else f"{split}.{name.removeprefix('validation/')}"
 
 
 def _only(folder: Path, name: str, argument: str) -> Path:

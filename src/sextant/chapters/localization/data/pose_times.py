@@ -20,7 +20,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from numpy import ndarray
 
 from sextant.errors import ArgumentError, UserError, problem_list
@@ -200,14 +200,8 @@ def poses_at(
     Raises:
         UserError: an image is before the first pose, after the last, or in a wider gap; the message names such images.
     """
-    after = np.clip(np.searchsorted(times_s, wanted_s), 1, max(1, len(times_s) - 1))
-    before = after - 1
-    after = np.minimum(after, len(times_s) - 1)
-    nearest = np.minimum(np.abs(wanted_s - times_s[before]), np.abs(wanted_s - times_s[after]))
-    outside = (wanted_s < times_s[0]) | (wanted_s > times_s[-1])
-    wide = times_s[after] - times_s[before] > (np.inf if max_gap_s is None else max_gap_s)
-    wrong = np.flatnonzero((outside | wide) & (nearest > SAME_S)).tolist()
-    if wrong:
+    found, known, nearest = interpolated(times_s, poses, wanted_s, np.inf if max_gap_s is None else max_gap_s)
+    if wrong := np.flatnonzero(~known).tolist():
         listed = problem_list([f"{names[i]} at {wanted_s[i]:.6f} s: nearest is {nearest[i]:.3f} s off" for i in wrong])
         raise ArgumentError(
             f"{key}: {len(wrong):,} of {counted(len(names), 'image')} "
@@ -215,6 +209,36 @@ def poses_at(
             f"{times_s[-1]:.6f} s, gaps up to max_gap_s={max_gap_s})\n{listed}",
             "Remove these images, complete the trajectory, or allow wider gaps: max_gap_s=<seconds>",
         )
-    x, y = (np.interp(wanted_s, times_s, poses[:, k]) for k in (0, 1))
-    heading = np.interp(wanted_s, times_s, np.unwrap(poses[:, 2]))
-    return np.column_stack([x, y, (heading + np.pi) % (2 * np.pi) - np.pi])
+    found[:, 2] = (found[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    return found
+
+
+def interpolated(
+    times_s: Float64[ndarray, "n"], poses: Float64[ndarray, "n 3"], wanted_s: Float64[ndarray, "m"], gap_s: float
+) -> tuple[Float64[ndarray, "m 3"], Bool[ndarray, "m"], Float64[ndarray, "m"]]:
+    """Poses at other times, interpolated linearly; which of them are known; and how far the nearest is in time.
+
+    The heading turns the shorter way round, and is not wrapped. A row of nan makes only its neighbourhood unknown.
+
+    Args:
+        times_s: of the poses, increasing.
+        poses: of the trajectory.
+        wanted_s: other times.
+        gap_s: widest gap of the trajectory in which a pose is known.
+
+    Example:
+        >>> times, line = np.arange(4.0), np.array([[0.0, 0, 3], [np.nan] * 3, [2, 0, -3], [3, 0, -3]])
+        >>> poses, known, _ = interpolated(times, line, np.array([0.5, 2.5, 9.0]), 1.0)
+        >>> poses[:2].round(2).tolist(), known.tolist()  # -3 rad is 3.28 rad, a little more than 3
+        ([[nan, nan, nan], [2.5, 0.0, 3.28]], [True, True, False])
+    """
+    after = np.clip(np.searchsorted(times_s, wanted_s), min(1, len(times_s) - 1), len(times_s) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.minimum(np.abs(wanted_s - times_s[before]), np.abs(wanted_s - times_s[after]))
+    inside = (wanted_s >= times_s[0]) & (wanted_s <= times_s[-1]) & (times_s[after] - times_s[before] <= gap_s)
+    turned = poses[:, 2].copy()
+    fine = np.isfinite(turned)
+    turned[fine] = np.unwrap(turned[fine])
+    columns = (*poses[:, :2].T, turned)
+    found = np.column_stack([np.interp(wanted_s, times_s, column) for column in columns])
+    return found, inside | (nearest <= SAME_S), nearest

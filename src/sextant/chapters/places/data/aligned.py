@@ -19,12 +19,12 @@ class AlignedRides:
     Attributes:
         files: path by frame number, for each traverse.
         count: number of frames, including those that a traverse lacks.
-        missing: frames that a traverse lacks, as ``traverse/name``.
+        missing: frames that a traverse lacks: their numbers, and ``traverse/name``.
     """
 
     files: Mapping[str, Mapping[int, Path]]
     count: int
-    missing: tuple[str, ...] = ()
+    missing: tuple[tuple[int, str], ...] = ()
 
 
 def traverse_files(traverses: Mapping[str, Path], key: str) -> dict[str, list[Path]]:
@@ -88,12 +88,14 @@ def align_by_name(
             own[stem] = path
         named[name] = own
     stems = sorted(set().union(*named.values()), key=natural_key)
-    missing = tuple(f"{name}/{stem}" for name, own in named.items() for stem in stems if stem not in own)
+    missing = tuple(
+        (i, f"{name}/{stem}") for name, own in named.items() for i, stem in enumerate(stems) if stem not in own
+    )
     if missing and not skip_missing:
         counts = ", ".join(f"{name} {len(own):,}" for name, own in named.items())
         raise ArgumentError(
             f"{key}: equal names are equal places, and {counted(len(missing), 'frame lacks', 'frames lack')} a "
-            f"partner ({counts} frames)\n{problem_list(missing)}",
+            f"partner ({counts} frames)\n{problem_list([name for _, name in missing])}",
             "Add them, or go on without (they are counted): skip_bad=true",
         )
     numbered = {name: {i: own[stem] for i, stem in enumerate(stems) if stem in own} for name, own in named.items()}

@@ -120,9 +120,9 @@ class PlaceBatches(Sampler[Tensor]):
     such place is left near the head of the order, a nearer one is taken; pairs in the ring between the tolerances are
     ignored.
 
-    The images of a place are positives of one another: up to C images of different traverses. With ``jitter`` they are
-    chosen among all within the tolerance; otherwise the nearest to the place is taken. A place in fewer than C
-    traverses is filled up with further images of these; one with fewer than C images contributes all that fit.
+    The images of a place are positives of one another: up to C images of different traverses. They are drawn from
+    all within the tolerance. A place in fewer than C traverses is filled up with further images of these; one with
+    fewer than C images contributes all that fit.
 
     A batch is a function of (seed, epoch, its number). It yields the number ``row + epoch * n`` for each image.
 
@@ -132,7 +132,6 @@ class PlaceBatches(Sampler[Tensor]):
         batch_places: P, places in a batch.
         batch_conditions: C, images of each place, at least 2.
         seed: of the order and the choice of images.
-        jitter: choose among all images within the tolerance, not the nearest.
 
     Raises:
         UserError: no image has a positive, or the tolerance does not fit the way places are known.
@@ -140,20 +139,12 @@ class PlaceBatches(Sampler[Tensor]):
     """
 
     def __init__(
-        self,
-        places: PlaceImages,
-        tolerance: PlaceTolerance,
-        batch_places: int,
-        batch_conditions: int,
-        seed: int,
-        *,
-        jitter: bool = True,
+        self, places: PlaceImages, tolerance: PlaceTolerance, batch_places: int, batch_conditions: int, seed: int
     ):
         if batch_places < 1 or batch_conditions < 2:
             raise ValueError(f"a batch needs a place with at least two images, got {batch_places} x {batch_conditions}")
         self.batch_places, self.batch_conditions = batch_places, batch_conditions
-        self.seed, self.jitter = seed, jitter
-        self.epoch = 0
+        self.seed, self.epoch = seed, 0
         self._places, self._count = places, len(places)
         every = np.arange(len(places))
         self._positives = places.positives(every, every, tolerance)
@@ -216,34 +207,28 @@ class PlaceBatches(Sampler[Tensor]):
         traverses = self._places.traverse[candidates]
         chosen: list[int] = []
         for traverse in rng.permutation(np.unique(traverses)):
-            self._choose(chosen, candidates[traverses == traverse], anchor, rng)
+            self._choose(chosen, candidates[traverses == traverse], rng)
             if len(chosen) == self.batch_conditions:
                 return np.array(chosen)
-        while len(chosen) < self.batch_conditions and self._choose(chosen, candidates, anchor, rng):
+        while len(chosen) < self.batch_conditions and self._choose(chosen, candidates, rng):
             pass
         return np.array(chosen)
 
-    def _choose(self, chosen: list[int], candidates: ndarray, anchor: int, rng: np.random.Generator) -> bool:
+    def _choose(self, chosen: list[int], candidates: ndarray, rng: np.random.Generator) -> bool:
         """Add one of the candidates that are positives of all chosen images, if there is one."""
         for image in chosen:
             candidates = np.intersect1d(candidates, pairs_of(self._positives, image), assume_unique=True)
         if not len(candidates):
             return False
-        one = rng.choice(candidates) if self.jitter else candidates[np.argmin(self._distance(candidates, anchor))]
-        chosen.append(int(one))
+        chosen.append(int(rng.choice(candidates)))
         return True
-
-    def _distance(self, rows: ndarray, anchor: int) -> ndarray:
-        if self._places.position_m is not None:
-            return np.asarray(np.linalg.norm(self._places.position_m[rows] - self._places.position_m[anchor], axis=-1))
-        return np.asarray(np.abs(self._places.frame[rows] - self._places.frame[anchor]))
 
 
 def batch_places(batch: PlaceBatch, tolerance: PlaceTolerance) -> Places:
     """Where the images of a batch were taken, in the tolerance's unit."""
     position = batch.position_m if tolerance.unit == "m" else batch.frame[:, None]
     assert position is not None  # the data module read it with this tolerance
-    return Places(position, None if tolerance.heading_deg is None else batch.heading_deg, batch.condition)
+    return Places(position, None if tolerance.heading_deg is None else batch.heading_deg)
 
 
 def places_of(images: PlaceImages, tolerance: PlaceTolerance) -> Places:
@@ -252,4 +237,4 @@ def places_of(images: PlaceImages, tolerance: PlaceTolerance) -> Places:
     assert position is not None
     known = tolerance.heading_deg is not None and images.heading_deg is not None
     heading = torch.from_numpy(images.heading_deg) if known else None
-    return Places(torch.from_numpy(position), heading, torch.from_numpy(images.traverse))
+    return Places(torch.from_numpy(position), heading)

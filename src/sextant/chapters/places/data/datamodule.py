@@ -98,7 +98,6 @@ class PlaceData(pl.LightningDataModule):
         seed: of the training batches and their augmentation.
         workers: processes that read training batches; 0 reads them in the training process.
         augmentation: changes training images; None leaves them as they are.
-        jitter: draw images from anywhere within the tolerance, instead of the nearest frame.
     """
 
     def __init__(
@@ -113,14 +112,13 @@ class PlaceData(pl.LightningDataModule):
         seed: int,
         workers: int = 0,
         augmentation: PlaceAugmentation | None = None,
-        jitter: bool = True,
     ):
         super().__init__()
         self.source, self.tolerance = source, tolerance
         self.test_tolerance = test_tolerance or tolerance
         self.batch_places, self.batch_conditions = batch_places, batch_conditions
         self.eval_batch_size, self.seed, self.workers = eval_batch_size, seed, workers
-        self.augmentation, self.jitter = augmentation, jitter
+        self.augmentation = augmentation
         self._splits: dict[str, PlaceImages] = {}
         self._batches: PlaceBatches | None = None
 
@@ -161,9 +159,7 @@ class PlaceData(pl.LightningDataModule):
         if self._batches is None:
             places = self._splits["train"]
             check_headings(places, "train", self.tolerance, "tolerance")
-            self._batches = PlaceBatches(
-                places, self.tolerance, self.batch_places, self.batch_conditions, self.seed, jitter=self.jitter
-            )
+            self._batches = PlaceBatches(places, self.tolerance, self.batch_places, self.batch_conditions, self.seed)
         return self._batches
 
     @property

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from jaxtyping import Int64, UInt8
@@ -42,6 +42,13 @@ class ImageSize:
     channels: int = 3
 
 
+class Together(NamedTuple):
+    """Files that belong together, with a name for messages."""
+
+    name: str
+    paths: Sequence[Path]
+
+
 @dataclass(frozen=True)
 class DecodedImages:
     """The images that could be decoded.
@@ -58,7 +65,13 @@ class DecodedImages:
 
 
 def read_images(
-    paths: Sequence[Path], size: ImageSize, cache: Path | None, *, what: str, skip_bad: bool
+    paths: Sequence[Path],
+    size: ImageSize,
+    cache: Path | None,
+    *,
+    what: str,
+    skip_bad: bool,
+    together: Together | None = None,
 ) -> DecodedImages:
     """Decode images, or memory-map them from the cache if these files were decoded before.
 
@@ -68,17 +81,19 @@ def read_images(
         cache: folder of decoded images; None keeps them in memory.
         what: names the files in messages: ``test frames of dataset=nordland``.
         skip_bad: leave out files that cannot be decoded; otherwise they are an error.
+        together: all files whose deeper pictures share a white level, such as those of all splits; None: ``paths``.
 
     Raises:
         UserError: files cannot be decoded (the message names them), or the cache cannot be written to.
     """
+    together = together or Together(what, paths)
     if cache is None:
         images = np.empty((len(paths), size.height, size.width, size.channels), np.uint8)
         bad: dict[int, str] = {}
-        for start, part in _decoded_chunks(paths, size, what, bad):
+        for start, part in _decoded_chunks(paths, size, what, together, bad):
             images[start : start + len(part)] = part
     else:
-        images, bad = _kept(paths, size, cache, what)
+        images, bad = _kept(paths, size, cache, what, together)
     named = tuple(f"{paths[i].parent.name}/{paths[i].name} {bad[i]}" for i in sorted(bad))
     if bad and not skip_bad:
         raise ArgumentError(
@@ -93,10 +108,16 @@ def read_images(
     return DecodedImages(ImageRows(images, kept), kept, named)
 
 
-def _kept(paths: Sequence[Path], size: ImageSize, cache: Path, what: str) -> tuple[ndarray, dict[int, str]]:
+def _kept(
+    paths: Sequence[Path], size: ImageSize, cache: Path, what: str, together: Together
+) -> tuple[ndarray, dict[int, str]]:
     """Decoded images from the cache, written there first if necessary."""
     files = [file_sha256(path) for path in paths]
-    deep = [LEVELS] if any(map(is_deep, paths)) else []  # so that the digest of 8-bit files does not change
+    deep: list[object] = []  # so that the digest of 8-bit files does not change
+    if any(map(is_deep, paths)):
+        given = set(paths)
+        others = [file_sha256(path) for path in together.paths if path not in given and path.is_file()]
+        deep = [LEVELS, others] if others else [LEVELS]
     identity = [DECODER, size.height, size.width, size.channels, files, *deep]
     digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
     folder = cache / f"decoded_places-{digest[:16]}"
@@ -107,32 +128,34 @@ def _kept(paths: Sequence[Path], size: ImageSize, cache: Path, what: str) -> tup
     if not isinstance(bad, dict) or images is None:
         found: dict[int, str] = {}
         with reporting_disk_errors(folder, lambda: int(np.prod(shape))):
-            keep_array(kept, _writing(paths, size, what, found))
+            keep_array(kept, _writing(paths, size, what, together, found))
             write_json(listed, found)
         bad, images = found, open_kept(kept, shape, np.uint8)
         assert images is not None
     return images, {int(i): str(reason) for i, reason in bad.items()}
 
 
-def _writing(paths: Sequence[Path], size: ImageSize, what: str, bad: dict[int, str]) -> Callable[[BinaryIO], None]:
+def _writing(
+    paths: Sequence[Path], size: ImageSize, what: str, together: Together, bad: dict[int, str]
+) -> Callable[[BinaryIO], None]:
     header = BytesIO()
     shape = (len(paths), size.height, size.width, size.channels)
     npy.write_array_header_1_0(header, {"descr": "|u1", "fortran_order": False, "shape": shape})
 
     def write(file: BinaryIO) -> None:
         file.write(header.getvalue())
-        for _, part in _decoded_chunks(paths, size, what, bad):
+        for _, part in _decoded_chunks(paths, size, what, together, bad):
             file.write(part.data)
 
     return write
 
 
 def _decoded_chunks(
-    paths: Sequence[Path], size: ImageSize, what: str, bad: dict[int, str]
+    paths: Sequence[Path], size: ImageSize, what: str, together: Together, bad: dict[int, str]
 ) -> Iterator[tuple[int, UInt8[ndarray, "k h w c"]]]:
     """Images by chunk, with the index of the first; those that cannot be decoded are black and noted in ``bad``."""
     notify = notify_every(5.0, f"decoding {what}")
-    levels = WhiteLevels(paths, what)
+    levels = WhiteLevels(together.paths, together.name)
 
     def decode(i: int) -> ndarray:
         try:

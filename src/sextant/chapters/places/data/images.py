@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
@@ -15,11 +15,7 @@ from sextant.chapters.places.data.image_rows import ImageRows
 from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.errors import UserError
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
-
-#: queries processed at a time, and pairs that may be proposed for them, of 24 bytes each
+#: queries, or images in memory, at a time; and pairs that may be proposed for these queries, of 24 bytes each
 CHUNK, PROPOSED = 512, 2_000_000
 
 
@@ -113,8 +109,6 @@ SPLITS: tuple[Split, ...] = get_args(Split)
 
 FLAT_SD = 10.0
 STILL_DIFFERENCE = 3.0
-#: images in memory at a time
-CHUNK = 512
 
 
 def flat_frames(images: ImageRows) -> Bool[ndarray, "n"]:

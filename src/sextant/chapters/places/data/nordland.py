@@ -15,7 +15,7 @@ import numpy as np
 
 from sextant.atomic_files import file_sha256
 from sextant.chapters.places.data.aligned import AlignedRides, align_by_name, traverse_files
-from sextant.chapters.places.data.decoded_images import ImageSize, read_images
+from sextant.chapters.places.data.decoded_images import ImageSize, Together, read_images
 from sextant.chapters.places.data.images import SPLITS, PlaceImages, Split
 from sextant.chapters.places.data.splits import FrameRanges
 from sextant.data.file_kinds import is_hidden
@@ -143,6 +143,9 @@ class Nordland:
             self.cache,
             what=f"{split} frames of dataset={self.name}",
             skip_bad=self.skip_bad,
+            together=Together(
+                f"dataset={self.name}", [path for ride in self.rides.files.values() for path in ride.values()]
+            ),
         )
         kept = [entries[i] for i in decoded.kept]
         traverse, frame = np.array([(t, i) for t, i, _ in kept], np.int64).reshape(-1, 2).T
@@ -152,7 +155,8 @@ class Nordland:
                     f"dataset={self.name}: {name} has no {split} frame that can be read",
                     f"Add frames, or choose others: frames.{split}=[first,after]",
                 )
-        lacking = tuple(f"{name} is missing" for name in self.rides.missing)
+        chosen = self.ranges.of_split(split, self.rides.count)
+        lacking = tuple(f"{name} is missing" for frame, name in self.rides.missing if frame in chosen)
         return PlaceImages(
             decoded.images,
             np.ascontiguousarray(traverse),

@@ -12,10 +12,11 @@ from numpy import ndarray
 
 from sextant.atomic_files import file_sha256
 from sextant.chapters.places.data.aligned import align_by_name, align_by_order, traverse_files
-from sextant.chapters.places.data.decoded_images import ImageSize, read_images
+from sextant.chapters.places.data.decoded_images import ImageSize, Together, read_images
 from sextant.chapters.places.data.gps_poses import gps_poses
 from sextant.chapters.places.data.images import SPLITS, PlaceImages, Split
 from sextant.chapters.places.data.pose_files import Pose, table_poses, utm_poses
+from sextant.data.photo_files import images_below
 from sextant.data.source import MissingDataError, first_folder
 from sextant.errors import ArgumentError, problem_list
 from sextant.ranges import checked
@@ -153,6 +154,7 @@ class PlaceFolders:
             self.cache,
             what=f"{split} images of dataset={self.name}",
             skip_bad=self.skip_bad,
+            together=self._together(),
         )
         kept = [entries[i] for i in decoded.kept]
         conditions = self.conditions(split)
@@ -172,6 +174,12 @@ class PlaceFolders:
             aligned=self.place_unit == "frames",
             skipped=decoded.bad + tuple(f"{name} is missing" for name in missing),
         )
+
+    def _together(self) -> Together:
+        """The images of all splits that are there."""
+        chosen = [self.folder / folder for each in self.splits.values() for folder in (each or {}).values()]
+        there = [folder.resolve() for folder in chosen if folder.is_dir()]
+        return Together(f"dataset={self.name}", [path for folder in there for path in images_below(folder)])
 
     def _traverses(self, split: Split) -> dict[str, Path]:
         """The folder of each traverse.
@@ -208,7 +216,7 @@ class PlaceFolders:
         else:
             return [_Entry(t, i, path, None) for t, name in enumerate(files) for i, path in enumerate(files[name])], ()
         entries = [_Entry(t, i, path, None) for t, name in enumerate(files) for i, path in rides.files[name].items()]
-        return entries, rides.missing
+        return entries, tuple(name for _, name in rides.missing)
 
     def _entries(self, split: Split) -> tuple[list[_Entry], tuple[str, ...]]:
         """Images with their places, and the missing frames."""

@@ -83,7 +83,7 @@ class SceneDrive:
                 complete.append(index)
         examples = [self._examples(index) for index in complete]
         near = self._near(complete, examples)
-        if np.trace(near, offset=1) > CROWDED * (len(complete) - 1):
+        if np.trace(near, offset=1) > CROWDED * max(0, len(complete) - 1):
             return None
         kept: list[int] = []
         for i in range(len(complete)):

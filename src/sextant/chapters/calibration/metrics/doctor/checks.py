@@ -1,7 +1,5 @@
 """All checks, in order."""
 
-import math
-
 from sextant.chapters.calibration.metrics.doctor import lens, loss
 from sextant.chapters.calibration.metrics.doctor.finding import Crop, Finding, crop_against_render, edge_in_crop
 
@@ -19,25 +17,19 @@ CHECKS = (
 )
 
 
-def examine(
-    crop: Crop | None, why_not: str = "no function that cuts crops was given"
-) -> tuple[list[Finding], list[loss.CrossTalk]]:
+def examine(crop: Crop) -> tuple[list[Finding], list[loss.CrossTalk]]:
     """Run all checks, and compute the cross-talk table.
 
     Args:
-        crop: cuts crops of a panorama; None skips the checks that need it.
-        why_not: why there is no such function.
+        crop: cuts crops of a panorama.
 
     Example:
-        >>> findings, table = examine(crop=None)  # some seconds  # doctest: +SKIP
-        >>> all(finding.passed for finding in findings), findings[-1].skipped  # doctest: +SKIP
-        (True, 'no function that cuts crops was given')
+        >>> from sextant.chapters.calibration.data.crops import crop_panoramas
+        >>> findings, table = examine(crop_panoramas)  # some seconds  # doctest: +SKIP
+        >>> all(finding.passed for finding in findings)  # doctest: +SKIP
+        True
     """
     findings = [finding for check in CHECKS for finding in check()]
     table = loss.cross_talk()
-    findings += loss.cross_talk_findings(table)
-    if crop is None:
-        findings.append(Finding("crop", "against the render", math.nan, 2.0, skipped=why_not))
-    else:
-        findings += crop_against_render(crop) + edge_in_crop(crop)
+    findings += loss.cross_talk_findings(table) + crop_against_render(crop) + edge_in_crop(crop)
     return findings, table
