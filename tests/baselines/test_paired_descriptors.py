@@ -8,8 +8,8 @@ from scipy.linalg import eigh
 from sklearn.cross_decomposition import CCA as IterativeCCA
 from sklearn.exceptions import NotFittedError
 
+from benchmarks.traverse_statistics import recall_within_frames
 from sextant.baselines import CCA, LDA, Hog, Pixels
-from sextant.evaluation.retrieval import recall_within_frames
 
 SIZE = {"height": 8, "width": 16}
 

@@ -89,4 +89,4 @@ def test_a_user_who_is_not_known_is_one_message(capsys):
     with pytest.raises(SystemExit) as ended:
         cli.run("inspect", ["~no such user/photos"])
     assert ended.value.code == 2
-    assert "a path begins with ~ and no folder of such a user is known" in capsys.readouterr().err
+    assert "a path starts with ~ and a name, but there is no such user here" in capsys.readouterr().err

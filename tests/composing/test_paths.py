@@ -89,7 +89,7 @@ def test_a_stored_run_finds_the_files_it_was_given_from_any_folder(tmp_path):
     (tmp_path / "imagenet").mkdir()
     (tmp_path / "weights.pth").touch()
     stored = {
-        "dataset": {"folder": "photos", "size": 32},
+        "dataset": {"folder": "imagenet", "size": 32},
         "task": {"off_the_shelf": {"weights": "weights.pth"}},
         "corruption": {"folder": str(tmp_path)},
         "backbone": {"weights": "imagenet"},
@@ -98,11 +98,11 @@ def test_a_stored_run_finds_the_files_it_was_given_from_any_folder(tmp_path):
         "init_from": None,
     }
     found = from_where_it_ran(stored)
-    assert found["dataset"] == {"folder": str(tmp_path / "photos"), "size": 32}
+    assert found["dataset"] == {"folder": str(tmp_path / "imagenet"), "size": 32}
     assert found["task"]["off_the_shelf"]["weights"] == str(tmp_path / "weights.pth")
     unchanged = ("corruption", "descriptor", "backbone", "paths")
     assert {key: found[key] for key in unchanged} == {key: stored[key] for key in unchanged}
-    assert stored["dataset"]["folder"] == "photos"
+    assert stored["dataset"]["folder"] == "imagenet"
     assert from_where_it_ran({**stored, "paths": {}}) == {**stored, "paths": {}}
 
 

@@ -70,7 +70,7 @@ def test_labels_fit_the_file_with_most_severities_whichever_call_made_it(make, t
     labels = f"labels={tmp_path / 'labels.npy'}"
     assert make(labels, "names=fog", "severities=2,4,5")[0] == 0
     status, said = make(labels, "names=contrast", "severities=3")
-    assert (status, "labels.npy is for 3 severities" in said) == (0, True)
+    assert (status, "labels.npy repeats the labels 3 times" in said) == (0, True)
     assert np.load(tmp_path / "out" / "labels.npy").tolist() == list(range(12)) * 3
 
 

@@ -371,9 +371,11 @@ def test_attaching_knows_the_folder_of_ones_own_config_files(tmp_path, monkeypat
     monkeypatch.setattr("sextant.lifecycle.sweep.launch", launch_none)
     with own_configs(tmp_path / "own"):
         run_sweep(given)
+    command = read_plan(find_sweep("sweep", outputs)).command
     cli.run("sweep", ["attach", "sweep", f"outputs={outputs}"])
     assert planned[0] == planned[1]
     assert len(planned[0]) == 2
+    assert read_plan(find_sweep("sweep", outputs)).command == command
     outputs.rename(moved := tmp_path / "moved, all")
     cli.run("sweep", ["attach", "sweep", f"outputs={moved}"])
     assert planned[2] == {moved / run.relative_to(outputs) for run in planned[0]}

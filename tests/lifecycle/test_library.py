@@ -141,10 +141,9 @@ def test_workers_compute_what_this_process_does(swept, tmp_path):
     assert [outcome.metrics for outcome in there.outcomes] == [outcome.metrics for outcome in found.outcomes[:2]]
 
 
-@pytest.mark.parametrize("launcher", ["local", "slurm"])
-def test_workers_of_a_launcher_that_has_none_are_refused(launcher):
-    with pytest.raises(UserError, match=f"workers=2 is for launcher=joblib, not for launcher={launcher}"):
-        sextant.sweep("demo", [f"launcher={launcher}"], workers=2)
+def test_workers_of_a_launcher_that_has_none_are_refused():
+    with pytest.raises(UserError, match=r"launcher\.workers=2"):
+        sextant.sweep("demo", ["launcher=local"], workers=2)
 
 
 def test_workers_are_those_of_the_launcher_that_is_chosen(monkeypatch):

@@ -21,6 +21,8 @@ from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.sweep_directory import find_sweep, read_plan, report_command
 from sextant.tables import counted
 
+#: override that names the output folder
+OUTPUTS = "paths.outputs="
 USAGE = "sextant sweep status|attach|cancel <sweep> [outputs=<folder>]"
 
 
@@ -98,10 +100,16 @@ def _status(directory: Path) -> None:
 def _attach(directory: Path) -> None:
     plan = read_plan(directory)
     overrides, folder = without_folder(plan.command)
-    overrides = [word for word in overrides if not word.startswith("paths.outputs=")]
-    overrides.append(f"paths.outputs={quoted(str(directory.parents[1]))}")  # where it lies, not where it was begun
     with chdir(plan.here if Path(plan.here).is_dir() else "."), own_configs(folder):
-        run_sweep(overrides, wait=True)
+        run_sweep(_into(directory.parents[1], overrides), wait=True)
+
+
+def _into(outputs: Path, words: list[str]) -> list[str]:
+    """The words of a sweep with the output folder in which it lies, if they lead to another one."""
+    given = [word.partition("=")[2].strip("'\"") for word in words if word.startswith(OUTPUTS)]
+    if (Path(given[-1]).expanduser().absolute() if given else default_outputs()) == outputs:
+        return words
+    return [*(word for word in words if not word.startswith(OUTPUTS)), f"{OUTPUTS}{quoted(str(outputs))}"]
 
 
 def _cancel(directory: Path) -> None:

@@ -16,8 +16,8 @@ PATHS = (
     *("backbone.weights", "local.weights", "task.off_the_shelf.weights"),
     *("descriptor.folder", "descriptor.photo", "descriptor.network", "descriptor.run", "features.run", "init_from"),
 )
-#: weights that a key of ``PATHS`` may name in place of a file
-WEIGHTS = ("imagenet",)
+#: what a key of weights may name in place of a file
+KNOWN_WEIGHTS = ("imagenet",)
 
 
 def from_where_it_ran(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -43,9 +43,9 @@ def _make_absolute(node: dict[str, Any], key: list[str], here: Path) -> None:
     if len(key) > 1 and isinstance(value, Mapping):
         node[key[0]] = inner = dict(value)
         _make_absolute(inner, key[1:], here)
-    elif len(key) == 1 and isinstance(value, str) and _is_relative(value) and (here / value).exists():
+    elif len(key) == 1 and isinstance(value, str) and _may_be_path(key[0], value) and (here / value).exists():
         node[key[0]] = str(here / value)
 
 
-def _is_relative(value: str) -> bool:
-    return not value.startswith("~") and value not in WEIGHTS
+def _may_be_path(name: str, value: str) -> bool:
+    return not value.startswith("~") and not (name == "weights" and value in KNOWN_WEIGHTS)

@@ -84,7 +84,7 @@ def reporting_mistakes(verb: str = "") -> Iterator[None]:
     except RuntimeError as error:
         if str(error) != NO_HOME:
             raise
-        print_mistake(UserError("a path begins with ~ and no folder of such a user is known", "Write it in full."))
+        print_mistake(UserError("a path starts with ~ and a name, but there is no such user here", "Write it in full."))
         sys.exit(2)
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:

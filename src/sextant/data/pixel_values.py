@@ -56,12 +56,12 @@ class WhiteLevels:
     """White levels of pictures that belong together.
 
     Args:
-        paths: all their files; other files may be among them.
+        paths: all their files; other files may be among them. They are listed once a deeper picture is met.
         name: of them together, for messages; None for the folder around them.
     """
 
     def __init__(self, paths: Iterable[Path], name: str | None = None):
-        self._paths, self._name = list(paths), name
+        self._paths, self._name = paths, name
         self._tops: dict[_Kind, float] = {}
         self._told: set[_Kind] = set()
         self._lock = threading.Lock()
@@ -92,6 +92,7 @@ class WhiteLevels:
 
     def _top(self, kind: _Kind) -> float:
         """The largest value of a sample of the files of a kind; 0 if there is none."""
+        self._paths = list(self._paths)
         alike = [path for path in self._paths if path.suffix.lower() == kind.suffix]
         order = np.random.default_rng(0).permutation(len(alike))[:SEARCHED]
         top, examined = 0.0, 0
@@ -215,7 +216,13 @@ def _levels_of(path: Path | None) -> WhiteLevels:
 
 @lru_cache(maxsize=64)
 def _levels_of_folder(folder: Path, changed_ns: int) -> WhiteLevels:
-    return WhiteLevels(Path(entry.path) for entry in os.scandir(folder) if not is_hidden(entry.name))
+    return levels_of_folders([folder])
+
+
+def levels_of_folders(folders: Iterable[Path]) -> WhiteLevels:
+    """The white levels that the files directly in these folders share."""
+    there = (folder for folder in folders if folder.is_dir())
+    return WhiteLevels(Path(each.path) for folder in there for each in os.scandir(folder) if not is_hidden(each.name))
 
 
 def _top(values: ndarray) -> float:

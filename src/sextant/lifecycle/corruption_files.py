@@ -155,7 +155,8 @@ def _write_labels(folder: Path, labels: ndarray, reporter: Reporter) -> None:
     recorded = read_json(folder / making.RECORD) or {}
     counts = {len(levels) for levels in recorded["severities"].values()}
     if len(counts) > 1:
-        reporter.say(f"labels.npy is for {max(counts)} severities: files with fewer have the first of its labels")
+        most = max(counts)
+        reporter.say(f"labels.npy repeats the labels {most} times; files with fewer severities use its first part")
     making.write_labels(folder, labels, max(counts))
 
 

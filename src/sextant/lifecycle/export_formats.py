@@ -8,7 +8,8 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.applications.write_errors import telling_write_errors
+from sextant.errors import UserError, naming_extras
 from sextant.kit.offers import Exportable
 
 Format = Literal["onnx", "torch_export"]
@@ -36,7 +37,7 @@ def write_network(found: Exportable, form: Format, path: Path) -> float:
         or to 1.
 
     Raises:
-        UserError: the network cannot be traced, or the file's outputs differ.
+        UserError: the network cannot be traced, the file's outputs differ, it cannot be written, or needs an extra.
     """
     shapes = {name: {0: torch.export.Dim.DYNAMIC} for name in found.inputs}
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -49,7 +50,8 @@ def write_network(found: Exportable, form: Format, path: Path) -> float:
             parity = max(_difference(found, answer, batch) for batch in BATCHES)
         except (ModuleNotFoundError, OSError):  # an extra is not installed, or the disk is full
             written.unlink(missing_ok=True)
-            raise
+            with naming_extras(f"format={form}"), telling_write_errors(path.parent):
+                raise
         except Exception as error:  # exporters and ONNX Runtime raise errors of any kind
             written.unlink(missing_ok=True)
             raise UserError(

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sextant.applications.arguments import check_apart
+from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically
 from sextant.errors import command
 from sextant.kit.trained import read_trained
@@ -76,5 +77,6 @@ def export_run(
     text = model_card(
         f"{task}: {name}", list(network.meanings.items()), content[KEY], found.directory, outputs, [note], card
     )
-    write_atomically(folder / CARD, lambda file: file.write(text.encode()))
+    with telling_write_errors(folder):
+        write_atomically(folder / CARD, lambda file: file.write(text.encode()))
     return ExportedRun(folder / FILES[form], folder / CARD, parity)

@@ -81,11 +81,8 @@ def sweep(
     """
     quiet_libraries()
     arguments = [*([] if name is None else [f"sweep={name}"]), *_checked("sextant.sweep", overrides)]
-    launcher = next((word.partition("=")[2] for word in overrides if word.startswith("launcher=")), None)
-    if launcher is None:
+    if not any(override.startswith("launcher=") for override in overrides):
         arguments.append("launcher=local" if workers == 1 else "launcher=joblib")
-    elif workers != 1 and launcher != "joblib":
-        raise ArgumentError(f"workers={workers} is for launcher=joblib, not for launcher={launcher}", "Leave out one.")
     if workers != 1:
         arguments.append(f"launcher.workers={workers}")
     with own_configs(config_dir):

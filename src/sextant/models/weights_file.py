@@ -60,7 +60,7 @@ def read_weights(path: Path, told: str, usage: str) -> Any:
     except Exception as error:  # a damaged file can fail in any way
         raise UserError(
             f"{told} cannot be read; nothing in it was executed: {why_unread(error)}",
-            "It may be truncated. Give a safetensors file or a state dict, as torch.save writes it.",
+            f"It may be truncated. {usage}",
         ) from None
 
 

@@ -183,9 +183,9 @@ def joined_neighbours(
 ) -> Neighbours:
     """The k most similar references of each query, from those that each part found among its own.
 
-    If each part was searched for k neighbours, or for all of its references, the result is that of one
-    index of all references in the order of the parts, bit for bit, up to the order of references whose similarities are
-    equal in float32: one index compares these in float64.
+    If each part was searched for k neighbours, or for all of its references, the result is that of one index of all
+    references in the order of the parts, bit for bit, but for the order of references whose similarities are equal in
+    float32: one index compares these in float64.
 
     Args:
         parts: neighbours of the same queries in each part.

@@ -132,7 +132,8 @@ class SweepPlan:
             before = read_plan(self.directory(outputs))
         except UserError:  # not begun before, or damaged: the name of the directory identifies the plan
             return self
-        failed = {cell.run: cell.message for cell in before.cells if RunDirectory(outputs / cell.run).results() is None}
+        told = [cell for cell in before.cells if cell.message]
+        failed = {cell.run: cell.message for cell in told if RunDirectory(outputs / cell.run).results() is None}
         cells = [replace(cell, message=failed.get(cell.run, "")) for cell in self.cells]
         return replace(self, cells=cells, mlflow_runs=before.mlflow_runs, began=before.began, ended=before.ended)
 

@@ -288,6 +288,9 @@ def test_a_suffix_is_kept_where_it_tells_two_apart(tmp_path):
     inputs = [Path("night.mp4"), Path("drive.1"), Path("day/night.mp4")]
     found = outputs("walk", tmp_path, inputs)
     assert [path.as_posix() for path in found.values()] == ["walk/night", "walk/drive.1", "walk/day/night"]
+    (tmp_path / "night").mkdir()
+    assert outputs("walk", tmp_path, [Path("night.mp4")]) == {Path("night.mp4"): Path("walk/night.mp4")}
+    (tmp_path / "night").rmdir()
     several = [*inputs, Path("night.bag")]
     assert outputs("walk", tmp_path, several) == {each: Path("walk", each) for each in several}
 

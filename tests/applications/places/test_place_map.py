@@ -83,6 +83,14 @@ def test_a_photo_of_more_than_8_bits_is_described_alike_alone_and_among_others(t
     photos = sorted(tmp_path.iterdir())
     alone = [describe(Pixels(), Pixels.size, [photo]).rows[0] for photo in photos]
     np.testing.assert_array_equal(describe(Pixels(), Pixels.size, photos).rows, alone)
+    parts = [tmp_path / "part" / photos[0].name, tmp_path / "other" / photos[2].name]
+    for photo, part in zip((photos[0], photos[2]), parts, strict=True):
+        part.parent.mkdir()
+        photo.rename(part)
+    together = describe(Pixels(), Pixels.size, parts).rows
+    np.testing.assert_array_equal(together, [alone[0], alone[2]])  # folders of one map share it
+    np.testing.assert_array_equal(describe(Pixels(), Pixels.size, parts[:1], among=parts).rows[0], together[0])
+    assert (describe(Pixels(), Pixels.size, parts[:1]).rows[0] != together[0]).any()
 
 
 def test_an_array_is_found_as_its_file_is(rides, places):

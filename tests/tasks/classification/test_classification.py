@@ -20,5 +20,3 @@ def test_a_run_records_the_convolutions_that_were_to_be_inhibited_and_were_not()
     assert cost["without_inhibition"] == {"1": "a 1x1 kernel has no pattern in space"}
     assert cost["inhibition"].keys() == {"0"}
     assert "without_inhibition" not in classifier("first").facts()["cost"]
-
-

@@ -124,6 +124,7 @@ class DescribedMap:
         descriptors: Float[ndarray, "n d"] | Path | str | None = None,
         errors: Errors = "raise",
         progress: Advance = silent,
+        among: PhotoFolder | None = None,
     ) -> list[FailedPhoto]:
         """Add photos to the map.
 
@@ -135,6 +136,7 @@ class DescribedMap:
             errors: ``raise`` adds what can be described, then raises if some photos could not; ``return`` returns
                 these.
             progress: called with the number of photos done and the total.
+            among: all photos of the map, if these are a part that is described by itself.
 
         Returns:
             The photos that could not be described, of which the map keeps only the names.
@@ -152,7 +154,7 @@ class DescribedMap:
         if twice := [path for path, count in Counter([*files, *self._files.intersection(files)]).items() if count > 1]:
             raise ArgumentError(f"photos: {twice[0]} is in the map already", "Add each photo once.")
         if descriptors is None:
-            found = describe(self._describer, self.size, given.paths, progress)
+            found = describe(self._describer, self.size, given.paths, progress, None if among is None else among.paths)
         else:
             found = Described(self.given(descriptors, len(given)), {}, ())
         failed = [failed_photo(str(given.paths[i]), why) for i, why in sorted(found.failed.items())]

@@ -18,6 +18,7 @@ from sextant.chapters.places.saved_descriptor import Describes
 from sextant.data import upright
 from sextant.data.image_files import decode_image
 from sextant.data.picture_files import UnreadableImageError, open_picture
+from sextant.data.pixel_values import WhiteLevels, levels_of_folders
 from sextant.reporter import Advance
 from sextant.retrieval.flat_index import FlatIndex
 
@@ -126,22 +127,26 @@ def describe(
     size: ImageSize,
     photos: Sequence[Path | UInt8[ndarray, "h w c"]],
     progress: Advance = lambda done, total: None,
+    among: Sequence[Path] | None = None,
 ) -> Described:
     """Describe photos; files are decoded like training images and stretched to one size.
 
-    Pictures of more than 8 bits share the white level of the files in their folder, whichever of them are given.
+    Pictures of more than 8 bits share the white level of all files in their folders, whichever of them are given.
 
     Args:
         describer: computes the descriptors.
         size: size of the images that it takes.
         photos: files, or bytes of that size.
         progress: called with the number of photos done and the total.
+        among: all photos of which these are a part, whose folders share a white level; None if they are all.
     """
     failed: dict[int, str] = {}
     stretched: list[int] = []
+    files = [photo for photo in photos if isinstance(photo, Path)] if among is None else among
+    levels = levels_of_folders(dict.fromkeys(path.absolute().parent for path in files))
     parts: list[ndarray] = []
     done = 0
-    for numbers, images in _decoded(photos, size, failed, stretched):
+    for numbers, images in _decoded(photos, size, levels, failed, stretched):
         if numbers:
             found = describer.describe(images)
             good = np.isfinite(found).all(axis=1)
@@ -157,7 +162,11 @@ def describe(
 
 
 def _decoded(
-    photos: Sequence[Path | ndarray], size: ImageSize, failed: dict[int, str], stretched: list[int]
+    photos: Sequence[Path | ndarray],
+    size: ImageSize,
+    levels: WhiteLevels,
+    failed: dict[int, str],
+    stretched: list[int],
 ) -> Iterator[tuple[list[int], UInt8[ndarray, "b h w c"]]]:
     """Numbers and images batch by batch; why a photo cannot be decoded is put into ``failed``."""
     aspect = size.width / size.height
@@ -169,7 +178,7 @@ def _decoded(
             absent = "is a broken link" if photo.is_symlink() else "there is no such file"
             return ("is a folder, not a file" if photo.is_dir() else absent), False
         try:
-            image = decode_image(photo, size.height, size.width, size.channels)
+            image = decode_image(photo, size.height, size.width, size.channels, levels)
         except UnreadableImageError as error:
             return str(error), False
         width, height = upright_size(photo)

@@ -66,7 +66,7 @@ def describe_shard(
         FailedPhotosError: none of the photos of all parts together could be described.
     """
     part = photos if shard is None else photos_of(photos, shard, shards)
-    failed = places.add(part, errors="return", progress=progress)
+    failed = places.add(part, errors="return", progress=progress, among=photos)
     if shard is None:
         if not len(places):
             raise_failed(failed, len(part), "described", "raise")

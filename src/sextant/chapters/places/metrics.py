@@ -41,8 +41,6 @@ class PrecisionRecall:
       differ.
     - Recall at precision p is the largest recall of all thresholds with precision at least p, even if precision was
       lower in between. The interpolated precision :math:`\max_{r' \ge r} P(r')` gives the same value.
-    - ``extended_precision`` is the mean of the precision at the lowest recall above 0 and of the recall at precision 1
-      (M. Zaffar et al., "VPR-Bench", IJCV 2021); here the lowest recall is that of the first threshold.
 
     Attributes:
         precision, recall: at each threshold; the first is precision 1 at recall 0.

@@ -30,7 +30,8 @@ def command(verb: str, *words: str, **values: object) -> str:
 def outputs(base: str, folder: Path, inputs: Iterable[Path]) -> dict[Path, Path]:
     """A folder of its own, below ``base``, for the results of each file or folder of a folder.
 
-    Files lose their suffix, unless that of two is then one. A dot in the name of a folder does not begin a suffix.
+    Files lose their suffix, unless two would then have one name, or one that of a folder. A dot in a folder's name does
+    not begin a suffix.
 
     >>> outputs("walk", Path(), [Path("a/1.mp4"), Path("b/1.mp4")])[Path("b/1.mp4")].as_posix()
     'walk/b/1'
@@ -39,5 +40,6 @@ def outputs(base: str, folder: Path, inputs: Iterable[Path]) -> dict[Path, Path]
     """
     whole = dict.fromkeys(inputs)
     short = {each: each if (folder / each).is_dir() else each.with_suffix("") for each in whole}
-    apart = len(set(short.values())) == len(short)
+    of_folders = any(each != name and (folder / name).is_dir() for each, name in short.items())
+    apart = len(set(short.values())) == len(short) and not of_folders
     return {each: Path(base, short[each] if apart else each) for each in whole}

@@ -31,7 +31,8 @@ class CalibrationData(pl.LightningDataModule):
         augment: vary lighting and sensor noise of training crops, and mirror them.
         canvas: crops are squares with pictures of any aspect in the middle.
         detail: smallest and largest number of lines of detail in training crops, drawn independently of their cameras.
-        geometric_height: height of the crops for geometric methods; with that of ``size`` they get the same pixels.
+        geometric_height: height of the crops for geometric methods; with that of ``size`` they get the same
+            pixels, if crops have its aspect.
     """
 
     def __init__(

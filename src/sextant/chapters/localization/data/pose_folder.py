@@ -285,7 +285,7 @@ class PoseFolder:
         key, paths = _key(split, name), images_of[name]
         frames = self._frames(split, folder, paths, key, notes)
         what = f"{name} images of dataset={self.name}"
-        together = Together(f"dataset={self.name}", [path for paths in images_of.values() for path in paths])
+        together = Together(f"dataset={self.name}", lambda: [path for paths in images_of.values() for path in paths])
         decoded = read_images(paths, self.size, self.cache, what=what, skip_bad=self.skip_bad, together=together)
         notes += [f"left out {bad}" for bad in decoded.bad]
         kept, images = decoded.kept, decoded.images

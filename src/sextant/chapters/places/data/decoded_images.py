@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from io import BytesIO
@@ -46,7 +46,7 @@ class Together(NamedTuple):
     """Files that belong together, with a name for messages."""
 
     name: str
-    paths: Sequence[Path]
+    paths: Callable[[], Iterable[Path]]
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def read_images(
     Raises:
         UserError: files cannot be decoded (the message names them), or the cache cannot be written to.
     """
-    together = together or Together(what, paths)
+    together = together or Together(what, lambda: paths)
     if cache is None:
         images = np.empty((len(paths), size.height, size.width, size.channels), np.uint8)
         bad: dict[int, str] = {}
@@ -116,7 +116,7 @@ def _kept(
     deep: list[object] = []  # so that the digest of 8-bit files does not change
     if any(map(is_deep, paths)):
         given = set(paths)
-        others = [file_sha256(path) for path in together.paths if path not in given and path.is_file()]
+        others = [file_sha256(path) for path in together.paths() if path not in given and path.is_file()]
         deep = [LEVELS, others] if others else [LEVELS]
     identity = [DECODER, size.height, size.width, size.channels, files, *deep]
     digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
@@ -155,7 +155,11 @@ def _decoded_chunks(
 ) -> Iterator[tuple[int, UInt8[ndarray, "k h w c"]]]:
     """Images by chunk, with the index of the first; those that cannot be decoded are black and noted in ``bad``."""
     notify = notify_every(5.0, f"decoding {what}")
-    levels = WhiteLevels(together.paths, together.name)
+
+    def all_files() -> Iterator[Path]:
+        yield from together.paths()  # listed only if a deeper picture is met
+
+    levels = WhiteLevels(all_files(), together.name)
 
     def decode(i: int) -> ndarray:
         try:

@@ -144,7 +144,7 @@ class Nordland:
             what=f"{split} frames of dataset={self.name}",
             skip_bad=self.skip_bad,
             together=Together(
-                f"dataset={self.name}", [path for ride in self.rides.files.values() for path in ride.values()]
+                f"dataset={self.name}", lambda: [path for ride in self.rides.files.values() for path in ride.values()]
             ),
         )
         kept = [entries[i] for i in decoded.kept]

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -154,7 +154,7 @@ class PlaceFolders:
             self.cache,
             what=f"{split} images of dataset={self.name}",
             skip_bad=self.skip_bad,
-            together=self._together(),
+            together=Together(f"dataset={self.name}", self._images_of_all_splits),
         )
         kept = [entries[i] for i in decoded.kept]
         conditions = self.conditions(split)
@@ -175,11 +175,10 @@ class PlaceFolders:
             skipped=decoded.bad + tuple(f"{name} is missing" for name in missing),
         )
 
-    def _together(self) -> Together:
-        """The images of all splits that are there."""
+    def _images_of_all_splits(self) -> Iterator[Path]:
         chosen = [self.folder / folder for each in self.splits.values() for folder in (each or {}).values()]
         there = [folder.resolve() for folder in chosen if folder.is_dir()]
-        return Together(f"dataset={self.name}", [path for folder in there for path in images_below(folder)])
+        return (path for folder in there for path in images_below(folder))
 
     def _traverses(self, split: Split) -> dict[str, Path]:
         """The folder of each traverse.
