@@ -33,6 +33,15 @@ def test_strata_count_the_same_whatever_they_hold():
     assert 1 < found.freedom < 2  # the two runs that scatter most decide
 
 
+@given(st.integers(0, 999), st.integers(0, 5), st.integers(0, 5))
+def test_joined_samples_are_the_sample_of_all(seed, runs, others):
+    one, other = samples(np.random.default_rng(seed), runs, others)
+    joined, whole = Sample.of(one).joined(Sample.of(other)), Sample.of(np.concatenate([one, other]))
+    assert (joined.count, joined.mean, joined.spread) == pytest.approx(
+        (whole.count, whole.mean, whole.spread), nan_ok=True
+    )
+
+
 def test_a_stratum_of_one_run_is_not_compared():
     assert stratified_difference([(Sample(1, 1.0, float("nan")), Sample(5, 0.0, 1.0))]) is None
     assert stratified_difference([]) is None

@@ -24,6 +24,7 @@ BY_SEED = sorted(path.parent for path in RESULTS.glob("*/**/seeds.csv"))
 SWEEPS = {
     "butterflies": "cosfire_butterflies",
     "ablation": "calibration_ablation",
+    "ablation_long": "calibration_ablation_long",
     "city": "localization_city",
     "cifar": "pushpull_cifar",
     "cifar_60": "pushpull_cifar",
@@ -128,19 +129,10 @@ def test_pooled_controls_follow_from_the_cells(folder):
     for row in rows_of(folder / "pooled.csv"):
         within = settings if row["setting"] == "together" else [row["setting"]]
         at, treatment = row["condition"], sweep["contrasts"][row["contrast"]]["treatment"]
-        control = {s: joined(cell[s, floor["control"], at], cell[s, floor["treatment"], at]) for s in within}
+        control = {s: cell[s, floor["control"], at].joined(cell[s, floor["treatment"], at]) for s in within}
         found = stratified_difference([(cell[s, treatment, at], control[s]) for s in within], largest=100)
         assert (found.mean, found.low, found.high) == pytest.approx([float(row[k]) for k in ("mean", "low", "high")])
         assert found.p_value == pytest.approx(float(row["p_value"]))
-
-
-def joined(one, other):
-    """The runs of two samples in one."""
-    count = one.count + other.count
-    mean = (one.count * one.mean + other.count * other.mean) / count
-    within = sum((s.count - 1) * s.spread**2 for s in (one, other) if s.count > 1)
-    between = sum(s.count * (s.mean - mean) ** 2 for s in (one, other))
-    return Sample(count, mean, ((within + between) / (count - 1)) ** 0.5)
 
 
 def test_what_is_certain_of_19_corruptions_holds_under_holm():

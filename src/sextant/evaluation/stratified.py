@@ -35,6 +35,21 @@ class Sample:
         mean = float(numbers.mean()) if len(numbers) else math.nan
         return cls(len(numbers), mean, float(numbers.std(ddof=1)) if len(numbers) > 1 else math.nan)
 
+    def joined(self, other: "Sample") -> "Sample":
+        """The runs of both samples in one.
+
+        >>> Sample.of(np.array([1.0, 3.0])).joined(Sample.of(np.array([2.0, 6.0]))).mean
+        3.0
+        """
+        present = [sample for sample in (self, other) if sample.count]
+        count = self.count + other.count
+        if len(present) < 2:
+            return present[0] if present else self
+        mean = (self.count * self.mean + other.count * other.mean) / count
+        squares = sum((s.count - 1) * s.spread**2 if s.count > 1 else 0.0 for s in present)
+        squares += sum(s.count * (s.mean - mean) ** 2 for s in present)
+        return Sample(count, mean, math.sqrt(squares / (count - 1)))
+
 
 @dataclass(frozen=True)
 class StratifiedDifference:
