@@ -159,6 +159,14 @@ def test_a_constant_difference_has_an_interval_of_no_width(method):
 
 
 @pytest.mark.parametrize("method", ["t", "bootstrap"])
+@pytest.mark.parametrize("pairs", [8, 11, 12, 13])
+def test_pairs_that_are_all_alike_have_no_spread(method, pairs):
+    result = paired_difference(np.full(pairs, 100.0), np.full(pairs, 36.3), method=method)
+    assert result.spread == 0
+    assert interval(result) == pytest.approx((result.mean, result.mean), abs=1e-12)
+
+
+@pytest.mark.parametrize("method", ["t", "bootstrap"])
 def test_one_pair_has_a_mean_and_no_interval(method):
     result = paired_difference(np.array([0.9]), np.array([0.7]), method=method)
     assert result.mean == pytest.approx(0.2)

@@ -131,7 +131,8 @@ def test_few_seeds_decide_nothing_and_say_how_many_are_missing():
 
 
 @pytest.mark.parametrize(
-    ("mean", "expects", "matters"), [(1.5, "better", 1.0), (0.4, "better", 1.0), (0.2, "same", 1.0)]
+    ("mean", "expects", "matters"),
+    [(1.5, "better", 1.0), (0.4, "better", 1.0), (0.2, "same", 1.0), (0.0, "same", 1.0)],
 )
 def test_the_seeds_asked_for_decide_four_times_in_five(mean, expects, matters):
     found = Estimate.of_pairs(mean, 2.0, 8)

@@ -63,6 +63,23 @@ def test_a_plan_is_what_theory_says(tmp_path):
     assert power(2.0, 1.0, plan.needed) >= POWER > power(2.0, 1.0, plan.needed - 1)
 
 
+@pytest.mark.parametrize("effect", [0.0, 0.6])
+def test_a_plan_to_show_that_nothing_differs_clears_both_borders(tmp_path, effect):
+    part = CLAIM["parts"][0] | {"expects": "same"}
+    asked = claim(parts=[part], matters=1.0, design=CLAIM["design"] | {"effect": effect})
+    (plan,) = plan_claims(asked, Tables(stored(tmp_path)))
+    rng = np.random.default_rng(0)
+
+    def shown(count, within=1.0, effect=effect):
+        drawn = rng.normal(effect, 1.0, (20_000, count))
+        half = stats.t.ppf(0.975, count - 1) * drawn.std(axis=1, ddof=1) / math.sqrt(count)
+        return (np.abs(drawn.mean(axis=1)) + half < within).mean()
+
+    assert plan.power == pytest.approx(shown(8), abs=0.02)
+    assert shown(plan.needed) == pytest.approx(POWER, abs=0.04)
+    assert shown(8, plan.detectable, 0.0) == pytest.approx(POWER, abs=0.03)
+
+
 def test_the_spread_between_worlds_is_taken_to_be_that_between_seeds(tmp_path):
     design = CLAIM["design"] | {"replicate": "worlds", "overrides": ["dataset.world=1,2,3,4", "seed=0,1"]}
     plain = {"sweep": "recovery", "names": ["bayes_restart"], "stored": "demo", "settings": ["-"]}

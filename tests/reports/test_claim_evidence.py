@@ -134,3 +134,33 @@ def test_a_difference_is_of_the_metric_that_is_named(tmp_path):
     assert (estimate.mean, estimate.seeds, estimate.replicate) == (0.2, 8, "worlds")
     with pytest.raises(UserError, match="has no row contrast=new setting=- condition=clean metric=gone"):
         found(path, arms=None, quantity="gone")
+
+
+POOLED = "contrast,setting,condition,treatment,control,mean,low,high,freedom,p_value,p_holm"
+
+
+@pytest.mark.parametrize(("setting", "seeds"), [("net", 20), ("other", 9), ("together", 9)])
+def test_seeds_of_a_pooled_comparison_are_those_of_its_smallest_group(tmp_path, setting, seeds):
+    rows = [
+        "new,net,clean,20,30,2,1,3,40,0,0", "new,other,clean,40,9,2,1,3,12,0,0",
+        "new,together,clean,60,39,2,1,3,30,0,0",
+        "new,net,fog,3,3,2,1,3,4,0,0", "old,net,clean,2,30,2,1,3,4,0,0",
+    ]  # fmt: skip
+    path = stored(tmp_path, rows, "pooled.csv", POOLED).with_name("pooled.csv")
+    (estimate,) = found(path, settings=[setting])
+    assert estimate.seeds == seeds
+
+
+def test_pooled_runs_that_are_all_alike_are_bounded_by_how_many_there_are(tmp_path):
+    rows = ["new,-,clean,8,16,10,10,10,inf,0,0"]
+    (estimate,) = found(stored(tmp_path, rows, "pooled.csv", POOLED).with_name("pooled.csv"))
+    assert (estimate.mean, estimate.seeds, estimate.alike) == (10, 8, True)
+
+
+def test_replicates_that_are_alike_but_for_rounding_are_alike(tmp_path):
+    """NumPy's standard deviation of equal values need not be 0."""
+    spread = np.full(11, 100 - 36.3).std(ddof=1)
+    assert spread > 0
+    head = "contrast,setting,condition,seeds,mean,spread,image_low,image_high"
+    (estimate,) = found(stored(tmp_path, [f"new,-,clean,11,63.7,{spread},nan,nan"], "contrasts.csv", head))
+    assert estimate.alike

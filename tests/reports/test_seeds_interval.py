@@ -11,8 +11,16 @@ from sextant.reports.metric import seeds_interval
 SHARES = [
     "test/accuracy/clean", "test/accuracy/svm/fog/3", "test/recall_at_1", "test/success_0.5m_10deg_10f",
     "test/tracking_5m_20deg_10f", "test/coverage_95", "test/error/clean", "test/aucpr/night", "test/chance",
+    "test/R_at_1_pm1f", "test/R_at_100P_pm1f", "test/pr_auc_pm1f", "test/R_at_1_pm1f_chance",
 ]  # fmt: skip
-OTHERS = ["test/tilt_deg", "test/focal_relative", "test/mce", "test/position_m", "test/place_temperature_night"]
+OTHERS = [
+    "test/tilt_deg",
+    "test/focal_relative",
+    "test/mce",
+    "test/position_m",
+    "test/place_temperature_night",
+    "test/error_of_all_frames_median_0.5m_10deg_10f/night",
+]
 
 
 @pytest.mark.parametrize("name", SHARES)

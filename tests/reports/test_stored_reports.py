@@ -10,6 +10,7 @@ from scipy import stats
 
 from sextant.composing.config_files import read_config_file
 from sextant.evaluation import Sample, holm, share_interval_of, stratified_difference
+from sextant.reports.claim_evidence import BASELINES
 from sextant.reports.stored_cells import join_cells
 from sextant.reports.sweep_report import write_report
 from sextant.runs.outputs_folder import conf_dir
@@ -150,12 +151,22 @@ def test_what_is_certain_of_19_corruptions_holds_under_holm():
     assert (sum(d < 0 for d in kept), sum(d > 0 for d in kept), len(certain)) == (10, 5, 17)
 
 
+def test_constants_beside_a_stored_report_are_the_means_over_its_runs():
+    folder = RESULTS / "calibration/ablation_long"
+    cells = [(cell.cell.setting, cell.metrics) for cell in join_cells([folder / "cells"], folder).cells]
+    for row in rows_of(folder / BASELINES):
+        name = row["condition"].replace(" (", "_").rstrip(")")
+        values = [metrics[f"test/{name}/constant"] for setting, metrics in cells if setting == row["setting"]]
+        assert len(values) == 64
+        assert float(row["value"]) == pytest.approx(statistics.fmean(values), abs=1e-4)
+
+
 @pytest.mark.slow
 @named(sorted(path.parents[1] for path in RESULTS.glob("*/**/cells/block.json")))
 def test_a_stored_report_is_made_again_from_its_cells_byte_for_byte(folder, tmp_path, monkeypatch):
     monkeypatch.setattr("sextant.figures.style.save_figure", lambda *_, **__: [])
     report = write_report(join_cells([folder / "cells"], tmp_path))[0].parent
-    for path in folder.glob("*.csv"):
+    for path in set(folder.glob("*.csv")) - {folder / BASELINES}:
         assert (report / path.name).read_bytes() == path.read_bytes(), path.name
     made = (report / "report.md").read_text(encoding="utf-8").replace(f" outputs={tmp_path}", "")
     assert made == (folder / "report.md").read_text(encoding="utf-8")

@@ -104,7 +104,7 @@ def paired_difference(
     return PairedDifference(
         seeds=len(per_seed),
         mean=float(per_seed.mean()),
-        spread=float(per_seed.std(ddof=1)) if len(per_seed) > 1 else float("nan"),
+        spread=spread_of(per_seed),
         low=max(low, -largest),  # of nan and a number, max and min return the first: nan
         high=min(high, largest),
         image_low=max(image_low, -largest),
@@ -136,7 +136,7 @@ def bootstrap_t_interval(
     rng = np.random.default_rng(seed)
     per_seed = images.mean(axis=1)
     within = images.std(axis=1, ddof=1) / np.sqrt(width) if width > 1 else np.zeros(count)
-    mean, error = per_seed.mean(), per_seed.std(ddof=1) / np.sqrt(count)
+    mean, error = per_seed.mean(), spread_of(per_seed) / np.sqrt(count)
     chosen = rng.integers(count, size=(resamples, count))
     drawn = per_seed[chosen] + within[chosen] * rng.standard_normal(chosen.shape)
     errors = drawn.std(axis=1, ddof=1) / np.sqrt(count)
@@ -196,6 +196,17 @@ def mean_interval(values: Float[ndarray, "seeds"], confidence: float = 0.95) -> 
     '-0.48 to 4.48'
     """
     return _t_interval(np.asarray(values, float), confidence)
+
+
+def spread_of(values: Float[ndarray, "n"]) -> float:
+    """Standard deviation of values; exactly 0 if they are all alike up to rounding, nan for fewer than two.
+
+    >>> spread_of(np.full(3, 0.1)), np.full(3, 0.1).std(ddof=1) > 0
+    (0.0, True)
+    """
+    if len(values) < 2:
+        return float("nan")
+    return 0.0 if _all_equal(values) else float(values.std(ddof=1))
 
 
 def _all_equal(values: Float[ndarray, "seeds"]) -> bool:

@@ -9,6 +9,8 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy import stats
 
+from sextant.evaluation.paired import spread_of
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -33,7 +35,7 @@ class Sample:
         """The sample of one value per run."""
         numbers = np.asarray(values, float)
         mean = float(numbers.mean()) if len(numbers) else math.nan
-        return cls(len(numbers), mean, float(numbers.std(ddof=1)) if len(numbers) > 1 else math.nan)
+        return cls(len(numbers), mean, spread_of(numbers))
 
     def joined(self, other: "Sample") -> "Sample":
         """The runs of both samples in one.

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
 from scipy import optimize, stats
 
 from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM, WORLDS_FOR_A_CLAIM
@@ -21,6 +22,8 @@ TAIL = 0.025
 POWER = 0.8
 #: larger numbers of seeds, or factors of test images, are not advised: the effect is practically at the border
 MOST_SEEDS = 1000
+#: quantiles of the spread over which the probability of clearing two borders is averaged
+QUANTILES = 1000
 
 
 @dataclass(frozen=True)
@@ -222,14 +225,15 @@ def _decides(found: Estimate, expects: Expectation, matters: float, parts: int, 
     """Whether an interval of this error clears the border that the mean is beyond, with probability ``POWER``."""
     bar, size = max(matters, abs(found.floor)), abs(found.mean)
     holds, fails = {
-        "better": (found.mean - bar, matters - found.mean),
-        "as_good": (found.mean + matters, -matters - found.mean),
-        "same": (matters - size, size - bar),
+        "better": ((found.mean - bar,), matters - found.mean),
+        "as_good": ((found.mean + matters,), -matters - found.mean),
+        "same": ((matters - size, matters + size), size - bar),
     }[expects]
-    return any(
-        distance > 0 and (stats.t.ppf(1 - tail, freedom) + stats.t.ppf(POWER, freedom)) * error <= distance
-        for distance, tail in ((holds, TAIL), (fails, TAIL / parts))
-    )
+
+    def missed(distance: float, tail: float) -> float:
+        return float(stats.t.sf(distance / error - stats.t.ppf(1 - tail, freedom), freedom))
+
+    return sum(missed(distance, TAIL) for distance in holds) <= 1 - POWER or missed(fails, TAIL / parts) <= 1 - POWER
 
 
 def power(distance: float, spread: float, count: int, tail: float = TAIL) -> float:
@@ -249,12 +253,32 @@ def power(distance: float, spread: float, count: int, tail: float = TAIL) -> flo
     return float(stats.nct.sf(reach, count - 1, distance * math.sqrt(count) / spread))
 
 
-def detectable(spread: float, count: int, tail: float = TAIL) -> float:
-    """The distance from a border that ``count`` replicates clear with probability ``POWER``, in the unit of ``spread``.
+def equivalence_power(below: float, above: float, spread: float, count: int) -> float:
+    """Probability that the t interval over ``count`` replicates clears a border on either side of it.
+
+    With s² of χ² over its degrees of freedom, and d the distance to either border, the mean over quantiles of s of
+    ``P(-d_below + t s / sqrt(n) < mean < d_above - t s / sqrt(n))``, the mean being normal.
+
+    >>> f"{equivalence_power(1.0, 1.0, spread=1.0, count=16):.2f}"
+    '0.93'
+    """
+    if count < 2:
+        return math.nan
+    if spread == 0:
+        return float(min(below, above) > 0)
+    quantiles = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    drawn = np.sqrt(stats.chi2.ppf(quantiles, count - 1) / (count - 1))
+    half = float(stats.t.ppf(1 - TAIL, count - 1)) * drawn
+    high, low = (math.sqrt(count) * distance / spread - half for distance in (above, below))
+    return float(np.maximum(0.0, stats.norm.cdf(high) - stats.norm.cdf(-low)).mean())
+
+
+def detectable(spread: float, count: int, chance: float = POWER) -> float:
+    """The distance from a border that ``count`` replicates clear with this probability, in the unit of ``spread``.
 
     >>> f"{detectable(spread=1.0, count=8):.2f}, {detectable(spread=1.0, count=32):.2f}"
     '1.16, 0.51'
     """
     if count < 2 or spread == 0:
         return 0.0 if spread == 0 else math.inf
-    return spread * float(optimize.brentq(lambda size: power(size, 1.0, count, tail) - POWER, 0.0, 1e3))
+    return spread * float(optimize.brentq(lambda size: power(size, 1.0, count) - chance, 0.0, 1e3))

@@ -8,7 +8,7 @@ from scipy import stats
 
 from sextant.config.schema.claims import Claim, Design
 from sextant.errors import UserError
-from sextant.evaluation.verdict import MOST_SEEDS, POWER, TAIL, Estimate, detectable, power
+from sextant.evaluation.verdict import MOST_SEEDS, POWER, TAIL, Estimate, detectable, equivalence_power, power
 from sextant.lifecycle.claim_files import Claims
 from sextant.lifecycle.claims import Tables, decide_claims, design_arguments
 from sextant.lifecycle.sweep_plan import read_design
@@ -78,10 +78,16 @@ def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
         spread = max(spreads)
         if over_worlds:
             spread *= math.sqrt(1 + 1 / seeds)
-    as_good = decided.counting[0].expects == "as_good"
-    distance = design.effect + claim.matters if as_good else design.effect - claim.matters
-    enough = (count for count in range(2, MOST_SEEDS + 1) if power(distance, spread, count) >= POWER)
-    least = detectable(spread, number)
+    expects = decided.counting[0].expects
+
+    def chance(count: int) -> float:
+        if expects == "same":
+            return equivalence_power(claim.matters + design.effect, claim.matters - design.effect, spread, count)
+        border = claim.matters if expects == "better" else -claim.matters
+        return power(design.effect - border, spread, count)
+
+    enough = (count for count in range(2, MOST_SEEDS + 1) if chance(count) >= POWER)
+    least = detectable(spread, number, (1 + POWER) / 2 if expects == "same" else POWER)  # of two borders, each
     return ClaimPlan(
         decided.name,
         claim,
@@ -90,8 +96,8 @@ def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
         number,
         seeds,
         spread,
-        least if as_good else claim.matters + least,
-        power(distance, spread, number),
+        claim.matters + least if expects == "better" else least,
+        chance(number),
         next(enough, math.inf),
         runs,
         runs * design.core_hours,

@@ -17,6 +17,8 @@ from sextant.evaluation.verdict import TAIL, Estimate, Replicate
 COUNTED = "counted"
 #: table of what a constant, or the best of the methods that learn nothing, reaches in each setting and condition
 BASELINES = "baselines.csv"
+#: spread of replicates, relative to their mean, that is rounding alone
+ALIKE = 1e-12
 #: table of what each replicate of a recorded figure showed
 REPLICATE_TABLE = "replicates.csv"
 REPLICATES: Mapping[str, Replicate] = {each: each for each in get_args(Replicate)}
@@ -220,13 +222,17 @@ def _estimate(row: Row, rows: Sequence[Row], sign: float, against: float | str) 
         return Estimate(math.nan, math.nan, 0, 0)
     mean = sign * (row.number("mean") - (against if isinstance(against, float) else 0.0))
     if "freedom" in row.cells:  # Welch's test; seeds are those of the smallest group in any stratum
+        same = [other for other in rows if all(other[key] == row[key] for key in ("contrast", "condition"))]
+        strata = [row] if row["setting"] != "together" else [each for each in same if each["setting"] != "together"]
+        seeds = min(each.count(group) for each in strata or [row] for group in ("treatment", "control"))
+        if row["freedom"] == "inf":  # all runs of a group are alike
+            return Estimate(mean, 0.0, math.inf, seeds)
         low, high, freedom = (row.number(key) for key in ("low", "high", "freedom"))
-        error = (high - low) / 2 / float(stats.t.ppf(1 - TAIL, freedom))
-        alike = [other for other in rows if other["condition"] == row["condition"] and other["setting"] != "together"]
-        seeds = min(other.count("treatment") for other in alike or [row])
-        return Estimate(mean, error, freedom, seeds)
+        return Estimate(mean, (high - low) / 2 / float(stats.t.ppf(1 - TAIL, freedom)), freedom, seeds)
     seeds, floor = row.count("seeds"), row.number("floor_mean") if row.cells.get("floor_mean") else 0.0
     spread = row.number("spread", 0) if seeds > 1 else math.nan
+    if spread <= ALIKE * abs(row.number("mean")):  # stored before such spreads were 0
+        spread = 0.0
     found = Estimate.of_pairs(mean, spread, seeds, floor, _image_half(row))
     return replace(found, replicate="worlds") if row.cells.get("replicate") == "worlds" else found
 

@@ -16,7 +16,7 @@ _LIMITS = r"(?:_[\d.]+(?:m|frames)(?:_[\d.]+deg)?_\d+f)?"
 #: parts of the names of metrics that are shares, in [0, 1]
 SHARES = re.compile(
     r"accuracy|recall|precision|success|tracking|recovered|converged|lost|coverage|share|within|probability|chance"
-    r"|test/error|\bau[cr]"
+    r"|R_at_\d|test/error(?:/|$)|(?:\b|_)au[cr]"
 )
 
 

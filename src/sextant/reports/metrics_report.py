@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sextant.evaluation import mean_interval, paired_difference, share_interval
+from sextant.evaluation import paired_difference, share_interval
 from sextant.reports.contrasts import converged_pairs, named_contrasts, settings_of
-from sextant.reports.metric import Metric, metric_of
+from sextant.reports.metric import Metric, metric_of, seeds_interval
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
 from sextant.tables import Entry, TextTable, arms_table, decimals, interval, number
@@ -156,7 +156,7 @@ def _summary(
     if metric.is_share:
         low, high = (metric.scale * end for end in share_interval(found / metric.scale))
     else:
-        low, high = mean_interval(found)
+        low, high = seeds_interval(metric.name, found)
     return MetricSummary(
         setting, arm, condition, metric, len(found), told, asked, float(found.mean()), spread, low, high
     )

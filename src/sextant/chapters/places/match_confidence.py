@@ -82,7 +82,9 @@ def fit_match_confidence(sets: Sequence[tuple[Float[ndarray, "m"], Bool[ndarray,
 
 
 def _all_below(low: ndarray, high: ndarray) -> bool:
-    return not len(low) or not len(high) or bool(low.max() < high.min())
+    if not len(low) or not len(high):
+        return True
+    return bool(low.max() <= high.min() and low.min() < high.max())  # all alike, they are not separated
 
 
 #: matches that any fundamental matrix fits
