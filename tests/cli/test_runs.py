@@ -28,3 +28,13 @@ def test_runs_are_listed_with_date_arm_and_metric(two_runs, capsys):
     for word in ("classification/aaaaaaaa-s0", "finished", "2023-11-1", "demo: push_pull", "test/accuracy/clean 0.9876",
                  "Digits, LeNet", "0123", "classification/bbbbbbbb-s1", "unfinished"):  # fmt: skip
         assert word in said
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_names_of_runs_are_whole(two_runs, capsys, monkeypatch, width):
+    monkeypatch.setattr(console.console, "_width", width)
+    runs.main([])
+    said = capsys.readouterr().out
+    assert "classification/aaaaaaaa-s0" in said
+    assert "classification/bbbbbbbb-s1" in said
+    assert "…" not in said

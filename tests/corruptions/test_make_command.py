@@ -121,7 +121,9 @@ def test_mistakes_are_told_and_nothing_is_written(make, tmp_path, change, texts)
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("content", [b"", b"not numpy", "pickle", "archive", "cut", "float", "shape"])
+@pytest.mark.parametrize(
+    "content", [b"", b"not numpy", "pickle", "archive", "cut", "float", "shape", "one colour image"]
+)
 def test_unusable_input_files_are_told(make, tmp_path, content):
     path = tmp_path / "bad.npy"
     if content == "pickle":
@@ -134,11 +136,34 @@ def test_unusable_input_files_are_told(make, tmp_path, content):
         path.write_bytes(path.read_bytes()[:-1])
     elif content in ("float", "shape"):
         np.save(path, IMAGES / 255 if content == "float" else IMAGES[0, 0])
+    elif content == "one colour image":
+        np.save(path, np.zeros((32, 32, 3), np.uint8))
     else:
         path.write_bytes(content)
     status, said = make(f"input={path}")
-    assert (status, f"input={path}" in said) == (2, True)
+    assert (status, f"input={path}" in said, "unsafely" in said) == (2, True, False)
+    assert content != b"not numpy" or "is not a .npy file" in said
+    assert content != "one colour image" or content in said
     assert not (tmp_path / "out").exists()
+
+
+def test_labels_that_are_there_are_not_replaced_by_others(make, tmp_path):
+    given = np.arange(len(IMAGES))
+    for name, labels in (("first", given), ("other", given[::-1]), ("negative", given - 1)):
+        np.save(tmp_path / f"{name}.npy", labels)
+    assert make(f"labels={tmp_path}/first.npy")[0] == 0
+    written = (tmp_path / "out" / "labels.npy").read_bytes()
+    for name, told in (("other", "has other labels"), ("negative", "holds -1")):
+        status, said = make(f"labels={tmp_path}/{name}.npy")
+        assert (status, told in said) == (2, True)
+    assert make(f"labels={tmp_path}/first.npy")[0] == 0
+    assert (tmp_path / "out" / "labels.npy").read_bytes() == written
+
+
+def test_a_suffix_of_upper_case_is_one(make, tmp_path):
+    np.save(tmp_path / "up.npy", IMAGES)
+    (tmp_path / "up.npy").rename(tmp_path / "up.NPY")
+    assert make(f"input={tmp_path}/up.NPY")[0] == 0
 
 
 def test_labels_of_other_images_are_told(make, tmp_path):

@@ -39,7 +39,10 @@ def _list() -> None:
     for plan in read_plans(outputs, TERMINAL).values():
         for cell in plan.cells:
             arms.setdefault(cell.run, {})[f"{plan.name}: {cell.arm}"] = None
-    table = Table("run", "outcome", "begun", "sweep: arm", "metric", "settings", "MLflow run")
+    table = Table()
+    table.add_column("run", no_wrap=True)  # the only name by which a run is deleted
+    for heading in ("outcome", "begun", "sweep: arm", "metric", "settings", "MLflow run"):
+        table.add_column(heading, overflow="fold")
     for directory in all_runs(outputs):
         state, results = directory.state(), directory.results()
         outcome = str(results["outcome"]) if results else str(state.get("failure") or "unfinished")

@@ -26,6 +26,8 @@ Corruptions = Mapping[str, BenchmarkCorruption[Any, Any]]
 Advance = Callable[[int], None]
 
 RECORD, LABELS = "corruptions.json", "labels.npy"
+#: first bytes of a ``.npy`` file
+MAGIC = b"\x93NUMPY"
 BLOCK_BYTES, BLOCK_IMAGES = 2**23, 256  # worked on at once, as floats
 
 
@@ -59,15 +61,16 @@ def read_array(path: Path, name: str) -> NDArray[Any]:
         UserError: the file does not exist, or is not a complete array of numbers.
     """
     try:
+        with path.expanduser().open("rb") as file:
+            if file.read(len(MAGIC)) not in (MAGIC, b""):
+                raise UserError(f"{name} cannot be read: it is not a .npy file", "numpy.save writes one.")
         loaded = np.load(path.expanduser(), mmap_mode="r", allow_pickle=False)
     except FileNotFoundError:
         raise UserError(f"{name}: {absent(path.expanduser())}") from None
     except (OSError, ValueError, EOFError) as error:
         reason = str(error).splitlines()[0] if str(error) else "it is cut off"
         raise UserError(f"{name} cannot be read: {reason}", "It must be a complete .npy file of numbers.") from None
-    if not isinstance(loaded, np.ndarray):
-        raise UserError(f"{name} is not a .npy file", "numpy.save writes one.")
-    return loaded
+    return np.asanyarray(loaded)
 
 
 def images_digest(images: Images) -> str:
@@ -91,6 +94,8 @@ def check_images(images: NDArray[Any], name: str) -> Images:
     allowed = "Images are uint8 of shape (n, height, width), (n, height, width, 1) or (n, height, width, 3)."
     if images.dtype != np.uint8:
         raise UserError(f"{name} holds {images.dtype}, not uint8", allowed)
+    if images.ndim == 3 and images.shape[2] == 3:
+        raise UserError(f"{name} has the shape {images.shape}, that of one colour image", "Add an axis: images[None].")
     if images.ndim not in (3, 4) or (images.ndim == 4 and images.shape[3] not in (1, 3)) or images.size == 0:
         raise UserError(f"{name} has the shape {images.shape}", allowed)
     return images
@@ -100,13 +105,14 @@ def check_labels(labels: NDArray[Any], name: str, count: int) -> NDArray[Any]:
     """``labels`` as bytes where they fit, else as 64-bit integers.
 
     Raises:
-        UserError: they are not one whole number for each of ``count`` images.
+        UserError: they are not one whole number from 0 up for each of ``count`` images.
     """
+    allowed = f"Labels are whole numbers from 0 up, of shape ({count},)."
     if labels.shape != (count,) or labels.dtype.kind not in "iu":
-        raise UserError(
-            f"{name} holds {labels.dtype} of shape {labels.shape}", f"Labels are whole numbers of shape ({count},)."
-        )
-    return labels.astype(np.uint8 if labels.min() >= 0 and labels.max() < 256 else np.int64)
+        raise UserError(f"{name} holds {labels.dtype} of shape {labels.shape}", allowed)
+    if labels.min() < 0:
+        raise UserError(f"{name} holds {labels.min()}", allowed)
+    return labels.astype(np.uint8 if labels.max() < 256 else np.int64)
 
 
 def is_whole(path: Path, shape: tuple[int, ...]) -> bool:
@@ -150,7 +156,7 @@ def begin(folder: Path, recipe: Recipe, corruptions: Corruptions) -> None:
         levels = old_levels | levels
     elif strangers := [name for name in levels if (folder / f"{name}.npy").exists()]:
         raise UserError(
-            f"{folder} holds {strangers[0]}.npy, but no {RECORD}, which records how it was made",
+            f"{folder} holds {strangers[0]}.npy, but no readable {RECORD}, which records how it was made",
             "Choose another folder with output=, or delete this one.",
         )
     write_json(folder / RECORD, {"recipe": asdict(recipe), "severities": levels})
@@ -160,7 +166,17 @@ def begin(folder: Path, recipe: Recipe, corruptions: Corruptions) -> None:
 
 
 def write_labels(folder: Path, labels: NDArray[Any], repeats: int) -> None:
-    """Write the labels as often as the largest file has severities."""
+    """Write the labels as often as the largest file has severities.
+
+    Raises:
+        UserError: the folder has labels, which are others.
+    """
+    if (folder / LABELS).is_file():
+        before = read_array(folder / LABELS, str(folder / LABELS))
+        if not np.array_equal(before[: len(labels)], labels):
+            raise UserError(
+                f"{folder / LABELS} has other labels", "Choose another folder with output=, or delete that file."
+            )
     write_atomically(folder / LABELS, lambda file: np.save(file, np.tile(labels, repeats), allow_pickle=False))
 
 

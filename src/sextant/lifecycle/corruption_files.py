@@ -182,7 +182,7 @@ def read_input(name: str, labels: str | None) -> tuple[UInt8[ndarray, "n ..."], 
         UserError: the file or dataset does not exist, or is not of this kind.
     """
     found: Any
-    if Path(name).suffix == ".npy":
+    if Path(name).suffix.lower() == ".npy":
         images, found = making.check_images(making.read_array(Path(name), f"input={name}"), f"input={name}"), None
     else:
         images, found = _of_dataset(name)
@@ -194,7 +194,8 @@ def read_input(name: str, labels: str | None) -> tuple[UInt8[ndarray, "n ..."], 
 def _of_dataset(name: str) -> tuple[UInt8[ndarray, "n h w c"], ndarray]:
     known = groups()["dataset"]
     if name not in known:
-        raise UserError(f"input={name} is neither a .npy file nor a dataset", f"Datasets: {', '.join(known)}")
+        fix = "numpy.save writes a .npy file." if Path(name).exists() else f"Datasets: {', '.join(known)}"
+        raise UserError(f"input={name} is neither a .npy file nor a dataset", fix)
     source = build_dataset(validate(to_plain(compose([f"dataset={name}"]))))
     if not isinstance(source, ImageSource):
         raise UserError(f"input={name} is not a dataset of labelled images", "For example input=cifar10")
