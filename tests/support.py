@@ -56,6 +56,19 @@ def fill_disk(monkeypatch, name):
 
 
 @contextmanager
+def torchs_settings_unchanged(kind=torch.float32):
+    """Within the block torch's default type is ``kind``; the block changes neither it nor torch's random state."""
+    torch.set_default_dtype(kind)
+    try:
+        before = torch.random.get_rng_state()
+        yield
+        assert torch.get_default_dtype() == kind
+        assert torch.equal(torch.random.get_rng_state(), before)
+    finally:
+        torch.set_default_dtype(torch.float32)
+
+
+@contextmanager
 def imported_anew(*blocked):
     """Within the block Sextant is imported as in a new process in which these packages cannot be imported.
 

@@ -9,7 +9,8 @@ part, which torch itself does not check; a legacy pickle has nothing.
 import hashlib
 import zipfile
 import zlib
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -25,6 +26,21 @@ BLOCK = 1 << 20
 #: length
 END, END_BYTES = b"PK\x05\x06", 22
 FIX = "Copy it again from its source; a checkpoint of a run without a copy can only be recreated by training."
+
+
+@contextmanager
+def building() -> Iterator[None]:
+    """Within the block, networks for stored weights are made of float32, as they are in training.
+
+    Torch's default type may be another; this and its random state are afterwards as before.
+    """
+    before = torch.get_default_dtype()
+    with torch.random.fork_rng(devices=[]):
+        torch.set_default_dtype(torch.float32)
+        try:
+            yield
+        finally:
+            torch.set_default_dtype(before)
 
 
 def save_sealed(value: Any, file: BinaryIO) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from support import torchs_settings_unchanged
 from torch import nn
 
 from sextant.chapters.places.photo_features import trunk_features
@@ -180,6 +181,18 @@ def test_aliked_and_lightglue_are_kornias_modules_with_the_weights_of_the_files(
     del features.__dict__["_matcher"]
     with pytest.raises(ArgumentError, match=r"aliked_lightglue\.pth lacks \d+ weights of kornia's network"):
         features.match(found, found)
+
+
+def test_xfeats_network_is_loaded_whatever_torchs_settings():
+    image, features = (
+        np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8),
+        XFeatures(keypoints=9, side=128),
+    )
+    (expected,) = XFeatures(keypoints=9, side=128).detect([image])
+    with torchs_settings_unchanged(torch.float64):
+        assert features._network is not None
+    (found,) = features.detect([image])
+    assert np.array_equal(found.descriptors, expected.descriptors)
 
 
 def test_one_distribution_of_opencv_is_required_and_installed():

@@ -113,3 +113,15 @@ def test_parts_that_do_not_fit_each_other_are_refused_before_machine_code_sees_t
         bilinear(images(), torch.zeros(5, 4, 4), torch.zeros(5, 4, 4), "zero")
     with pytest.raises(ValueError, match="do not match"):
         bilinear(images(), torch.zeros(8, 4, 4), torch.zeros(8, 4, 5), "zero")
+
+
+@every_corruption
+def test_torchs_default_type_changes_no_value(corruption):
+    batch = torch.rand(2, 1, 28, 28, generator=torch.Generator().manual_seed(0))
+    expected = corruption(batch, corruption.levels[-1], [0, 1], 0)
+    torch.set_default_dtype(torch.float64)
+    try:
+        found = corruption(batch, corruption.levels[-1], [0, 1], 0)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert torch.equal(found, expected)

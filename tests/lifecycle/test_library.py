@@ -1,13 +1,17 @@
 """Runs, sweeps and their results as calls of a library, and the example of the guide."""
 
 import math
+import random
 import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+import torch
 
 import sextant
 from sextant.composing.config_files import groups
@@ -34,6 +38,16 @@ class Listening(RunReporter):
         self.heard.append(("planned", len(plan.cells), finished))
 
 
+def _of_process():
+    """What a run may set in its process."""
+    return {
+        "threads": torch.get_num_threads(),
+        "deterministic": (torch.get_deterministic_debug_mode(), torch.backends.cudnn.benchmark),
+        "warnings": list(warnings.filters),
+        "random": (random.getstate(), np.random.get_state()[1].tolist(), torch.get_rng_state().tolist()),
+    }
+
+
 @pytest.fixture(scope="module")
 def swept(outputs):
     """A sweep of two arms and two seeds, and a listener to it."""
@@ -42,9 +56,13 @@ def swept(outputs):
     return sextant.sweep(overrides=given, reporter=reporter), reporter, given
 
 
-def test_a_run_is_made_once_and_then_returned(swept, outputs, capsys):
+def test_a_run_is_made_once_and_then_returned_and_leaves_its_process_as_it_was(swept, outputs, capsys):
+    before = _of_process()
     reporter, overrides = Listening(), [*SMALL, f"paths.outputs={outputs}", "optimizer.lr=0.03"]
-    first, again = sextant.run(overrides, reporter=reporter), sextant.run(overrides)
+    overrides.append(f"trainer.threads={before['threads'] + 1}")
+    first = sextant.run(overrides, reporter=reporter)
+    assert _of_process() == before
+    again = sextant.run(overrides)
     assert (first.reused, again.reused) == (False, True)
     assert first.directory == again.directory
     results = RunDirectory(first.directory).results()

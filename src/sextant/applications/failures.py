@@ -43,6 +43,9 @@ class FailedPhotosError(UserError):
 
     failed: tuple[FailedPhoto, ...] = ()
 
+    def __reduce__(self) -> Any:
+        return *super().__reduce__(), {"failed": self.failed}
+
     @classmethod
     def of(cls, failed: Sequence[FailedPhoto], count: int, done: str, rest: str) -> Self:
         """The error for some or all of ``count`` photos.

@@ -12,7 +12,8 @@ from PIL import Image
 from sextant.applications.arguments import check_several
 from sextant.data.image_files import decode_image, picture_bytes
 from sextant.data.picture_files import DECODE, UnreadableImageError, open_picture
-from sextant.data.upright import upright_size
+from sextant.data.pixel_values import eight_bits, rgb_bytes
+from sextant.data.upright import upright, upright_size
 from sextant.errors import UserError
 from sextant.user_files import absent
 
@@ -21,20 +22,32 @@ Size = tuple[int, int, int]
 AnyImage = Path | str | ndarray | Image.Image | Sequence[Any]
 
 
-def checked_pixels(image: UInt8[ndarray, "h w *c"], size: Size) -> UInt8[ndarray, "h w c"]:
-    """Check an image, and give it an axis of channels.
+def checked_pixels(image: ndarray | Sequence[Any], size: Size) -> UInt8[ndarray, "h w c"]:
+    """An array as bytes, if it has just this size; its values as for :func:`as_pixels`.
 
     Args:
-        image: bytes.
+        image: whole numbers in [0, 255].
         size: height, width and channels that it must have.
 
     Raises:
         UserError: it is not an array of bytes of this size.
     """
-    pixels = image[..., None] if image.ndim == 2 else image
-    if pixels.dtype != np.uint8 or pixels.shape != size:
+    pixels = _bytes(image, size)
+    if pixels.shape != size:
         raise _unfit(pixels, size, "Resize it, or give its file.")
     return pixels
+
+
+def rgb_pixels(picture: Image.Image, name: str) -> UInt8[ndarray, "h w 3"]:
+    """A Pillow image as photos are read: upright, of 8 bits, in RGB, and mid grey where it is transparent.
+
+    Raises:
+        UserError: it cannot be decoded.
+    """
+    try:
+        return np.asarray(rgb_bytes(upright(eight_bits(picture)), 1))
+    except (ValueError, OSError) as error:  # Pillow decodes lazily
+        raise UserError(f"{name} cannot be read: {error}", "Give another.") from None
 
 
 def as_pixels(image: AnyImage, size: Size | None = None) -> UInt8[ndarray, "h w c"]:
@@ -74,6 +87,15 @@ def as_pixels(image: AnyImage, size: Size | None = None) -> UInt8[ndarray, "h w 
         raise UserError(f"the image cannot be used: {error}", "Give another.") from None
 
 
+def detached(values: Any) -> Any:
+    """The array of a tensor from any device, without its gradient; other values as they are.
+
+    Raises:
+        TypeError, RuntimeError: NumPy has no such arrays.
+    """
+    return values.detach().cpu().numpy() if hasattr(values, "requires_grad") else values
+
+
 def several_pixels(images: Sequence[AnyImage] | UInt8[ndarray, "n h w c"]) -> UInt8[ndarray, "n h w c"]:
     """Images of one size, that of the first.
 
@@ -105,8 +127,8 @@ def _own_size(path: Path) -> Size:
 
 def _bytes(image: Any, size: Size | None) -> UInt8[ndarray, "h w c"]:
     try:
-        pixels = np.asarray(image)
-    except ValueError:  # lists of unequal lengths
+        pixels = np.asarray(detached(image))
+    except (TypeError, ValueError, RuntimeError):  # lists of unequal lengths or of tensors, kinds that NumPy lacks
         pixels = np.empty(0, object)
     pixels = pixels[..., None] if pixels.ndim == 2 else pixels
     whole = np.issubdtype(pixels.dtype, np.integer) and pixels.size and pixels.min() >= 0 and pixels.max() <= 255

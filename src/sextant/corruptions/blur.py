@@ -151,7 +151,7 @@ class GlassBlur(BenchmarkCorruption[tuple[float, int, int], Tensor]):
         for source, stream in zip(sources, self.streams(level, indices, seed), strict=True):
             moves = torch.randint(-reach, reach, (*meetings, 2), generator=stream)
             if self.chance < 1:  # a pixel that is swapped with itself stays
-                moves *= (torch.rand(meetings, generator=stream) < self.chance)[..., None]
+                moves *= (torch.rand(meetings, generator=stream, dtype=torch.float32) < self.chance)[..., None]
             _play(source.numpy(), moves.numpy(), reach, copies)
         return sources
 

@@ -30,7 +30,7 @@ def filled(
     shape: tuple[int, ...], streams: list[torch.Generator], fill: Callable[[Tensor, torch.Generator], object]
 ) -> Float[Tensor, "b ..."]:
     """Numbers of ``shape`` for each stream, which ``fill`` draws from it in place."""
-    found = torch.empty(len(streams), *shape)
+    found = torch.empty(len(streams), *shape, dtype=torch.float32)
     for one, stream in zip(found, streams, strict=True):
         fill(one, stream)
     return found

@@ -256,7 +256,7 @@ class ElasticTransform(BenchmarkCorruption[tuple[float, float, float], ElasticDr
     def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> ElasticDraw:
         """Shifts of the corners, and noise."""
         corners = torch.empty(len(indices), 3, 2, dtype=torch.float64)
-        noise = torch.empty(len(indices), 2, *shape[1:])
+        noise = torch.empty(len(indices), 2, *shape[1:], dtype=torch.float32)
         for corner, field, stream in zip(corners, noise, self.streams(level, indices, seed), strict=True):
             corner.uniform_(-1, 1, generator=stream)
             field.uniform_(-1, 1, generator=stream)

@@ -137,7 +137,8 @@ class Snow(BenchmarkCorruption[tuple[float, ...], SnowDraw]):
 
     def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> SnowDraw:
         """Noise and wind."""
-        noise, angles = torch.empty(len(indices), *shape[-2:]), torch.empty(len(indices), dtype=torch.float64)
+        noise = torch.empty(len(indices), *shape[-2:], dtype=torch.float32)
+        angles = torch.empty(len(indices), dtype=torch.float64)
         for i, generator in enumerate(self.streams(level, indices, seed)):
             noise[i].normal_(generator=generator)
             angles[i].uniform_(*ANGLES, generator=generator)

@@ -156,12 +156,28 @@ def decode_covering(
     try:
         with open_picture(path) as image:
             require_sides(image)
-            picture = without_alpha(upright(eight_bits(image, path, levels))).convert("RGB" if channels == 3 else "L")
-            return np.asarray(ImageOps.fit(picture, size[::-1], Image.Resampling.BICUBIC, bleed=(1 - crop) / 2))
+            return covering_bytes(image, size, channels, path, levels, crop)
     except Exception as error:  # Pillow's decoders raise errors of any kind for a damaged file
         raise UserError(
             f"{path} {why_unreadable(path, error)}", "Replace the file or take it out of the folder."
         ) from None
+
+
+def covering_bytes(
+    image: Image.Image,
+    size: tuple[int, int],
+    channels: int,
+    path: Path | None = None,
+    levels: WhiteLevels | None = None,
+    crop: float = 1.0,
+) -> UInt8[ndarray, "h w *c"]:
+    """An open picture, decoded as in :func:`decode_covering`.
+
+    Raises:
+        ValueError: the white level of its values is unknown.
+    """
+    picture = without_alpha(upright(eight_bits(image, path, levels))).convert("RGB" if channels == 3 else "L")
+    return np.asarray(ImageOps.fit(picture, size[::-1], Image.Resampling.BICUBIC, bleed=(1 - crop) / 2))
 
 
 def _folders_of_images(base: Path) -> list[str]:

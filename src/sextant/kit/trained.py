@@ -39,8 +39,10 @@ def read_trained(path: Path) -> dict[str, Any]:
     if not path.name.endswith(PUBLISHED):
         return places_content(path)
     from sextant.kit.published import published_content
+    from sextant.torch_file import building
 
-    return places_content(path, published_content)
+    with building():  # which compares the weights with the network
+        return places_content(path, published_content)
 
 
 def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> Config:
@@ -97,8 +99,10 @@ def model_from_checkpoint(config: Config, content: Mapping[str, Any], checkpoint
         UserError: the weights do not fit, or are not finite.
     """
     from sextant.runs.checkpoint import KEY
+    from sextant.torch_file import building
 
-    module = chapter_of(config.task.name).module(without_weights(config), content[KEY]["spec"], training=False)
+    with building():
+        module = chapter_of(config.task.name).module(without_weights(config), content[KEY]["spec"], training=False)
     load_weights(module, content, checkpoint)
     return module.eval()
 
@@ -127,9 +131,11 @@ def trained_network(config: Config, content: Mapping[str, Any], checkpoint: Path
     from torch import nn
 
     from sextant.runs.checkpoint import KEY
+    from sextant.torch_file import building
 
     trained = content[KEY]
-    whole = nn.ModuleDict({"network": new_network(config, trained["spec"])})
+    with building():
+        whole = nn.ModuleDict({"network": new_network(config, trained["spec"])})
     # leave out what belongs to training alone, such as the state of a loss
     own = {name: value for name, value in content["state_dict"].items() if name.startswith("network.")}
     load_weights(whole, {"state_dict": own}, checkpoint)

@@ -1,6 +1,8 @@
 """The life cycle as calls of a library: ``sextant.run``, ``sextant.sweep``, ``sextant.evaluate``."""
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from sextant.composing.config_files import own_configs
@@ -15,6 +17,35 @@ from sextant.lifecycle.sweep_plan import check_sweep_overrides, sweep_words
 from sextant.tracking.environment import quiet_libraries
 
 
+@contextmanager
+def _warnings_as_before() -> Iterator[None]:
+    with warnings.catch_warnings():
+        yield
+
+
+@contextmanager
+def _process_as_before() -> Iterator[None]:
+    """Restore at the end what a run sets in its process: threads, deterministic mode and random states."""
+    import random
+
+    import numpy as np
+    import torch
+
+    threads, debug_mode = torch.get_num_threads(), torch.get_deterministic_debug_mode()
+    benchmark, python, arrays = torch.backends.cudnn.benchmark, random.getstate(), np.random.get_state()
+    devices = range(torch.cuda.device_count()) if torch.cuda.is_initialized() else ()
+    with torch.random.fork_rng(devices):
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)
+            if torch.get_deterministic_debug_mode() != debug_mode:
+                torch.use_deterministic_algorithms(debug_mode > 0, warn_only=debug_mode == 1)
+            torch.backends.cudnn.benchmark = benchmark
+            random.setstate(python)
+            np.random.set_state(arrays)
+
+
 def _checked(call: str, overrides: Sequence[str]) -> Sequence[str]:
     """The overrides of a call; an ``ArgumentError`` if they are one text, or no texts."""
     if not isinstance(overrides, list | tuple) or not all(isinstance(each, str) for each in overrides):
@@ -27,6 +58,7 @@ def _checked(call: str, overrides: Sequence[str]) -> Sequence[str]:
 
 
 @naming_extras("sextant.run")
+@_warnings_as_before()
 def run(
     overrides: Sequence[str] = (), *, config_dir: str | Path | None = None, reporter: RunReporter = SILENT_RUN
 ) -> Outcome:
@@ -48,10 +80,12 @@ def run(
     quiet_libraries()
     with own_configs(config_dir):
         raw = preflight(_checked("sextant.run", overrides), reporter)
-    return execute(raw, reporter=reporter)
+    with _process_as_before():
+        return execute(raw, reporter=reporter)
 
 
 @naming_extras("sextant.sweep")
+@_warnings_as_before()
 def sweep(
     name: str | None = None,
     overrides: Sequence[str] = (),
@@ -88,10 +122,12 @@ def sweep(
     with own_configs(config_dir):
         arguments = sweep_words(arguments)
         check_sweep_overrides(arguments)
-        return sweep_or_search(arguments, reporter)
+        with _process_as_before():
+            return sweep_or_search(arguments, reporter)
 
 
 @naming_extras("sextant.evaluate")
+@_warnings_as_before()
 def evaluate(run: str | Path, overrides: Sequence[str] = (), *, reporter: RunReporter = SILENT_RUN) -> Outcome:
     """Test a trained run on other data or under other conditions, as ``evaluate.py`` does.
 
@@ -104,4 +140,6 @@ def evaluate(run: str | Path, overrides: Sequence[str] = (), *, reporter: RunRep
         UserError: the run does not exist, an override is wrong, or the model does not fit the data.
     """
     quiet_libraries()
-    return evaluate_run(str(run), _checked("sextant.evaluate", overrides), reporter)
+    given = _checked("sextant.evaluate", overrides)
+    with _process_as_before():
+        return evaluate_run(str(run), given, reporter)

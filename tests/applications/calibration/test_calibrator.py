@@ -7,13 +7,13 @@ import pytest
 import torch
 from cli.photo_calibration.fakes import Fake, exif, photo
 from PIL import Image
-from support import imported_anew
+from support import imported_anew, torchs_settings_unchanged
 from tiny_calibration import CAMERAS, tiny_checkpoint, tiny_module
 
 import sextant
 from sextant.applications import FailedPhoto, FailedPhotosError, PhotoCalibrator
 from sextant.chapters.calibration.network import reported
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.geometry import CameraParameters, Parameterization, undistort_radius
 from sextant.kit.trained import read_trained
 from sextant.runs.checkpoint import KEY
@@ -193,11 +193,13 @@ def test_photos_may_come_one_by_one_and_are_not_kept(calibrator, monkeypatch):
     assert [camera.focal_px for camera in found] == pytest.approx([0.6 * grey for grey in range(60, 70)], rel=1e-5)
 
 
-@pytest.mark.parametrize("prior", [0, -3.0, True, math.nan, math.inf, "EXIF"])
+@pytest.mark.parametrize("prior", [0, -3.0, True, math.nan, math.inf, "EXIF", np.array([600.0, 600.0]), ["exif"]])
 def test_a_prior_that_has_no_meaning_is_refused(calibrator, prior, tmp_path):
     for calibrate in (calibrator.calibrate_many, calibrator.one_camera):
         with pytest.raises(UserError, match=r"focal_prior=.* must be None, exif or a focal length"):
             calibrate([photo(tmp_path / "a.png")], focal_prior=prior)
+        with pytest.raises(UserError, match=r"gravity_prior=.* must be None or exif"):
+            calibrate([photo(tmp_path / "a.png")], gravity_prior=prior)
 
 
 @pytest.mark.parametrize("prior", [0.5, 1e9])
@@ -225,6 +227,37 @@ def test_a_photo_is_straightened_at_any_size(calibrator, tmp_path):
     assert focal_of_large < 2 * focal
     with pytest.raises(UserError, match=r"the image has 60x80 pixels, but .*a\.png has 80x60"):
         camera.undistort(image.transpose(1, 0, 2))
+
+
+def test_what_can_be_calibrated_can_be_straightened_and_drawn(calibrator, tmp_path):
+    camera = calibrator.calibrate(photo(tmp_path / "a.png"))
+    path, picture = tmp_path / "noise.png", Image.fromarray(noise())
+    picture.save(path)
+    expected, focal = camera.undistort(noise(), "all")
+    for image in (path, str(path), picture):
+        found, same = camera.undistort(image, "all")
+        assert (same, found.tobytes()) == (focal, expected.tobytes())
+        assert np.array_equal(camera.drawn(image).image, noise())
+    assert np.array_equal(camera.undistort(noise()[..., 0], "all")[0], expected[..., 0])
+    for wrong, says in (
+        ([noise()], "the image is of type list.*\nGive its file.$"),
+        (None, "the image is of type NoneType"),
+        (noise() / 255, "the image is float64 60x80x3"),
+        (noise()[0, 0], "the image is uint8 3"),
+        ("gone.png", "gone.png does not exist"),
+    ):
+        with pytest.raises(UserError, match=says):
+            camera.undistort(wrong)
+    with pytest.raises(ArgumentError, match="keep='none' must be one of crop, all"):
+        camera.undistort(noise(), keep="none")
+
+
+def test_loading_leaves_torch_as_it_was(checkpoint, tmp_path):
+    picture, expected = noise(), PhotoCalibrator.load(checkpoint, tmp_path, method="network").calibrate(noise())
+    with torchs_settings_unchanged(torch.float64):
+        calibrator = PhotoCalibrator.load(checkpoint, tmp_path, method="network")
+    assert {each.dtype for each in calibrator.network.parameters()} == {torch.float32}
+    assert calibrator.calibrate(picture) == expected
 
 
 def test_opencv_straightens_with_what_it_is_given_as_we_do(calibrator, tmp_path):

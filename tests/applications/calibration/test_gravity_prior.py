@@ -75,5 +75,5 @@ def test_a_photo_without_the_tag_says_so_where_it_was_asked_for(china, calibrato
 
 
 def test_another_prior_is_refused(china, calibrator):
-    with pytest.raises(ArgumentError, match="gravity_prior=yes must be None or exif"):
+    with pytest.raises(ArgumentError, match="gravity_prior='yes' must be None or exif"):
         calibrator.calibrate(china[0], gravity_prior="yes")

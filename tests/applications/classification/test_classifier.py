@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from support import as_published
+from support import as_published, torchs_settings_unchanged
 from torch import nn
 
 from sextant.applications import FailedPhoto, FailedPhotosError, ImageClassifier
@@ -48,6 +48,27 @@ def test_files_are_scaled_and_cropped_to_images_of_any_shape(tmp_path):
     assert classifier.classify(tmp_path / "photo.png").probability == pytest.approx(middle.probability, rel=1e-2)
 
 
+def test_a_pillow_image_is_classified_as_its_file(tmp_path):
+    classifier = ImageClassifier(Brightness(), ImageSpec(1, 8, 16, ("dark", "bright")))
+    pixels = np.random.default_rng(0).integers(0, 256, (60, 40, 4), np.uint8)
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(pixels).save(tmp_path / "photo.png", exif=exif)
+    with Image.open(tmp_path / "photo.png") as picture:
+        assert classifier.classify(picture) == classifier.classify(tmp_path / "photo.png")
+    own = pixels[:8, :16, 0]
+    assert classifier.classify(Image.fromarray(own)) == classifier.classify(own)
+    (tmp_path / "half.png").write_bytes((tmp_path / "photo.png").read_bytes()[:400])
+    with Image.open(tmp_path / "half.png") as half, pytest.raises(UserError, match="the image cannot be used"):
+        classifier.classify(half)
+
+
+@pytest.mark.parametrize("given", [np.ndarray.tolist, lambda bytes: bytes.astype(np.int64), torch.from_numpy])
+def test_arrays_of_whole_numbers_of_any_kind_are_images(classifier, given):
+    pixels = np.random.default_rng(0).integers(0, 256, (16, 16, 3), np.uint8)
+    assert classifier.classify(given(pixels)) == classifier.classify(pixels)
+
+
 def test_many_images_are_classified_as_each_alone(classifier):
     images = list(np.random.default_rng(0).integers(0, 256, (600, 16, 16, 3), np.uint8))
     together = classifier.classify_many(images)
@@ -62,6 +83,9 @@ def test_many_images_are_classified_as_each_alone(classifier):
         (np.zeros((16, 16), np.uint8), "uint8 16x16x1; the network takes uint8 16x16x3"),
         (np.zeros((8, 8, 3), np.uint8), "uint8 8x8x3"),
         (np.zeros((16, 16, 3)), "float64 16x16x3"),
+        (np.full((16, 16, 3), 256), "int64 16x16x3"),
+        (torch.zeros(16, 16, 3, requires_grad=True), "float32 16x16x3; the network"),
+        (b"\xff\xd8", r"PIL.Image.open\(io.BytesIO"),
         (None, "of type NoneType; the network takes uint8 16x16x3"),
         ("gone.jpg", "gone.jpg does not exist"),
     ],
@@ -105,7 +129,9 @@ def test_a_published_network_is_a_classifier(tmp_path):
     network = ResNetCifar(3, (32, 32), 10, depth=20).eval()
     path = as_published(network, tmp_path / "checkpoint.pth.tar")
     image = np.random.default_rng(0).integers(0, 256, (32, 32, 3), np.uint8)
-    found = ImageClassifier.load(path, tmp_path).classify(image)
+    with torchs_settings_unchanged(torch.float64):
+        classifier = ImageClassifier.load(path, tmp_path)
+        found = classifier.classify(image)
     with torch.no_grad():
         logits = network(torch.from_numpy(image.transpose(2, 0, 1)[None].copy()).float() / 255)
     expected = dict(zip(found.probabilities, logits.softmax(1)[0].tolist(), strict=True))

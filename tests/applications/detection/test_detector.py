@@ -3,9 +3,10 @@ import pytest
 import torch
 from cli.cosfire_detection.drawn import drawn
 from PIL import Image
-from support import as_published, imported_anew
+from support import as_published, imported_anew, torchs_settings_unchanged
 
 from sextant.applications import ExampleDetector
+from sextant.chapters.cosfire.images import upright_image
 from sextant.errors import ArgumentError, UserError
 from sextant.models import ResNetCifar
 
@@ -40,12 +41,13 @@ def test_what_the_example_shows_is_found(example, two):
 
 
 @pytest.mark.slow
-def test_files_and_arrays_of_bytes_are_images_alike(example, two):
+def test_files_arrays_of_bytes_and_pillow_images_are_images_alike(example, two):
     colour, grey = np.asarray(Image.open(two)), np.asarray(Image.open(two).convert("L"))
     by_file = ExampleDetector().add(str(example)).detect(str(two))
     assert ExampleDetector().add(np.asarray(Image.open(example))).detect(colour) == by_file
     assert ExampleDetector().add(example).detect(grey) == by_file
     assert ExampleDetector().add(example).detect(grey[..., None]) == by_file
+    assert ExampleDetector().add(Image.open(example)).detect(Image.open(two)) == by_file
 
 
 @pytest.mark.slow
@@ -86,8 +88,15 @@ def test_nothing_is_detected_without_an_example(two):
     ("chosen", "says"),
     [
         ({"preset": "digits"}, "preset=digits must be one of photo, bifurcation"),
-        ({"rotations": 0}, "at least one rotation"),
-        ({"scales": (0.0, 1.0)}, "positive scales"),
+        ({"rotations": 0}, "rotations=0 must be at least 1"),
+        ({"rotations": 2.5}, "rotations=2.5 must be a whole number"),
+        ({"scales": (0.0, 1.0)}, "must be a list, each a number above 0"),
+        ({"scales": [np.nan]}, "must be a list, each a number above 0"),
+        ({"scales": 0.5}, "scales=0.5 must be a list"),
+        ({"reflection": "no"}, "reflection='no' must be one of True, False"),
+        ({"reach": "20"}, "reach='20' must be a number above 0"),
+        ({"reach": 7}, "reach=7 must be at least 8 pixels"),
+        ({"features": "run"}, "features='run' must be of the class TrainedFeatures"),
         ({"longest": 0}, "longest=0 must be at least 16"),
     ],
 )
@@ -119,10 +128,44 @@ def test_files_in_the_home_folder_are_found(example, monkeypatch):
     assert ExampleDetector().add("~/example.png").detect("~/example.png")
 
 
-@pytest.mark.parametrize("image", [np.zeros((40, 40)), np.zeros((3, 40, 40), np.uint8), np.zeros((0, 4), np.uint8)])
-def test_what_is_no_image_is_refused(example, image):
-    with pytest.raises(UserError, match=r"the image is .*; an image is uint8"):
+def test_a_pillow_image_is_read_as_its_file(two, tmp_path):
+    image = Image.open(two).convert("RGBA").rotate(90, expand=True)
+    image.putpixel((7, 5), (0, 0, 0, 0))
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    image.save(tmp_path / "turned.png", exif=exif)
+    given, read = (upright_image(each, 64) for each in (Image.open(tmp_path / "turned.png"), tmp_path / "turned.png"))
+    assert (given.width, given.height) == (read.width, read.height) == (320, 200)
+    assert np.array_equal(given.picture, read.picture)
+    image.convert("L").save(tmp_path / "whole.png")
+    (tmp_path / "half.png").write_bytes((tmp_path / "whole.png").read_bytes()[:400])
+    with Image.open(tmp_path / "half.png") as half, pytest.raises(UserError, match="the image cannot be read"):
+        upright_image(half, 64)
+
+
+@pytest.mark.parametrize(
+    ("image", "says"),
+    [
+        (np.zeros((40, 40)), "is uint8"),
+        (np.zeros((3, 40, 40), np.uint8), "is uint8"),
+        (np.zeros((0, 4), np.uint8), "is uint8"),
+        ([[0] * 40] * 40, "is of type list; an image is a file"),
+        (torch.zeros(40, 40, dtype=torch.uint8), "is of type Tensor"),
+        (None, "is of type NoneType"),
+        (b"GIF89a", "is of type bytes.*\nDecode the content"),
+    ],
+    ids=range(7),
+)
+def test_what_is_no_image_is_refused(example, image, says):
+    with pytest.raises(UserError, match=f"the image .*{says}"):
         ExampleDetector().add(example).detect(image)
+
+
+@pytest.mark.parametrize("point", [(1, 2, 3), (1,), "310,190", ("1", "2"), (1, np.nan), 5, np.zeros((2, 2))])
+def test_a_point_is_two_numbers(example, point):
+    with pytest.raises(ArgumentError, match=r"point=.* must be two finite numbers"):
+        ExampleDetector().add(example, point=point)
+    assert ExampleDetector().add(example, point=np.array([110, 80])).examples[0].point == (110, 80)
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +175,8 @@ def model(tmp_path_factory):
 
 
 def test_through_a_trained_network(model, example, two, tmp_path):
-    detector = ExampleDetector.load(model, tmp_path, layer="layer2", rotations=2).add(example)
+    with torchs_settings_unchanged():
+        detector = ExampleDetector.load(model, tmp_path, layer="layer2", rotations=2).add(example)
     (best, *_) = detector.detect(two)
     assert (best.x, best.y) == pytest.approx((80, 70), abs=4)
     assert (detector.threshold, best.move.rotation_rad) == (0.8, 0)

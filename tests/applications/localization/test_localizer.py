@@ -302,6 +302,14 @@ def test_images_may_be_files_pictures_arrays_and_lists_of_any_size(corridor, tmp
     np.testing.assert_allclose(made[0].describe(enlarged), steps[0], atol=0.05)
 
 
+def test_a_motion_may_be_a_tensor_with_a_gradient(corridor):
+    steps = [
+        corridor.localizer().step(motion, corridor.at(3.5)).pose
+        for motion in ((0.5, 0.0, 0.0), torch.tensor([0.5, 0.0, 0.0], requires_grad=True))
+    ]
+    np.testing.assert_array_equal(*steps)
+
+
 def test_a_map_of_few_images_is_one(corridor):
     localizer = Localizer.from_images(corridor.images[:5], corridor.poses[:5], "WhitenedPCA", kernel=KERNEL)
     assert localizer.model.map.dimension == 4

@@ -221,6 +221,13 @@ def test_added_images_may_come_from_an_iterator():
         PoseMap(None, [], None, None, None).add(images, np.tile(np.eye(4), (2, 1, 1)), names=iter("abc"))
 
 
+def test_a_map_is_opened_from_the_home_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "poses").mkdir()
+    with pytest.raises(UserError, match=r"/poses is not a saved map of posed photos: the folder has no pose_map\.json"):
+        PoseMap.open("~/poses")
+
+
 @real
 def test_a_lens_of_a_model_is_straightened(desk, tmp_path):
     """What the lens bent outwards comes from further out; a camera of turned images is refused."""
@@ -281,7 +288,7 @@ def test_a_map_of_other_local_features_opens_with_them_and_refuses_others(desk, 
 @pytest.mark.slow
 def test_local_features_that_are_an_object_are_given_again(desk, tmp_path):
     folder, _, camera = desk
-    own = XFeatures(600, 320)
+    own = XFeatures(np.int64(600), np.int64(320))  # a header holds plain numbers
     poses = PoseMap.from_folder(folder / "map", local=own)
     assert max(map(len, poses.posed.features)) <= 600
     poses.save(tmp_path)

@@ -1,7 +1,9 @@
 """A map of photos from Python: filled, saved, opened and asked."""
 
 import json
+import pickle
 import shutil
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -20,10 +22,11 @@ from sextant.baselines import Pixels as PixelBaseline
 from sextant.baselines.network_layer import NetworkLayer
 from sextant.chapters.places import described_map
 from sextant.chapters.places.data.decoded_images import ImageSize
+from sextant.chapters.places.data.tolerance import PlaceTolerance
 from sextant.chapters.places.describing import describe
 from sextant.chapters.places.match_confidence import UNSEEN
 from sextant.chapters.places.saved_descriptor import kept_network
-from sextant.chapters.places.saved_map import FITTED, Temperature
+from sextant.chapters.places.saved_map import FITTED, TOLERANCES, Temperature
 from sextant.errors import ArgumentError, UserError
 from sextant.runs.checkpoint import KEY
 from sextant.zoo import write_model
@@ -207,6 +210,12 @@ def test_photos_at_near_positions_share_their_confidence(rides, tmp_path):
     assert again.look_up(photo, k=6).best.position == (3.0, 0.0)
 
 
+def test_positions_may_be_a_tensor_with_a_gradient(rides):
+    places = PlaceMap(Pixels())
+    places.add(rides[0], torch.arange(12.0).reshape(6, 2).requires_grad_())
+    assert places.look_up(rides[0] / "002.png").best.position == (4.0, 5.0)
+
+
 def test_photos_of_a_ride_share_their_confidence_if_so_wished(rides, places):
     alone = {each.photo.name: each.confidence for each in places.look_up(rides[1] / "001.png", k=6).matches}
     places.tolerance = 1
@@ -271,6 +280,58 @@ def test_photos_that_fail_are_named_and_the_others_are_in_the_map(rides):
     assert len(places) == 5
 
 
+def test_photos_that_failed_are_named_in_another_process_too(rides):
+    for path in (rides[0] / "001.png", rides[0] / "004.png"):
+        path.write_bytes(b"nothing")
+    with pytest.raises(FailedPhotosError) as raised:
+        PlaceMap(Pixels()).add(rides[0])
+    again = pickle.loads(pickle.dumps(raised.value))
+    assert (again.problem, again.fix) == (raised.value.problem, raised.value.fix)
+    assert [each.row() for each in again.failed] == [each.row() for each in raised.value.failed]
+    assert [each.name for each in again.failed] == [str(rides[0] / "001.png"), str(rides[0] / "004.png")]
+
+
+@pytest.mark.parametrize("given", ["day", "day/002.png"])
+def test_photos_given_relatively_stay_where_they_are(rides, tmp_path, monkeypatch, given):
+    monkeypatch.chdir(tmp_path)
+    places = PlaceMap(Pixels())
+    places.add(given)
+    monkeypatch.chdir(rides[1])
+    places.save(tmp_path / "map")
+    for each in (places, PlaceMap.open(tmp_path / "map", descriptor=Pixels())):
+        assert each.look_up(scene(2)).best.photo == rides[0] / "002.png"
+
+
+@pytest.mark.parametrize(
+    "kind", [np.float64, np.uint8, list, lambda rows: torch.tensor(rows).requires_grad_()], ids=str
+)
+def test_a_descriptor_of_the_user_may_return_numbers_of_any_kind(rides, kind):
+    def describing(made):
+        describer = Pixels()
+        describer.describe = lambda images: made(images.reshape(len(images), -1).astype(np.float32))
+        found = PlaceMap(describer)
+        found.add(rides[0])
+        return found.look_up(rides[1] / "002.png")
+
+    assert describing(kind) == describing(lambda rows: rows)
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (lambda rows: rows[0], r"of the shape \(1152,\) for 6 images"),
+        (lambda rows: rows[1:], r"of the shape \(5, 1152\) for 6 images"),
+        (lambda rows: [[1.0], [1.0, 2.0]], r"\[\[1\.0\], \[1\.0, 2\.0\]\] for 6 images"),
+        (lambda rows: None, r"of the shape \(\) for 6 images"),
+    ],
+)
+def test_a_descriptor_of_the_user_that_returns_no_row_for_each_image_is_told(rides, made, said):
+    describer = Pixels()
+    describer.describe = lambda images: made(images.reshape(len(images), -1))
+    with pytest.raises(ArgumentError, match=rf"descriptor: Pixels\.describe returned .*{said}"):
+        PlaceMap(describer).add(rides[0])
+
+
 def test_a_folder_is_not_photos_to_look_up(rides, places):
     for look_up in (places.look_up_many, places.look_up_sequence):
         with pytest.raises(UserError, match="is one path; several photos are expected"):
@@ -333,12 +394,15 @@ def test_arrays_that_cannot_be_looked_up_are_named_and_the_others_are_not_lost(r
         (lambda places, day: places.look_up(np.zeros((16, 24, 3))), "float64 16x24x3; the network takes uint8 16x24x3"),
         (lambda places, day: places.look_up(np.full((16, 24, 3), 256)), "int64 16x24x3"),
         (lambda places, day: places.look_up([[1, 2], [3]]), "the network takes uint8 16x24x3"),
+        (lambda places, day: places.look_up(torch.ones(16, 24, 3, requires_grad=True)), "float32 16x24x3; the network"),
+        (lambda places, day: places.look_up(list(torch.ones(9, 9, 3, requires_grad=True))), "the network takes uint8"),
         (lambda places, day: places.add([scene(9)]), "the names of files, and a value of type Image is not a file"),
         (lambda places, day: places.add([pixels(9), pixels(8)]), "a value of type ndarray is not a file"),
         (lambda places, day: places.add(pixels(9)), "a value of type ndarray is not a file"),
         (lambda places, day: places.add(None), "a value of type NoneType is not a file"),
         (lambda places, day: places.add([None]), "a value of type NoneType is not a file"),
         (lambda places, day: places.add(day, "here"), "positions='here' must be numbers"),
+        (lambda places, day: places.add(day, list(torch.ones(6, 2, requires_grad=True))), "positions=.* must be numb"),
         (lambda places, day: places.add(day, [["a", "b"]] * 6), r"positions=\[\['a', 'b'\], .* must be numbers"),
         (lambda places, day: places.add(day, [(0, 0), (0, np.inf)] * 3), "position of photo 1 is infinite"),
         (lambda places, day: places.look_up(None), "of type NoneType; the network takes uint8 16x24x3"),
@@ -402,6 +466,35 @@ def test_a_saved_map_opens_by_itself_and_answers_as_before(rides, tmp_path, desc
     again.add(ride(tmp_path / "more", [7]))
     again.save(tmp_path / "moved")
     assert len(PlaceMap.open(tmp_path / "moved")) == 7
+
+
+def test_numbers_of_numpy_are_saved_as_plain_ones(rides, tmp_path):
+    one, two = np.int64(16), np.int64(24)
+    tolerances = TOLERANCES | {"m": PlaceTolerance("m", np.float32(4), np.int64(20))}
+    places = PlaceMap(
+        Hog(one, two), ImageSize(one, two, np.int64(3)), temperature=np.float32(0.25), tolerances=tolerances
+    )
+    places.tolerance = np.float32(2.5)
+    places.add(rides[0])
+    places.save(tmp_path)
+    again = PlaceMap.open(tmp_path)
+    assert (again.temperature.value, again.tolerance, again.size) == (0.25, 2.5, ImageSize(16, 24, 3))
+    assert (again.tolerances, again.model) == (tolerances, PlaceMap(Hog(16, 24)).model)
+    assert again.look_up(rides[1] / "002.png") == places.look_up(rides[1] / "002.png")
+
+
+def test_a_setting_that_cannot_be_saved_keeps_the_former_map(rides, tmp_path):
+    places = PlaceMap("Hog", ImageSize(16, 24))
+    places.add(rides[0])
+    places.save(tmp_path / "map")
+    former = {path: path.read_bytes() for path in (tmp_path / "map").rglob("*.*")}
+    other = PlaceMap("Pixels", ImageSize(16, 24))
+    other.add(rides[1])
+    other.tolerance = Fraction(5, 2)
+    with pytest.raises(ArgumentError, match=r"tolerance=Fraction\(5, 2\) cannot be written as JSON"):
+        other.save(tmp_path / "map")
+    assert {path: path.read_bytes() for path in former} == former
+    assert len(former) == 5
 
 
 def test_a_network_goes_with_the_map_and_a_run_opens_what_was_saved_without(rides, checkpoint, tmp_path):

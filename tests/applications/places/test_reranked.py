@@ -3,6 +3,7 @@
 import csv
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -186,6 +187,28 @@ def test_features_of_every_kind_are_kept_and_copied_with_the_map(rides, places, 
         features.model, detected = model, features.detected
         PlaceMap.open(tmp_path / "b", descriptor=Pixels()).look_up(rides[1] / "000.png", rerank=PLACES)
         assert features.detected == detected + 1 + PLACES - known
+
+
+def test_features_are_found_and_kept_wherever_the_working_directory_is(rides, places, inliers, tmp_path, monkeypatch):
+    places.look_up(rides[1] / "000.png", rerank=PLACES)
+    places.save(tmp_path / "a")
+    monkeypatch.chdir(tmp_path)
+    opened, saved = (PlaceMap.open("a", descriptor=Pixels()) for _ in range(2))
+    saved.save("a")
+    monkeypatch.chdir(rides[1])
+    for number, each in enumerate((opened, saved)):
+        each.save(tmp_path / f"b{number}")
+        assert len(list((tmp_path / f"b{number}" / "local_features").iterdir())) == 1
+
+
+def test_features_of_the_user_may_have_sizes_of_numpy(rides, places, features, inliers, tmp_path):
+    plain = features.detect
+    features.detect = lambda images: [replace(each, width=np.int64(64)) for each in plain(images)]
+    places.look_up(rides[1] / "000.png", rerank=PLACES)
+    places.save(tmp_path)
+    detected = features.detected
+    PlaceMap.open(tmp_path, descriptor=Pixels()).look_up(rides[1] / "000.png", rerank=PLACES)
+    assert features.detected == detected + 1
 
 
 def test_photos_keep_their_size_where_the_features_have_no_side(tmp_path):

@@ -14,6 +14,7 @@ from PIL import Image
 from torch import Tensor
 
 from sextant.applications.failures import FailedPhoto, attempted
+from sextant.applications.pixels import rgb_pixels
 from sextant.baselines.calibration import CameraBelief, LineEvidence
 from sextant.chapters.calibration.finding import LEVELS, STUDENT, Doubt, Finding
 from sextant.chapters.calibration.network import CameraNetwork
@@ -21,8 +22,6 @@ from sextant.chapters.calibration.other_networks import OtherNetwork
 from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
 from sextant.data.photos.odd_pictures import check_no_panorama, closed_around, odd_picture
 from sextant.data.picture_files import DECODE
-from sextant.data.pixel_values import eight_bits, rgb_bytes
-from sextant.data.upright import upright
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters
 
@@ -84,7 +83,7 @@ def find_cameras(
 def _seen(
     network: CameraNetwork | OtherNetwork, name: str, photo: AnyPhoto, look_at_lines: bool, see: See | None
 ) -> _Seen:
-    read = _read(name, photo)
+    read = given_photo(name, photo)
     if look_at_lines:
         check_no_panorama(read.image, name)
     believed = None
@@ -123,21 +122,28 @@ def _found_by_others(
     )  # fmt: skip
 
 
-def _read(name: str, photo: AnyPhoto) -> Photo:
+def given_photo(
+    name: str, photo: AnyPhoto, fix: str = "Give its file; for several photos use calibrate_many or one_camera."
+) -> Photo:
+    """A photo in any of the forms in which it may be given.
+
+    Args:
+        name: of an array or a Pillow image, for error messages.
+        photo: the photo.
+        fix: what to do about a photo of another type.
+
+    Raises:
+        UserError: it is none, cannot be read, or is smaller than 32 pixels per side.
+    """
     if isinstance(photo, Path | str):
         return read_photo(Path(photo).expanduser())
     if isinstance(photo, Image.Image):
-        try:
-            photo = np.asarray(rgb_bytes(upright(eight_bits(photo)), 1))
-        except OSError as error:  # Pillow decodes lazily
-            raise UserError(f"{name} cannot be read: {error}", "Give another.") from None
+        photo = rgb_pixels(photo, name)
     if not isinstance(photo, ndarray):
         raise UserError(
             f"{name} is of type {type(photo).__name__}; a photo is a file, an array of RGB values from 0 to 255, "
             "or a Pillow image",
-            DECODE
-            if isinstance(photo, bytes | bytearray)
-            else "Give its file; for several photos use calibrate_many or one_camera.",
+            DECODE if isinstance(photo, bytes | bytearray) else fix,
         )
     return photo_of_array(photo, name)
 

@@ -23,6 +23,7 @@ from sextant.models import CalibrationNet, CalibrationOutput
 from sextant.models.calibration_net import cell_centres
 from sextant.models.canvas import pictures_of_canvas
 from sextant.runs.checkpoint import KEY
+from sextant.torch_file import building
 
 #: share of validation images that count as typical
 USUAL = 0.95
@@ -276,7 +277,8 @@ def trained_camera_network(content: Mapping[str, Any], checkpoint: Path, *, trus
             f"{checkpoint} is a model of {trained['task']}, not of calibration", "Name a run of task=calibration."
         )
     plain = without_weights(own_config(trained, trust=trust)).plain
-    network = CameraNetwork(*network_parts(plain, trained["spec"], partial(build, plain)))
+    with building():
+        network = CameraNetwork(*network_parts(plain, trained["spec"], partial(build, plain)))
     # leave out what belongs to training alone: the state of a loss
     own = {name: value for name, value in content["state_dict"].items() if not name.startswith("loss.")}
     load_weights(network, {"state_dict": own}, checkpoint)

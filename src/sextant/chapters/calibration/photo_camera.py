@@ -10,9 +10,11 @@ import torch
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
+from sextant.chapters.calibration.inference import AnyPhoto, given_photo
 from sextant.data.photos import Keep, undistort_photo
 from sextant.errors import UserError
 from sextant.geometry import undistort_radius
+from sextant.ranges import checked
 
 if TYPE_CHECKING:
     from sextant.chapters.calibration.figures.overlay import CalibratedPhoto
@@ -110,34 +112,37 @@ class PhotoCamera:
         """COLMAP's camera model and its parameters: f, cx, cy, k1, k2."""
         return "RADIAL", [self.focal_px, self.width / 2, self.height / 2, self.k1, self.k2]
 
-    def undistort(self, image: UInt8[ndarray, "h w 3"], keep: Keep = "crop") -> tuple[UInt8[ndarray, "h w 3"], float]:
+    @checked
+    def undistort(self, image: AnyPhoto, keep: Keep = "crop") -> tuple[UInt8[ndarray, "h w 3"], float]:
         """The photo as a lens without distortion would have taken it, and the focal length of the result in its pixels.
 
         Args:
-            image: the photo, upright, at any size.
+            image: the photo, in any form in which it may be calibrated; an array is upright, at any size.
             keep: ``crop`` cuts off what would leave an empty border; ``all`` keeps every pixel.
 
         Raises:
-            UserError: the image does not have the photo's shape.
+            UserError: the image cannot be read, or does not have the photo's shape.
+            ArgumentError: ``keep`` is another word.
         """
-        rows, columns = image.shape[:2]
+        pixels = _pixels(image)
+        rows, columns = pixels.shape[:2]
         scale = rows / self.height
         if abs(columns - scale * self.width) > 1 + scale:
             raise UserError(
                 f"the image has {columns}x{rows} pixels, but {self.name} has {self.width}x{self.height}",
                 "Give the whole photo, turned upright; it may be scaled.",
             )
-        return undistort_photo(image, self.focal_px * scale, self.k1, self.k2, keep)
+        return undistort_photo(pixels, self.focal_px * scale, self.k1, self.k2, keep)
 
-    def drawn(self, image: UInt8[ndarray, "h w 3"]) -> "CalibratedPhoto":
+    def drawn(self, image: AnyPhoto) -> "CalibratedPhoto":
         """The input of :func:`~.figures.overlay.calibration_overlay`; the image may be scaled."""
         from sextant.chapters.calibration.figures.overlay import CalibratedPhoto
 
         left, top, width, height = self.seen
         seen = (left / self.width, top / self.height, width / self.width, height / self.height)
         return CalibratedPhoto(
-            image, math.radians(self.tilt_deg), math.radians(self.roll_deg), self.focal_px / self.height, self.k1,
-            self.k2, seen, self._caption(),
+            _pixels(image), math.radians(self.tilt_deg), math.radians(self.roll_deg), self.focal_px / self.height,
+            self.k1, self.k2, seen, self._caption(),
         )  # fmt: skip
 
     def _caption(self) -> list[str]:
@@ -199,3 +204,9 @@ class PhotoCamera:
             "2 atan(height / 2 f), true_* are with distortion; k1_hat is k1 / f² in heights of the photo; "
             "the interval of k1 is at this focal length",
         }
+
+
+def _pixels(image: AnyPhoto) -> UInt8[ndarray, "h w *c"]:
+    if isinstance(image, ndarray) and image.dtype == np.uint8 and image.ndim in (2, 3) and image.size:
+        return image
+    return given_photo("the image", image, "Give its file.").image

@@ -12,7 +12,7 @@ from sextant.chapters.calibration.finding import Finding
 from sextant.chapters.calibration.fusing import adopt, estimate
 from sextant.chapters.calibration.jointly import jointly
 from sextant.chapters.calibration.metrics.fusion import Prior, fuse, with_prior
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, shown
 
 #: a focal length in pixels of the photo, the one in EXIF, or none
 FocalPrior = float | Literal["exif"] | None
@@ -29,15 +29,18 @@ GRAVITY_SIGMA = math.radians(1.5)
 
 def check_priors(focal_prior: FocalPrior, gravity_prior: GravityPrior) -> None:
     """Raise an ``ArgumentError`` unless they are a focal length, ``exif`` or None, and ``exif`` or None."""
-    if gravity_prior not in ("exif", None):
-        raise ArgumentError(f"gravity_prior={gravity_prior} must be None or exif", "gravity_prior=exif")
-    if focal_prior is None or focal_prior == "exif":
-        return
-    number = isinstance(focal_prior, Real) and not isinstance(focal_prior, bool)
-    if not (number and 0 < float(focal_prior) < math.inf):
+    if not _by_name(gravity_prior):
+        raise ArgumentError(f"gravity_prior={shown(gravity_prior)} must be None or exif", "gravity_prior=exif")
+    number = float(focal_prior) if isinstance(focal_prior, Real) and not isinstance(focal_prior, bool) else math.nan
+    if not _by_name(focal_prior) and not 0 < number < math.inf:
         raise ArgumentError(
-            f"focal_prior={focal_prior} must be None, exif or a focal length in pixels above 0", "focal_prior=exif"
+            f"focal_prior={shown(focal_prior)} must be None, exif or a focal length in pixels above 0",
+            "focal_prior=exif",
         )
+
+
+def _by_name(prior: object) -> bool:
+    return prior is None or (isinstance(prior, str) and prior == "exif")
 
 
 def prior_of(finding: Finding, focal_prior: FocalPrior) -> Prior | None:

@@ -10,11 +10,12 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray
+from PIL import Image
 from torch import Tensor, nn
 
 from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
-from sextant.applications.pixels import checked_pixels
-from sextant.data.image_folder import decode_covering
+from sextant.applications.pixels import AnyImage, checked_pixels
+from sextant.data.image_folder import covering_bytes, decode_covering
 from sextant.data.pixel_values import WhiteLevels
 from sextant.data.source import ImageSpec
 from sextant.errors import UserError
@@ -25,7 +26,6 @@ from sextant.runs.resolve import resolve_run
 
 #: images that are classified at a time
 BATCH = 256
-AnyImage = Path | str | UInt8[ndarray, "h w *c"]
 #: maps images to a number for each class
 Answering = Callable[[UInt8[Tensor, "b c h w"]], Float[Tensor, "b k"]]
 
@@ -99,7 +99,7 @@ class ImageClassifier:
         """Classify one image.
 
         Args:
-            image: a file or an array, as for :meth:`classify_many`.
+            image: a file, a Pillow image or an array, as for :meth:`classify_many`.
 
         Raises:
             UserError: the image cannot be read or has another shape, or the network returns NaN.
@@ -121,8 +121,9 @@ class ImageClassifier:
         """Classify several images; results are in the same order.
 
         Args:
-            images: files of any kind and size, which are turned upright, scaled to cover the network's images and
-                cropped at the centre; or arrays of bytes of the size of the network's images.
+            images: files of any kind and size, or Pillow images, which are turned upright, scaled to cover the
+                network's images and cropped at the centre; or arrays of whole numbers from 0 to 255 of the size of the
+                network's images.
             errors: ``raise`` tries all images, then raises if some failed; ``return`` puts a
                 :class:`~sextant.applications.FailedPhoto` in place of each failure.
 
@@ -161,9 +162,15 @@ class ImageClassifier:
             return FailedPhoto(str(image) if isinstance(image, Path | str) else f"image {number}", error)
 
     def _pixels(self, image: AnyImage) -> UInt8[ndarray, "h w c"]:
+        size, channels = (self.spec.height, self.spec.width), self.spec.channels
         if isinstance(image, Path | str):
             image = decoded(Path(image).expanduser(), self.spec)
-        return checked_pixels(np.asarray(image), (self.spec.height, self.spec.width, self.spec.channels))
+        elif isinstance(image, Image.Image):
+            try:
+                image = covering_bytes(image, size, channels)
+            except (ValueError, OSError) as error:  # Pillow decodes lazily
+                raise UserError(f"the image cannot be used: {error}", "Give another.") from None
+        return checked_pixels(image, (*size, channels))
 
 
 def decoded(path: Path, spec: ImageSpec, levels: WhiteLevels | None = None) -> UInt8[ndarray, "h w *c"]:

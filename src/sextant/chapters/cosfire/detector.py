@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from jaxtyping import Float, Int64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.applications.arguments import check_share
+from sextant.applications.arguments import check_kind, check_share
 from sextant.chapters.cosfire.detector_options import LONGEST, MAX_DETECTIONS, PHOTO, check_point
 from sextant.chapters.cosfire.filters import REACH, network_filter, preset_filter, tolerant
 from sextant.chapters.cosfire.images import AnyImage, UprightImage, upright_image
@@ -79,8 +79,8 @@ class ExampleDetector:
     """Finds what an example shows, wherever the same parts are arranged alike: a COSFIRE filter, without training.
 
     The filter operates on Gabor filters, or on the features of a trained network, see :meth:`load`. Several examples
-    have a filter each, and the strongest response counts. Images are files of any kind, turned upright by EXIF, or
-    upright arrays of bytes, grey or RGB.
+    have a filter each, and the strongest response counts. Images are files of any kind or Pillow images, turned upright
+    by EXIF, or upright arrays of bytes, grey or RGB.
 
     >>> detector = ExampleDetector(rotations=8).add("photo.jpg", point=(310, 190))  # doctest: +SKIP
     >>> for found in detector.detect("other.jpg"):  # doctest: +SKIP
@@ -103,8 +103,8 @@ class ExampleDetector:
         threshold: least score of a detection, unless another is given.
 
     Raises:
-        ArgumentError: there is no such preset, or it was given together with features; there is no rotation, a scale
-            is not above 0, or ``longest`` is below 16.
+        ArgumentError: there is no such preset, or it was given together with features; ``features`` are none; there is
+            no rotation, a scale is not above 0, ``longest`` is below 16, or ``reach`` below 8.
     """
 
     def __init__(
@@ -112,12 +112,13 @@ class ExampleDetector:
         features: TrainedFeatures | None = None,
         *,
         preset: str | None = None,
-        rotations: int | None = None,
-        scales: Sequence[float] | None = None,
-        reflection: bool | None = None,
+        rotations: Count | None = None,
+        scales: Sequence[Positive] | None = None,
+        reflection: Literal[True, False] | None = None,
         longest: Annotated[int, Ge(16)] = LONGEST,
-        reach: float = REACH,
+        reach: Positive = REACH,
     ):
+        check_kind("features", features, TrainedFeatures, "Those of a network: ExampleDetector.load(run)")
         if features is None:
             filters, self.channels, self.threshold = preset_filter(preset or PHOTO, reach), 1, THRESHOLD
         elif preset is None:
@@ -165,6 +166,7 @@ class ExampleDetector:
 
         Raises:
             UserError: the image cannot be read, or has nothing at the point to configure a filter from.
+            ArgumentError: the point is not two numbers, or lies outside the image.
         """
         image = upright_image(example, self.longest)
         if point is not None:
@@ -214,7 +216,7 @@ class ExampleDetector:
         """Detect in an image; the strongest detections come first.
 
         Args:
-            image: a file, or bytes.
+            image: a file, a Pillow image, or an array of bytes.
             threshold: least score; :attr:`threshold` unless given.
             min_distance: distance within which two detections are merged, in pixels of the original; the filter's
                 radius unless given.

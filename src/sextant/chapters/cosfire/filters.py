@@ -64,21 +64,14 @@ def network_filter(features: nn.Module, size: int) -> Cosfire:
 def tolerant(
     filters: Cosfire, rotations: int | None, scales: Sequence[float] | None, reflection: bool | None
 ) -> Cosfire:
-    """The filter with the tolerances that the user chose, otherwise its own; the example itself is always included.
-
-    Raises:
-        ArgumentError: there is no rotation, or a scale is not above 0.
-    """
+    """The filter with the tolerances that the user chose, otherwise its own; the example itself is always included."""
     own: Tolerance = filters.tolerance
-    try:
-        filters.tolerance = replace(
-            own,
-            rotations=own.rotations if rotations is None else rotations,
-            span_deg=own.span_deg if rotations is None else 360.0,
-            scales=own.scales if scales is None else tuple(dict.fromkeys((1.0, *scales))),
-            reflection=own.reflection if reflection is None else reflection,
-        )
-    except ValueError as error:
-        raise ArgumentError(str(error), "For example rotations=8, scales=(0.7, 1, 1.4)") from None
+    filters.tolerance = replace(
+        own,
+        rotations=own.rotations if rotations is None else rotations,
+        span_deg=own.span_deg if rotations is None else 360.0,
+        scales=own.scales if scales is None else tuple(dict.fromkeys((1.0, *scales))),
+        reflection=own.reflection if reflection is None else reflection,
+    )
     filters.t3 = 0.0  # relative to the image's strongest response and so to its other content; threshold= replaces it
     return filters

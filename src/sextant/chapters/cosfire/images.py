@@ -1,6 +1,7 @@
 """Images as a filter takes them: upright, not too large, grey or in colour."""
 
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy import ndarray
 from PIL import Image
 from torch import Tensor
 
+from sextant.applications.pixels import rgb_pixels
 from sextant.data.photos import read_photo
 from sextant.data.photos.reading import SMALLEST_SIDE
 from sextant.data.picture_files import DECODE, open_picture
@@ -17,7 +19,7 @@ from sextant.data.pixel_values import eight_bits, rgb_bytes
 from sextant.data.upright import upright
 from sextant.errors import UserError
 
-AnyImage = Path | str | UInt8[ndarray, "h w *c"]
+AnyImage = Path | str | UInt8[ndarray, "h w *c"] | Image.Image
 
 
 @dataclass(frozen=True)
@@ -60,14 +62,19 @@ def upright_image(image: AnyImage | UprightImage, longest: int) -> UprightImage:
     """An image of any size; larger ones are shrunk so that their longest side has ``longest`` pixels.
 
     Raises:
-        UserError: as for :func:`read_image`, or an array is not of bytes, grey or RGB.
+        UserError: as for :func:`read_image`, an array is not of bytes, grey or RGB, or it is of another type.
     """
     if isinstance(image, UprightImage):
         return image
-    if isinstance(image, bytes | bytearray):
-        raise UserError(f"the image is of type {type(image).__name__}; an image is a file or an array", DECODE)
-    if not isinstance(image, ndarray):
+    if isinstance(image, PathLike | str):
         return read_image(Path(image).expanduser(), longest)
+    if isinstance(image, Image.Image):
+        image = rgb_pixels(image, "the image")
+    if not isinstance(image, ndarray):
+        raise UserError(
+            f"the image is of type {type(image).__name__}; an image is a file, an array of bytes or a Pillow image",
+            DECODE if isinstance(image, bytes | bytearray) else "Give its file.",
+        )
     grey = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 1)
     if image.dtype != np.uint8 or not image.size or not (grey or (image.ndim == 3 and image.shape[2] == 3)):
         shape = "x".join(map(str, image.shape))

@@ -13,6 +13,7 @@ from sextant.models import FeatureMap
 from sextant.registry import offering
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import resolve_run
+from sextant.torch_file import building
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,8 @@ def trained_features(reference: str, outputs: Path, layer: str | None, *, trust:
         before, network = network.standardize, network.backbone
         if isinstance(network, FeatureMap):  # nested, the outer one would never see its layer
             layer, network = layer or network.layer, network.network
-    features = FeatureMap(network, spec["channels"], (spec["height"], spec["width"]), layer=layer)
+    with building():  # it tries an image
+        features = FeatureMap(network, spec["channels"], (spec["height"], spec["width"]), layer=layer)
     whole = nn.Sequential(before, features).eval().requires_grad_(False)
     facts = {"run": reference, "sha256": found.identity, "task": trained["task"], "layer": features.layer}
     return TrainedFeatures(whole, features.channels, spec["channels"], facts)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from sextant.applications.pixels import detached
 from sextant.baselines.calibration import FOCAL_HEIGHTS
 from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, focal_length_of
 from sextant.errors import ArgumentError, UserError, shown
@@ -44,8 +45,8 @@ def checked_poses(poses: Any, images: int, least: int = 2) -> Float64[ndarray, "
         ArgumentError: their number or shape is another, there are fewer images than ``least``, or one is not rigid.
     """
     try:
-        matrices = np.asarray(poses, np.float64)
-    except (TypeError, ValueError):
+        matrices = np.asarray(detached(poses), np.float64)
+    except (TypeError, ValueError, RuntimeError):
         matrices = np.empty(0)
     if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) != images:
         raise ArgumentError(

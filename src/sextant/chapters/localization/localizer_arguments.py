@@ -12,6 +12,7 @@ from numpy import ndarray
 from torch import Tensor
 
 from sextant.applications.arguments import check_kind, check_whole
+from sextant.applications.pixels import detached
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError, shown
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
@@ -64,8 +65,8 @@ def as_motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
 def as_numbers(given: Any) -> Float64[ndarray, "*n"]:
     """The values as an array; an array of a shape that matches nothing if they are not numbers."""
     try:
-        return np.array(given, np.float64)
-    except (TypeError, ValueError):
+        return np.array(detached(given), np.float64)
+    except (TypeError, ValueError, RuntimeError):
         return np.empty((0, 0))
 
 

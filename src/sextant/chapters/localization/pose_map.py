@@ -258,7 +258,7 @@ class PoseMap:
         Raises:
             UserError: it is not one, is damaged, or has other local features.
         """
-        saved = open_pose_map(Path(folder), local)
+        saved = open_pose_map(Path(folder).expanduser(), local)
         return cls(saved.posed, saved.names, saved.descriptors, saved.described_by, saved.features, saved.local)
 
 

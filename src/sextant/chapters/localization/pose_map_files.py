@@ -15,6 +15,7 @@ from sextant.chapters.places.photo_features import extractor_of
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, load_descriptor
 from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, PosedMap, PoseErrors, XFeatures
 from sextant.errors import ArgumentError
+from sextant.localization.saved_map import plain
 
 FORMAT = FolderFormat("a map of posed photos", "sextant pose map", 1, "pose_map.json")
 DESCRIPTOR = "descriptor"
@@ -49,30 +50,11 @@ def save_pose_map(saved: SavedPoseMap, folder: Path) -> None:
     Raises:
         OSError: the folder cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / FORMAT.header).unlink(missing_ok=True)
-    (folder / DESCRIPTOR).mkdir(exist_ok=True)
-    saved.described_by.save(folder / DESCRIPTOR)
     posed = saved.posed
-    arrays: dict[str, Sequence[ndarray]] = {
-        "poses": [posed.poses],
-        "points": [posed.points],
-        "covariances": [posed.covariances.astype(np.float32)],
-        "point_of": posed.point_of,
-        "pixels": [each.points for each in posed.features],
-        "local_descriptors": [each.descriptors for each in posed.features],
-        "descriptors": [saved.descriptors],
-    }
-    hashes = {}
-    for name, parts in arrays.items():
-        path = folder / f"{name}.npy"
-        write_atomically(path, lambda file, parts=parts: _write_parts(file, parts))  # type: ignore[misc]
-        hashes[name] = hash_file(path)
     options = {"keypoints": getattr(saved.features, "keypoints", None), "side": saved.features.side}
-    FORMAT.write_header(
-        folder,
+    header = plain(
         {
-            "sha256": hashes,
+            "sha256": {},
             "names": list(saved.names),
             "features": {"name": saved.features.name, **options},
             "local": saved.local,
@@ -82,8 +64,26 @@ def save_pose_map(saved: SavedPoseMap, folder: Path) -> None:
             "cameras": [asdict(each) for each in posed.cameras],
             "pixel_variance": posed.pixel_variance,
             "errors": asdict(posed.errors),
-        },
+        }
     )
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / FORMAT.header).unlink(missing_ok=True)
+    (folder / DESCRIPTOR).mkdir(exist_ok=True)
+    saved.described_by.save(folder / DESCRIPTOR)
+    arrays: dict[str, Sequence[ndarray]] = {
+        "poses": [posed.poses],
+        "points": [posed.points],
+        "covariances": [posed.covariances.astype(np.float32)],
+        "point_of": posed.point_of,
+        "pixels": [each.points for each in posed.features],
+        "local_descriptors": [each.descriptors for each in posed.features],
+        "descriptors": [saved.descriptors],
+    }
+    for name, parts in arrays.items():
+        path = folder / f"{name}.npy"
+        write_atomically(path, lambda file, parts=parts: _write_parts(file, parts))  # type: ignore[misc]
+        header["sha256"][name] = hash_file(path)
+    FORMAT.write_header(folder, header)
 
 
 def _write_parts(file: BinaryIO, parts: Sequence[ndarray]) -> None:

@@ -13,6 +13,7 @@ from numpy import ndarray
 
 from sextant.applications.arguments import check_kind, check_whole, make_folder
 from sextant.applications.failures import Errors, FailedPhoto, check_errors, raise_failed
+from sextant.applications.pixels import detached
 from sextant.baselines import WhitenedPCA
 from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.chapters.places.data.tolerance import PlaceTolerance, Unit
@@ -143,8 +144,8 @@ class DescribedMap:
 
         Raises:
             FailedPhotosError: photos could not be described; the message names them, and the others are in the map.
-            ArgumentError: there are no photos, they are not files, some are in the map already, or positions are not x
-                and y of each photo.
+            ArgumentError: there are no photos, they are not files, some are in the map already, positions are not x and
+                y of each photo, or the map's descriptor does not return one row of numbers for each.
             UserError: the given descriptors are not those of as many photos, or of other length than the map's.
         """
         check_errors(errors)
@@ -188,15 +189,15 @@ class DescribedMap:
             descriptor: save the descriptor too, so that the folder can be opened by itself.
 
         Raises:
-            UserError: the map is empty.
+            UserError: the map is empty, or a setting cannot be saved; then a map that was there is kept.
             OSError: the disk is full, or the folder cannot be written to.
         """
         folder = make_folder("folder", folder)
         kept = descriptor and self.descriptor.facts["kind"] != "none"
         described = self.described
+        facts = MapFacts(self.model, kept, self.temperature, self.tolerance, self.tolerances, self.size).header()
         if kept:
             self.descriptor.save(folder / DESCRIPTOR)
-        facts = MapFacts(self.model, kept, self.temperature, self.tolerance, self.tolerances, self.size)
         save_map(described, facts, folder)
 
     def take(self, folder: Path) -> Self:
@@ -282,8 +283,8 @@ class DescribedMap:
 def _positions(positions: Any, photos: int) -> Float64[ndarray, "n 2"]:
     fix = "Give x and y in metres for each photo, nan where unknown."
     try:
-        where = np.array(positions, np.float64)
-    except (TypeError, ValueError):
+        where = np.array(detached(positions), np.float64)
+    except (TypeError, ValueError, RuntimeError):
         raise ArgumentError(f"positions={shown(positions)} must be numbers, x and y for each photo", fix) from None
     if where.shape != (photos, 2):
         raise ArgumentError(f"positions has shape {where.shape} for {counted(photos, 'photo')}", fix)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int64, UInt8
 from numpy import ndarray
 
+from sextant.applications.pixels import detached
 from sextant.chapters.places.data.decoded_images import ImageSize
 from sextant.chapters.places.photo_folder import PhotoFolder
 from sextant.chapters.places.saved_descriptor import Describes
@@ -19,8 +20,10 @@ from sextant.data import upright
 from sextant.data.image_files import decode_image
 from sextant.data.picture_files import UnreadableImageError, open_picture
 from sextant.data.pixel_values import WhiteLevels, levels_of_folders
+from sextant.errors import ArgumentError, shown
 from sextant.reporter import Advance
 from sextant.retrieval.flat_index import FlatIndex
+from sextant.tables import counted
 
 BATCH = 64
 #: ratio of a photo's aspect to that of the network's images, or its inverse, above which it is reported as stretched
@@ -139,6 +142,9 @@ def describe(
         photos: files, or bytes of that size.
         progress: called with the number of photos done and the total.
         among: all photos of which these are a part, whose folders share a white level; None if they are all.
+
+    Raises:
+        ArgumentError: the describer does not return one row of numbers per image.
     """
     failed: dict[int, str] = {}
     stretched: list[int] = []
@@ -148,7 +154,7 @@ def describe(
     done = 0
     for numbers, images in _decoded(photos, size, levels, failed, stretched):
         if numbers:
-            found = describer.describe(images)
+            found = _described(describer, images)
             good = np.isfinite(found).all(axis=1)
             failed |= {
                 number: "the network's descriptor is not finite"
@@ -159,6 +165,21 @@ def describe(
         done = min(done + BATCH, len(photos))
         progress(done, len(photos))
     return Described(np.concatenate(parts) if parts else np.empty((0, 0), np.float32), failed, tuple(stretched))
+
+
+def _described(describer: Describes, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
+    found = describer.describe(images)
+    try:
+        rows = np.asarray(detached(found), np.float32)
+        told = f"an array of the shape {rows.shape}"
+    except (TypeError, ValueError, RuntimeError):
+        rows, told = np.empty(0, np.float32), shown(found)
+    if rows.ndim != 2 or len(rows) != len(images):
+        raise ArgumentError(
+            f"descriptor: {type(describer).__name__}.describe returned {told} for {counted(len(images), 'image')}",
+            "It must return one row of numbers for each image.",
+        )
+    return rows
 
 
 def _decoded(

@@ -18,6 +18,7 @@ from sextant.array_folder import FolderFormat
 from sextant.atomic_files import hash_file, write_atomically
 from sextant.chapters.places.describing import upright_size
 from sextant.errors import ArgumentError, UserError, shown
+from sextant.localization.saved_map import plain
 
 if TYPE_CHECKING:
     from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, TrunkFeatures
@@ -231,21 +232,12 @@ def _remove(folder: Path) -> None:
 
 def _write(kind: Kind, names: Mapping[Path, str], folder: Path, index: str) -> None:
     """Write the features of one kind; the header last."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / KIND.header).unlink(missing_ok=True)
-    hashes = {}
-    for name in ARRAYS:
-        array = np.concatenate([getattr(each, name) for each in kind.features.values()])
-        path = folder / f"{name}.npy"
-        write_atomically(path, lambda file, array=array: np.save(file, array, allow_pickle=False))  # type: ignore[misc]
-        hashes[name] = hash_file(path)
-    KIND.write_header(
-        folder,
+    facts = plain(
         {
             "name": kind.name,
             "model": kind.model,
             "index_sha256": index,
-            "sha256": hashes,
+            "sha256": {},
             "photos": [
                 {
                     "name": names[file],
@@ -256,8 +248,16 @@ def _write(kind: Kind, names: Mapping[Path, str], folder: Path, index: str) -> N
                 }
                 for file, each in kind.features.items()
             ],
-        },
+        }
     )
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / KIND.header).unlink(missing_ok=True)
+    for name in ARRAYS:
+        array = np.concatenate([getattr(each, name) for each in kind.features.values()])
+        path = folder / f"{name}.npy"
+        write_atomically(path, lambda file, array=array: np.save(file, array, allow_pickle=False))  # type: ignore[misc]
+        facts["sha256"][name] = hash_file(path)
+    KIND.write_header(folder, facts)
 
 
 def saved_features(folder: Path, extractor: Any, files: Mapping[str, Path], index: str) -> "dict[Path, LocalFeatures]":

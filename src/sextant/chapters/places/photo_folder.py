@@ -40,7 +40,9 @@ class PhotoFolder:
 
 
 def photo_folder(photos: PhotoFolder | Path | str | Iterable[Path | str]) -> PhotoFolder:
-    """Photos with names relative to one folder: of the photo or folder at a path, or of files in the given order.
+    """Photos of the photo or folder at a path, or files in the given order, with names relative to one absolute folder.
+
+    A :class:`PhotoFolder` is returned as it is.
 
     Raises:
         ArgumentError: there are none, or they are not files.
@@ -48,7 +50,8 @@ def photo_folder(photos: PhotoFolder | Path | str | Iterable[Path | str]) -> Pho
     if isinstance(photos, PhotoFolder):
         return photos
     if isinstance(photos, Path | str):
-        return photos_below(photos)
+        found = photos_below(photos)
+        return PhotoFolder(found.folder.absolute(), found.names)
     photos = list(photos) if isinstance(photos, Iterable) else [photos]
     if wrong := [type(photo).__name__ for photo in photos if not isinstance(photo, Path | str)]:
         raise ArgumentError(

@@ -215,13 +215,13 @@ class PlaceMap(DescribedMap):
         index = hash_file(folder / flat_index.HEADER)
         save_features(kept, names, folder, index)
         if self._opened is not None and self._opened[0].resolve() == folder.resolve():
-            self._opened = folder, {name: file for file, name in names.items()}, index
+            self._opened = folder.absolute(), {name: file for file, name in names.items()}, index
 
     def take(self, folder: Path) -> Self:
         """Load the photos of a saved map into this one, replacing its own; their local features are read on demand."""
         super().take(folder)
         files = dict(zip(self.described.names, self.described.paths, strict=True))
-        self._opened = folder, files, hash_file(folder / flat_index.HEADER)
+        self._opened = folder.absolute(), files, hash_file(folder / flat_index.HEADER)
         self._features, self._kinds = None, {}
         return self
 

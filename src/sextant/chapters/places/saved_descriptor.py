@@ -26,6 +26,7 @@ from sextant.baselines import Hog, PatchNormalised, Pixels, PlaceDescriptor, Whi
 from sextant.baselines.network_layer import NetworkLayer
 from sextant.chapters.places.given_descriptors import GivenDescriptors
 from sextant.errors import ArgumentError, UserError
+from sextant.localization.saved_map import plain
 
 HEADER, ARRAYS = "descriptor.json", "descriptor.safetensors"
 FORMAT, VERSION = "sextant.map_descriptor", 1
@@ -81,23 +82,24 @@ class SavedDescriptor:
         """Write both files; the header last.
 
         Raises:
+            ArgumentError: JSON cannot hold one of the facts; then a descriptor that was there is kept.
             OSError: the folder cannot be written to.
         """
+        packed, facts = self._packed(), plain(self.facts)
         (folder / HEADER).unlink(missing_ok=True)
-        packed = self._packed()
         write_atomically(folder / ARRAYS, lambda file: file.write(packed))
-        marks = {"sha256": hashlib.sha256(packed).hexdigest(), "identity": _identity(self.facts, packed)}
-        write_json(folder / HEADER, {"format": FORMAT, "version": VERSION, **marks, "facts": self.facts})
+        marks = {"sha256": hashlib.sha256(packed).hexdigest(), "identity": _identity(facts, packed)}
+        write_json(folder / HEADER, {"format": FORMAT, "version": VERSION, **marks, "facts": facts})
 
 
 def kept_baseline(descriptor: Describes) -> SavedDescriptor:
     """A training-free descriptor, fitted to the map; or a user-defined one, which cannot be saved."""
     if isinstance(descriptor, GivenDescriptors):
-        return SavedDescriptor(descriptor, {"kind": "given", "dimension": descriptor.dimension})
+        return SavedDescriptor(descriptor, plain({"kind": "given", "dimension": descriptor.dimension}))
     name = type(descriptor).__name__
     if BASELINES.get(name) is not type(descriptor):
         return SavedDescriptor(descriptor)
-    arguments = {key: getattr(descriptor, key) for key in inspect.signature(type(descriptor)).parameters}
+    arguments = plain({key: getattr(descriptor, key) for key in inspect.signature(type(descriptor)).parameters})
     arrays: dict[str, Tensor] = {}
     if isinstance(descriptor, WhitenedPCA):
         arrays = {key: torch.from_numpy(np.array(getattr(descriptor.pca_, key), order="C")) for key in COMPONENTS}

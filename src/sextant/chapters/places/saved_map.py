@@ -22,6 +22,7 @@ from sextant.chapters.places.match_confidence import UNSEEN, MatchConfidence
 from sextant.chapters.places.photo_folder import HEADER, PhotoFolder
 from sextant.errors import UserError
 from sextant.kit.published_places import CARD
+from sextant.localization.saved_map import plain
 from sextant.retrieval import flat_index
 from sextant.retrieval.flat_index import FlatIndex
 from sextant.runs.resolve import FoundRun, resolve_run
@@ -105,9 +106,22 @@ class MapFacts:
     tolerances: Mapping[Unit, PlaceTolerance] = field(default_factory=lambda: TOLERANCES)
     size: ImageSize | None = None
 
+    def header(self) -> dict[str, Any]:
+        """These facts as the header holds them.
 
-def save_map(described: DescribedPhotos, facts: MapFacts, folder: Path) -> None:
+        Raises:
+            ArgumentError: JSON cannot hold one of them; the message names it.
+        """
+        return plain({**asdict(self), "temperature": self.temperature._asdict()})
+
+
+def save_map(described: DescribedPhotos, facts: Mapping[str, Any], folder: Path) -> None:
     """Write descriptors with the names of their photos; existing files are replaced.
+
+    Args:
+        described: the photos.
+        facts: what :meth:`MapFacts.header` gives.
+        folder: folder to write into.
 
     Raises:
         OSError: the disk is full, or the folder cannot be written to.
@@ -122,7 +136,7 @@ def save_map(described: DescribedPhotos, facts: MapFacts, folder: Path) -> None:
         "positions": None if described.positions is None else described.positions.tolist(),  # nan becomes null
         "index_sha256": hash_file(folder / flat_index.HEADER),
     }
-    KIND.write_header(folder, {**asdict(facts), "temperature": facts.temperature._asdict(), **photos})
+    KIND.write_header(folder, {**facts, **photos})
 
 
 def read_facts(folder: Path) -> MapFacts:
