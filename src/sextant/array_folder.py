@@ -5,6 +5,7 @@ The header is a JSON file that is written last, so an interrupted write leaves a
 older headers lack the latter.
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from numpy import ndarray
 
 from sextant.atomic_files import hash_file, read_json, seal_holds, write_sealed_json
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError, shown
 
 
 @dataclass(frozen=True)
@@ -105,3 +106,24 @@ class FolderFormat:
         return UserError(
             f"the {self.noun} in {folder} is damaged: {how}", "Rebuild it from its images, or copy it again."
         )
+
+
+def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values as JSON holds them: numbers and arrays of NumPy become plain ones.
+
+    Raises:
+        ArgumentError: JSON cannot hold one of them; the message names it.
+
+    Example:
+        >>> plain_values({"images": np.int64(3), "size": (24, 32)})
+        {'images': 3, 'size': [24, 32]}
+    """
+    result = {}
+    for name, value in values.items():
+        try:
+            result[name] = json.loads(json.dumps(value, default=lambda each: each.tolist()))
+        except (AttributeError, TypeError, ValueError):
+            raise ArgumentError(
+                f"{name}={shown(value)} cannot be written as JSON", "Give numbers, texts, or lists of these."
+            ) from None
+    return result

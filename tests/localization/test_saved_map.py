@@ -65,7 +65,7 @@ def test_a_map_can_be_saved_over_itself(folder):
 
 def test_a_fact_that_json_cannot_hold_keeps_the_former_map(folder):
     loaded = load_map(folder)
-    with pytest.raises(ArgumentError, match="facts: of=<object") as error:
+    with pytest.raises(ArgumentError, match="of=<object") as error:
         save_map(folder, loaded.model, loaded.likelihood, {"images": 3, "of": object()})
     assert "\n" not in error.value.problem
     assert load_map(folder).facts == FACTS

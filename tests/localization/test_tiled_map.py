@@ -185,7 +185,7 @@ def test_what_cannot_be_a_map_is_refused(tmp_path):
         builder.add(POSES[:3], DESCRIPTORS[:3, :5])
     with pytest.raises(UserError, match=r"neighbours=141 must be in \[1, 140\]"):
         finish(builder, neighbours=141)
-    with pytest.raises(UserError, match="facts: of=<object"):
+    with pytest.raises(UserError, match="of=<object"):
         finish(builder, facts={"of": object()})
     builder.add(POSES[30:31] + torch.tensor([0, 0, 4 * torch.pi], dtype=torch.float64), DESCRIPTORS[:1])
     builder.add(torch.tensor([[1.0, -0.0, 0.5], [1.0, 0.0, 0.5]], dtype=torch.float64), DESCRIPTORS[:2])

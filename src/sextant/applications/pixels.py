@@ -132,7 +132,8 @@ def _bytes(image: Any, size: Size | None) -> UInt8[ndarray, "h w c"]:
         pixels = np.empty(0, object)
     pixels = pixels[..., None] if pixels.ndim == 2 else pixels
     whole = np.issubdtype(pixels.dtype, np.integer) and pixels.size and pixels.min() >= 0 and pixels.max() <= 255
-    if pixels.ndim != 3 or pixels.shape[2] not in (1, 3) or not whole or min(pixels.shape[:2]) < 1:
+    channels = (1, 3) if size is None else (1, 3, size[2])
+    if pixels.ndim != 3 or pixels.shape[2] not in channels or not whole or min(pixels.shape[:2]) < 1:
         give = "Give an array of values from 0 to 255, height x width x 1 or 3; or its file."
         raise _unfit(pixels, size, DECODE if isinstance(image, bytes | bytearray) else give)
     return pixels.astype(np.uint8, copy=False)

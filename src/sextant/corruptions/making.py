@@ -105,14 +105,13 @@ def check_labels(labels: NDArray[Any], name: str, count: int) -> NDArray[Any]:
     """``labels`` as bytes where they fit, else as 64-bit integers.
 
     Raises:
-        UserError: they are not one whole number from 0 up for each of ``count`` images.
+        UserError: they are not one whole number for each of ``count`` images.
     """
-    allowed = f"Labels are whole numbers from 0 up, of shape ({count},)."
     if labels.shape != (count,) or labels.dtype.kind not in "iu":
-        raise UserError(f"{name} holds {labels.dtype} of shape {labels.shape}", allowed)
-    if labels.min() < 0:
-        raise UserError(f"{name} holds {labels.min()}", allowed)
-    return labels.astype(np.uint8 if labels.max() < 256 else np.int64)
+        raise UserError(
+            f"{name} holds {labels.dtype} of shape {labels.shape}", f"Labels are whole numbers of shape ({count},)."
+        )
+    return labels.astype(np.uint8 if labels.min() >= 0 and labels.max() < 256 else np.int64)
 
 
 def is_whole(path: Path, shape: tuple[int, ...]) -> bool:
@@ -165,18 +164,20 @@ def begin(folder: Path, recipe: Recipe, corruptions: Corruptions) -> None:
             path.unlink(missing_ok=True)
 
 
-def write_labels(folder: Path, labels: NDArray[Any], repeats: int) -> None:
-    """Write the labels as often as the largest file has severities.
+def require_same_labels(folder: Path, labels: NDArray[Any]) -> None:
+    """Raise a ``UserError`` if the folder has other labels; a file that cannot be read holds none."""
+    try:
+        before = np.load(folder / LABELS, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError):
+        return
+    if not np.array_equal(np.atleast_1d(before)[: len(labels)], labels):
+        raise UserError(
+            f"{folder / LABELS} has other labels", "Choose another folder with output=, or delete that file."
+        )
 
-    Raises:
-        UserError: the folder has labels, which are others.
-    """
-    if (folder / LABELS).is_file():
-        before = read_array(folder / LABELS, str(folder / LABELS))
-        if not np.array_equal(before[: len(labels)], labels):
-            raise UserError(
-                f"{folder / LABELS} has other labels", "Choose another folder with output=, or delete that file."
-            )
+
+def write_labels(folder: Path, labels: NDArray[Any], repeats: int) -> None:
+    """Write the labels as often as the largest file has severities."""
     write_atomically(folder / LABELS, lambda file: np.save(file, np.tile(labels, repeats), allow_pickle=False))
 
 

@@ -171,9 +171,10 @@ def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: 
     """Number of further seeds that an undecided comparison needs, if mean and spread stay as they are.
 
     For replicates that are all alike, the smallest number that decides if all others are alike too. Otherwise the
-    smallest n whose interval clears the border that the mean is beyond, with probability ``POWER``:
-    ``(t_{1 - a} + t_{0.8}) sqrt(s² / n + i²) <= distance``, with a the tail of that verdict in :func:`decide`, i the
-    part of the error due to the test images, and n at least the smallest number that decides.
+    smallest n whose interval clears the border that the mean is beyond, or both borders between which it lies, with
+    probability ``POWER``: the probabilities ``P(T > d / e - t_{1 - a})`` of missing them sum up to at most 0.2, with T
+    Student's, d the distance of a border, ``e = sqrt(s² / n + i²)``, a the tail of that verdict in :func:`decide`, i
+    the part of the error due to the test images, and n at least the smallest number that decides.
 
     Args:
         found, expects, matters, parts: as for :func:`decide`.
@@ -222,7 +223,7 @@ def _seed_error(found: Estimate) -> float:
 
 
 def _decides(found: Estimate, expects: Expectation, matters: float, parts: int, error: float, freedom: float) -> bool:
-    """Whether an interval of this error clears the border that the mean is beyond, with probability ``POWER``."""
+    """Whether an interval of this error decides as the mean does, with probability ``POWER``."""
     bar, size = max(matters, abs(found.floor)), abs(found.mean)
     holds, fails = {
         "better": ((found.mean - bar,), matters - found.mean),

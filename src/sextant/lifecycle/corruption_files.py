@@ -88,6 +88,8 @@ def make_corruptions(
         raise UserError(f"shard={shard} of {shards}: they are numbered from 0 to {shards - 1}")
     check_apart(output, [path for each in (images, labels) if each and (path := Path(each).expanduser()).is_file()])
     found, found_labels = read_input(images, labels)
+    if found_labels is not None:
+        making.require_same_labels(output, found_labels)
     if shards > 1 and shard is None:
         _require_all(output, chosen, found, shards)
     own = {name: each for i, (name, each) in enumerate(chosen.items()) if shard is None or i % shards == shard}

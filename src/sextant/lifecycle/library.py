@@ -26,11 +26,13 @@ def _warnings_as_before() -> Iterator[None]:
 @contextmanager
 def _process_as_before() -> Iterator[None]:
     """Restore at the end what a run sets in its process: threads, deterministic mode and random states."""
+    import os
     import random
 
     import numpy as np
     import torch
 
+    seeds = {name: os.environ.get(name) for name in ("PL_GLOBAL_SEED", "PL_SEED_WORKERS")}
     threads, debug_mode = torch.get_num_threads(), torch.get_deterministic_debug_mode()
     benchmark, python, arrays = torch.backends.cudnn.benchmark, random.getstate(), np.random.get_state()
     devices = range(torch.cuda.device_count()) if torch.cuda.is_initialized() else ()
@@ -44,6 +46,10 @@ def _process_as_before() -> Iterator[None]:
             torch.backends.cudnn.benchmark = benchmark
             random.setstate(python)
             np.random.set_state(arrays)
+            for name, value in seeds.items():
+                os.environ.pop(name, None)
+                if value is not None:
+                    os.environ[name] = value
 
 
 def _checked(call: str, overrides: Sequence[str]) -> Sequence[str]:

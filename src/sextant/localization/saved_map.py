@@ -5,9 +5,8 @@ A folder holds ``map.json`` and one ``.npy`` file for each array: ``poses``, ``d
 folder in which writing was interrupted is not mistaken for a map. Nothing is pickled.
 """
 
-import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib import import_module
@@ -18,9 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sextant.array_folder import FolderFormat
+from sextant.array_folder import FolderFormat, plain_values
 from sextant.atomic_files import hash_file, write_atomically
-from sextant.errors import ArgumentError, UserError, shown
+from sextant.errors import UserError
 from sextant.localization import observation
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
@@ -77,7 +76,7 @@ def save_map(folder: Path, model: ObservationModel, likelihood: Likelihood, fact
         >>> saved.facts, saved.model.predict(poses).mean.equal(model.predict(poses).mean)  # to the last bit
         ({'descriptor': 'one of two'}, True)
     """
-    facts = plain(facts)
+    facts = plain_values(facts)
     (folder / HEADER).unlink(missing_ok=True)
     known = {"poses": model.map.poses, "descriptors": model.map.descriptors, "mean": model.map.mean}
     tensors = known | {f"state/{name}": tensor for name, tensor in model.state().items()}
@@ -121,34 +120,13 @@ def write_header(
         0.5
     """
     header = {
-        "model": {"class": _class_name(model), "arguments": plain(model.arguments())},
-        "kernel": plain(asdict(kernel)),
-        "likelihood": plain(asdict(likelihood)),
-        "facts": plain(facts),
+        "model": {"class": _class_name(model), "arguments": plain_values(model.arguments())},
+        "kernel": plain_values(asdict(kernel)),
+        "likelihood": plain_values(asdict(likelihood)),
+        "facts": plain_values(facts),
         "files": {name: _mark(array_path(folder, name)) for name in arrays},
     }
     KIND.write_header(folder, header)
-
-
-def plain(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Facts as JSON holds them: numbers and arrays of NumPy become plain ones.
-
-    Raises:
-        ArgumentError: JSON cannot hold one of them; the message names it.
-
-    Example:
-        >>> plain({"images": np.int64(3), "size": (24, 32)})
-        {'images': 3, 'size': [24, 32]}
-    """
-    result = {}
-    for name, value in facts.items():
-        try:
-            result[name] = json.loads(json.dumps(value, default=lambda each: each.tolist()))
-        except (AttributeError, TypeError, ValueError):
-            raise ArgumentError(
-                f"facts: {name}={shown(value)} cannot be written as JSON", "Give numbers, texts, or lists of these."
-            ) from None
-    return result
 
 
 def _class_name(model: ObservationModel) -> str:

@@ -25,6 +25,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from sextant.array_folder import plain_values
 from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.errors import UserError
 from sextant.geometry.planar import wrap_angle
@@ -34,7 +35,7 @@ from sextant.localization.observation._caches import images_at_a_time, layout, p
 from sextant.localization.observation.cached_local_gp import CachedLocalGP, MapEvidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
 from sextant.localization.pose_kernel import PoseKernel
-from sextant.localization.saved_map import HEADER, array_path, plain, write_header
+from sextant.localization.saved_map import HEADER, array_path, write_header
 from sextant.reporter import Advance
 from sextant.tables import counted
 
@@ -237,7 +238,7 @@ class TiledMapBuilder:
             raise UserError("the map is empty: no image was added", "Call add(poses, descriptors) first.")
         for count in (neighbours, blend):
             check_neighbours(count, self.images)
-        model, facts = CachedLocalGP(neighbours, blend, map_evidence, tile), plain(facts or {})
+        model, facts = CachedLocalGP(neighbours, blend, map_evidence, tile), plain_values(facts or {})
         neighbours, tile = int(neighbours), int(tile)
         if self._state["stage"] in ("adding", "sorting"):
             self._sort(progress)
@@ -325,7 +326,7 @@ class TiledMapBuilder:
         return {f"state/{name}": kind for name, kind in layout(self.images, k, kernel).items()}
 
     def _prepare(self, kernel: PoseKernel, k: int, size: int, progress: Advance | None) -> None:
-        settings = plain({"kernel": asdict(kernel), "neighbours": k, "tile": size})
+        settings = plain_values({"kernel": asdict(kernel), "neighbours": k, "tile": size})
         if self._state.get("settings") != settings:  # not begun, or begun with other settings
             for name, (shape, dtype) in self._caches(kernel, k).items():
                 _make_file(array_path(self.folder, name), shape, dtype)

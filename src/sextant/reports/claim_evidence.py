@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 from scipy import stats
 
 from sextant.errors import UserError
+from sextant.evaluation.paired import spread_of
 from sextant.evaluation.verdict import TAIL, Estimate, Replicate
 
 #: value of the column ``seeds`` of ``recorded.csv`` for figures that are exact, whatever the seed
@@ -193,8 +195,7 @@ def _of_seeds(path: Path, arms: Sequence[str], setting: str, condition: str, sig
     pairs = [statistics.fmean(values) for values in apart.values()]
     if not pairs:
         raise UserError(f"{path} has no pair of {' and '.join(arms)}, setting={setting} condition={condition}", STORED)
-    spread = statistics.stdev(pairs) if len(pairs) > 1 else math.nan
-    found = Estimate.of_pairs(statistics.fmean(pairs), spread, len(pairs))
+    found = Estimate.of_pairs(statistics.fmean(pairs), spread_of(np.array(pairs)), len(pairs))
     return replace(found, replicate="worlds") if of_worlds else found
 
 
@@ -225,9 +226,10 @@ def _estimate(row: Row, rows: Sequence[Row], sign: float, against: float | str) 
         same = [other for other in rows if all(other[key] == row[key] for key in ("contrast", "condition"))]
         strata = [row] if row["setting"] != "together" else [each for each in same if each["setting"] != "together"]
         seeds = min(each.count(group) for each in strata or [row] for group in ("treatment", "control"))
-        if row["freedom"] == "inf":  # all runs of a group are alike
+        low, high = (row.number(key) for key in ("low", "high"))
+        if row["freedom"] == "inf" or high - low <= ALIKE * abs(low + high):  # the runs of each group are alike
             return Estimate(mean, 0.0, math.inf, seeds)
-        low, high, freedom = (row.number(key) for key in ("low", "high", "freedom"))
+        freedom = row.number("freedom")
         return Estimate(mean, (high - low) / 2 / float(stats.t.ppf(1 - TAIL, freedom)), freedom, seeds)
     seeds, floor = row.count("seeds"), row.number("floor_mean") if row.cells.get("floor_mean") else 0.0
     spread = row.number("spread", 0) if seeds > 1 else math.nan

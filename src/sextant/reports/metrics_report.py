@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sextant.evaluation import paired_difference, share_interval
+from sextant.evaluation.paired import spread_of
 from sextant.reports.contrasts import converged_pairs, named_contrasts, settings_of
 from sextant.reports.metric import Metric, metric_of, seeds_interval
 from sextant.reports.results import CellResult, SweepResults
@@ -152,13 +153,12 @@ def _summary(
     setting: str, arm: str, condition: str, metric: Metric, values: Sequence[float], told: int, asked: int
 ) -> MetricSummary:
     found = np.array(values)
-    spread = float(found.std(ddof=1)) if len(found) > 1 else float("nan")
     if metric.is_share:
         low, high = (metric.scale * end for end in share_interval(found / metric.scale))
     else:
         low, high = seeds_interval(metric.name, found)
     return MetricSummary(
-        setting, arm, condition, metric, len(found), told, asked, float(found.mean()), spread, low, high
+        setting, arm, condition, metric, len(found), told, asked, float(found.mean()), spread_of(found), low, high
     )
 
 

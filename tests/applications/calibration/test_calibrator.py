@@ -239,10 +239,14 @@ def test_what_can_be_calibrated_can_be_straightened_and_drawn(calibrator, tmp_pa
         assert (same, found.tobytes()) == (focal, expected.tobytes())
         assert np.array_equal(camera.drawn(image).image, noise())
     assert np.array_equal(camera.undistort(noise()[..., 0], "all")[0], expected[..., 0])
+    linear = camera.undistort(noise().astype(np.float32), "all")[0]
+    assert linear.dtype == np.float32
+    assert np.abs(linear.clip(0, 255) - expected).max() < 1.5  # bytes are clipped
+    with pytest.raises(UserError, match="the image is float64 60x80x3"):
+        camera.drawn(noise() / 255)
     for wrong, says in (
         ([noise()], "the image is of type list.*\nGive its file.$"),
         (None, "the image is of type NoneType"),
-        (noise() / 255, "the image is float64 60x80x3"),
         (noise()[0, 0], "the image is uint8 3"),
         ("gone.png", "gone.png does not exist"),
     ):

@@ -109,7 +109,7 @@ def test_numbers_of_numpy_are_saved_and_a_wrong_fact_keeps_the_former_map(corrid
     localizer = corridor.localizer(particles=np.int64(300), radius=np.float32(2))
     localizer.save(tmp_path)
     localizer.facts["of"] = object()
-    with pytest.raises(UserError, match="facts: of=<object"):
+    with pytest.raises(UserError, match="of=<object"):
         localizer.save(tmp_path)
     loaded = Localizer.load(tmp_path)
     assert (loaded.particles, loaded.radius, loaded.facts) == (300, 2.0, {})

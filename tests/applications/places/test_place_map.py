@@ -303,7 +303,9 @@ def test_photos_given_relatively_stay_where_they_are(rides, tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    "kind", [np.float64, np.uint8, list, lambda rows: torch.tensor(rows).requires_grad_()], ids=str
+    "kind",
+    [np.float64, np.uint8, list, lambda rows: torch.tensor(rows).requires_grad_()],
+    ids=["float64", "uint8", "list", "tensor"],
 )
 def test_a_descriptor_of_the_user_may_return_numbers_of_any_kind(rides, kind):
     def describing(made):

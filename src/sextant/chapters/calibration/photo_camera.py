@@ -3,14 +3,15 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float64, Num
 from numpy import ndarray
+from PIL import Image
 
-from sextant.chapters.calibration.inference import AnyPhoto, given_photo
 from sextant.data.photos import Keep, undistort_photo
 from sextant.errors import UserError
 from sextant.geometry import undistort_radius
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from sextant.chapters.calibration.figures.overlay import CalibratedPhoto
 
 Verdict = Literal["good", "weak", "not trustworthy"]
+#: a file, an array, or a Pillow image
+AnyPhoto = Path | str | ndarray | Image.Image
 
 
 @dataclass(frozen=True)
@@ -113,18 +116,19 @@ class PhotoCamera:
         return "RADIAL", [self.focal_px, self.width / 2, self.height / 2, self.k1, self.k2]
 
     @checked
-    def undistort(self, image: AnyPhoto, keep: Keep = "crop") -> tuple[UInt8[ndarray, "h w 3"], float]:
+    def undistort(self, image: AnyPhoto, keep: Keep = "crop") -> tuple[Num[ndarray, "h w *c"], float]:
         """The photo as a lens without distortion would have taken it, and the focal length of the result in its pixels.
 
         Args:
-            image: the photo, in any form in which it may be calibrated; an array is upright, at any size.
+            image: the photo, in any form in which it may be calibrated; an array is upright, of any size and kind of
+                numbers, which the result has too.
             keep: ``crop`` cuts off what would leave an empty border; ``all`` keeps every pixel.
 
         Raises:
             UserError: the image cannot be read, or does not have the photo's shape.
             ArgumentError: ``keep`` is another word.
         """
-        pixels = _pixels(image)
+        pixels = _pixels(image, np.number)
         rows, columns = pixels.shape[:2]
         scale = rows / self.height
         if abs(columns - scale * self.width) > 1 + scale:
@@ -206,7 +210,10 @@ class PhotoCamera:
         }
 
 
-def _pixels(image: AnyPhoto) -> UInt8[ndarray, "h w *c"]:
-    if isinstance(image, ndarray) and image.dtype == np.uint8 and image.ndim in (2, 3) and image.size:
+def _pixels(image: AnyPhoto, kind: type = np.uint8) -> Num[ndarray, "h w *c"]:
+    """The photo's pixels; an array of this kind of numbers keeps them."""
+    if isinstance(image, ndarray) and np.issubdtype(image.dtype, kind) and image.ndim in (2, 3) and image.size:
         return image
+    from sextant.chapters.calibration.inference import given_photo
+
     return given_photo("the image", image, "Give its file.").image

@@ -11,6 +11,7 @@ from jaxtyping import Float, Float32, Float64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
+from sextant.array_folder import plain_values
 from sextant.baselines import PlaceDescriptor, WhitenedPCA
 from sextant.chapters.localization.found_map import MAP, find_map
 from sextant.chapters.localization.map_pictures import load_pictures, save_pictures
@@ -33,7 +34,7 @@ from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.recovery import Recovery
-from sextant.localization.saved_map import HEADER, SavedMap, load_map, plain, save_map
+from sextant.localization.saved_map import HEADER, SavedMap, load_map, save_map
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 from sextant.tables import counted
@@ -69,7 +70,7 @@ def save_localizer(localizer: Saveable, folder: Path) -> None:
     Raises:
         ArgumentError: JSON cannot hold one of the localizer's facts; then nothing is written.
     """
-    about = plain(localizer.facts)
+    about = plain_values(localizer.facts)
     (folder / HEADER).unlink(missing_ok=True)
     localizer.descriptor.save(folder / DESCRIPTOR)
     save_pictures(localizer.pictures, folder / PICTURES)

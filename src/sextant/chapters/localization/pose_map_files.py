@@ -9,13 +9,12 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from sextant.array_folder import FolderFormat
+from sextant.array_folder import FolderFormat, plain_values
 from sextant.atomic_files import hash_file, write_atomically
 from sextant.chapters.places.photo_features import extractor_of
 from sextant.chapters.places.saved_descriptor import SavedDescriptor, load_descriptor
 from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, PosedMap, PoseErrors, XFeatures
 from sextant.errors import ArgumentError
-from sextant.localization.saved_map import plain
 
 FORMAT = FolderFormat("a map of posed photos", "sextant pose map", 1, "pose_map.json")
 DESCRIPTOR = "descriptor"
@@ -52,7 +51,7 @@ def save_pose_map(saved: SavedPoseMap, folder: Path) -> None:
     """
     posed = saved.posed
     options = {"keypoints": getattr(saved.features, "keypoints", None), "side": saved.features.side}
-    header = plain(
+    header = plain_values(
         {
             "sha256": {},
             "names": list(saved.names),

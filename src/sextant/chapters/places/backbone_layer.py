@@ -21,6 +21,7 @@ from sextant.models import FeatureMap
 from sextant.models.standardize import Standardize
 from sextant.models.timm_backbone import timm_statistics
 from sextant.models.trunk import IMAGENET_MEAN, IMAGENET_STD, TrunkInput
+from sextant.torch_file import building
 
 #: groups that define the descriptor, with the kinds of their parts; only the first two are needed
 GROUPS: dict[str, type[Any]] = {
@@ -100,7 +101,7 @@ def backbone_layer(plain: Mapping[str, Any], *, trained: bool | None = None) -> 
     """
     node = plain["descriptor"]
     size = int(node["height"]), int(node["width"])
-    with torch.random.fork_rng(devices=[]):
+    with building():
         torch.manual_seed(node["seed"])
         found = untrained_map(plain, CHANNELS, size, node["layer"], trained=trained)
         features: nn.Module = found

@@ -14,11 +14,10 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from sextant.applications.pixels import AnyImage, as_pixels
-from sextant.array_folder import FolderFormat
+from sextant.array_folder import FolderFormat, plain_values
 from sextant.atomic_files import hash_file, write_atomically
 from sextant.chapters.places.describing import upright_size
 from sextant.errors import ArgumentError, UserError, shown
-from sextant.localization.saved_map import plain
 
 if TYPE_CHECKING:
     from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, TrunkFeatures
@@ -230,9 +229,13 @@ def _remove(folder: Path) -> None:
         folder.rmdir()
 
 
-def _write(kind: Kind, names: Mapping[Path, str], folder: Path, index: str) -> None:
-    """Write the features of one kind; the header last."""
-    facts = plain(
+def header_of(kind: Kind, names: Mapping[Path, str], index: str = "") -> dict[str, Any]:
+    """What the header says of the features of a map's photos, without the hashes of its arrays.
+
+    Raises:
+        ArgumentError: a value of the extractor cannot be saved.
+    """
+    return plain_values(
         {
             "name": kind.name,
             "model": kind.model,
@@ -247,9 +250,15 @@ def _write(kind: Kind, names: Mapping[Path, str], folder: Path, index: str) -> N
                     "pixel": each.pixel,
                 }
                 for file, each in kind.features.items()
+                if file in names
             ],
         }
     )
+
+
+def _write(kind: Kind, names: Mapping[Path, str], folder: Path, index: str) -> None:
+    """Write the features of one kind; the header last."""
+    facts = header_of(kind, names, index)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / KIND.header).unlink(missing_ok=True)
     for name in ARRAYS:

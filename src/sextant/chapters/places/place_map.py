@@ -23,6 +23,7 @@ from sextant.chapters.places.photo_features import (
     Kind,
     PhotoFeatures,
     extractor_of,
+    header_of,
     save_features,
     saved_features,
     stored_kinds,
@@ -208,10 +209,12 @@ class PlaceMap(DescribedMap):
     def save(self, folder: Path | str, *, descriptor: bool = True) -> None:
         """Write the map as :meth:`DescribedMap.save` does, with all local features that are known of its photos."""
         kept = [] if self._opened is None else stored_kinds(*self._opened)
-        super().save(folder, descriptor=descriptor)
         kept += [Kind(each.extractor.name, model, each.kept) for model, each in self._kinds.items()]
         described, folder = self.described, Path(str(folder)).expanduser()
         names = dict(zip(described.paths, described.names, strict=True))
+        for kind in kept:  # what cannot be saved is told while the map that was there is whole
+            header_of(kind, names)
+        super().save(folder, descriptor=descriptor)
         index = hash_file(folder / flat_index.HEADER)
         save_features(kept, names, folder, index)
         if self._opened is not None and self._opened[0].resolve() == folder.resolve():

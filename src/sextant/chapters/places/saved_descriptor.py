@@ -21,12 +21,12 @@ from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
+from sextant.array_folder import plain_values
 from sextant.atomic_files import file_sha256, read_json, write_atomically, write_json
 from sextant.baselines import Hog, PatchNormalised, Pixels, PlaceDescriptor, WhitenedPCA
 from sextant.baselines.network_layer import NetworkLayer
 from sextant.chapters.places.given_descriptors import GivenDescriptors
 from sextant.errors import ArgumentError, UserError
-from sextant.localization.saved_map import plain
 
 HEADER, ARRAYS = "descriptor.json", "descriptor.safetensors"
 FORMAT, VERSION = "sextant.map_descriptor", 1
@@ -85,7 +85,7 @@ class SavedDescriptor:
             ArgumentError: JSON cannot hold one of the facts; then a descriptor that was there is kept.
             OSError: the folder cannot be written to.
         """
-        packed, facts = self._packed(), plain(self.facts)
+        packed, facts = self._packed(), plain_values(self.facts)
         (folder / HEADER).unlink(missing_ok=True)
         write_atomically(folder / ARRAYS, lambda file: file.write(packed))
         marks = {"sha256": hashlib.sha256(packed).hexdigest(), "identity": _identity(facts, packed)}
@@ -95,11 +95,11 @@ class SavedDescriptor:
 def kept_baseline(descriptor: Describes) -> SavedDescriptor:
     """A training-free descriptor, fitted to the map; or a user-defined one, which cannot be saved."""
     if isinstance(descriptor, GivenDescriptors):
-        return SavedDescriptor(descriptor, plain({"kind": "given", "dimension": descriptor.dimension}))
+        return SavedDescriptor(descriptor, plain_values({"kind": "given", "dimension": descriptor.dimension}))
     name = type(descriptor).__name__
     if BASELINES.get(name) is not type(descriptor):
         return SavedDescriptor(descriptor)
-    arguments = plain({key: getattr(descriptor, key) for key in inspect.signature(type(descriptor)).parameters})
+    arguments = plain_values({key: getattr(descriptor, key) for key in inspect.signature(type(descriptor)).parameters})
     arrays: dict[str, Tensor] = {}
     if isinstance(descriptor, WhitenedPCA):
         arrays = {key: torch.from_numpy(np.array(getattr(descriptor.pca_, key), order="C")) for key in COMPONENTS}

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.array_folder import FolderFormat
+from sextant.array_folder import FolderFormat, plain_values
 from sextant.atomic_files import hash_file
 from sextant.chapters.places.data.decoded_images import DECODER, ImageSize
 from sextant.chapters.places.data.tolerance import PlaceTolerance, Unit
@@ -22,7 +22,6 @@ from sextant.chapters.places.match_confidence import UNSEEN, MatchConfidence
 from sextant.chapters.places.photo_folder import HEADER, PhotoFolder
 from sextant.errors import UserError
 from sextant.kit.published_places import CARD
-from sextant.localization.saved_map import plain
 from sextant.retrieval import flat_index
 from sextant.retrieval.flat_index import FlatIndex
 from sextant.runs.resolve import FoundRun, resolve_run
@@ -112,7 +111,7 @@ class MapFacts:
         Raises:
             ArgumentError: JSON cannot hold one of them; the message names it.
         """
-        return plain({**asdict(self), "temperature": self.temperature._asdict()})
+        return plain_values({**asdict(self), "temperature": self.temperature._asdict()})
 
 
 def save_map(described: DescribedPhotos, facts: Mapping[str, Any], folder: Path) -> None:
