@@ -158,7 +158,7 @@ def test_what_is_no_array_of_numbers_is_refused(tmp_path):
         ("gone", "does not exist"),
         ("cut", "input cannot be read"),
         ("pickled", "input cannot be read"),
-        ("several", r"input is not a \.npy file"),
+        ("several", r"input cannot be read: it is not a \.npy file"),
     ):
         with pytest.raises(UserError, match=said):
             m.read_array(tmp_path / f"{name}.npy", "input")

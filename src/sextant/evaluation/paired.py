@@ -201,7 +201,7 @@ def mean_interval(values: Float[ndarray, "seeds"], confidence: float = 0.95) -> 
 def spread_of(values: Float[ndarray, "n"]) -> float:
     """Standard deviation of values; exactly 0 if they are all alike up to rounding, nan for fewer than two.
 
-    >>> spread_of(np.full(3, 0.1)), np.full(3, 0.1).std(ddof=1) > 0
+    >>> spread_of(np.full(3, 0.1)), bool(np.full(3, 0.1).std(ddof=1) > 0)
     (0.0, True)
     """
     if len(values) < 2:

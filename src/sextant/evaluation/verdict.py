@@ -261,7 +261,7 @@ def equivalence_power(below: float, above: float, spread: float, count: int) -> 
     ``P(-d_below + t s / sqrt(n) < mean < d_above - t s / sqrt(n))``, the mean being normal.
 
     >>> f"{equivalence_power(1.0, 1.0, spread=1.0, count=16):.2f}"
-    '0.93'
+    '0.92'
     """
     if count < 2:
         return math.nan
