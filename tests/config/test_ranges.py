@@ -1,23 +1,27 @@
 """Constructors are checked against the ranges that the schema has for the keys of configs."""
 
 import inspect
+import math
 import re
 from collections.abc import Sequence
+from dataclasses import astuple
 from enum import StrEnum
 from fractions import Fraction
-from typing import Annotated, Any, Literal, get_args, get_origin
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 import pytest
 import torch
-from annotated_types import MinLen
+from annotated_types import Ge, Gt, Le, Lt, MinLen, MultipleOf
+from frozen import freeze
 from pydantic.fields import FieldInfo
 
 from sextant.config.building import named
 from sextant.config.schema.parts import Part
 from sextant.config.validate import config_classes
 from sextant.errors import ArgumentError
-from sextant.ranges import WORDS, Count, Positive, Share, checked, fits, is_range
+from sextant.ranges import WORDS, Count, Positive, Share, checked, fits, is_range, ranges
 
 #: packages that people import without a config
 LIBRARY = (
@@ -76,6 +80,52 @@ def checked_alike(target, name, allowed):
         return True
     checks = make.__init__ if isinstance(make, type) else make
     return bounds(parameter.annotation) == allowed and hasattr(checks, "__wrapped__")
+
+
+def within(kind: Any) -> Any:
+    """A value within a range."""
+    one = (1, 0.5, 64, *get_args(kind))
+    return next(each for each in (*one, *([each] * n for each in one for n in (1, 2, 3, 4))) if fits(kind, each))
+
+
+def beyond(bound: Any, kind: type) -> Any:
+    """A value just outside of a bound."""
+    (limit,) = astuple(bound)
+    below, above = (limit - 1, limit + 1) if kind is int else (math.nextafter(limit, s * math.inf) for s in (-1, 1))
+    return {Gt: limit, Ge: below, Lt: limit, Le: above, MultipleOf: 3 * limit // 2, MinLen: []}[type(bound)]
+
+
+def outside(kind: Any) -> list[Any]:
+    """Values just outside of a range, and such as are of another type."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        assert inner[1:] == (type(None),)
+        return [each for each in outside(inner[0]) if each is not None]
+    if origin is Literal:
+        return ["no such value", 7, None]
+    if origin is Annotated:
+        others = outside(inner[0]) or [math.nan, math.inf, -math.inf, "1", True, None, *[2.5] * (inner[0] is int)]
+        return [*(beyond(bound, inner[0]) for bound in inner[1:]), *others]
+    if origin in (tuple, Sequence):
+        right, fixed = within(kind), origin is tuple and ... not in inner
+        return [*([*right[1:], each] for each in outside(inner[0])), *[right * 2] * fixed, right[0], None]
+    return []
+
+
+FROZEN = [(name, argument) for name, allowed in freeze.read("ranges.json").items() for argument in allowed]
+
+
+@pytest.mark.parametrize(("name", "argument"), FROZEN)
+def test_a_value_outside_of_any_frozen_range_is_refused(name, argument):
+    """Nothing is done before: arguments without a range, and the object itself, may be anything."""
+    call = freeze.checked_calls()[name]
+    signature, known = ranges(call.__wrapped__)
+    needed = [each for each in signature.parameters.values() if each.default is each.empty and each.name != "self"]
+    given = {each.name: within(each.annotation) if each.name in known else None for each in needed}
+    itself = [None] * ("self" in signature.parameters)
+    for value in outside(known[argument].annotation):
+        with pytest.raises(ArgumentError, match=rf"^{argument}=.* must be "):
+            call(*itself, **given | {argument: value})
 
 
 @checked

@@ -2,7 +2,8 @@
 
 ``configs.json.gz`` has the composed config of every option, experiment and arm of a sweep, and its digest;
 ``wrong.json.gz`` one wrong value for each key; ``names.json`` what can be imported, and the classes that a config may
-name; ``help.json`` what ``--help`` prints. ``runs/`` is written by ``freeze_runs.py``.
+name; ``ranges.json`` what the arguments of checked classes and functions must be; ``help.json`` what ``--help`` prints.
+``runs/`` is written by ``freeze_runs.py``.
 
 A difference is a fault of the change, unless the change is meant: then write the part anew, in a commit that says why.
 """
@@ -14,7 +15,8 @@ import io
 import json
 import pkgutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,7 @@ from sextant.errors import UserError
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.moved import with_first_names
+from sextant.ranges import checked, ranges, requirement
 
 HERE = Path(__file__).parent
 #: folders that no machine has, in place of its own
@@ -169,7 +172,35 @@ def helps() -> dict[str, str]:
     return found
 
 
-PARTS = {"configs.json.gz": configs, "wrong.json.gz": wrong_values, "names.json": names, "help.json": helps}
+@cache
+def checked_calls() -> dict[str, Callable[..., Any]]:
+    """Each class, method and function that checks its arguments, by its name within its module."""
+    source, code, found = Path(sextant.__file__).parent, checked(print).__code__, []
+    for path in sorted(path for path in source.rglob("*.py") if "@checked" in path.read_text()):
+        module = importlib.import_module(".".join(path.relative_to(source.parent).with_suffix("").parts))
+        own = [each for each in vars(module).values() if getattr(each, "__module__", None) == module.__name__]
+        members = [each for kind in own if isinstance(kind, type) for each in vars(kind).values()]
+        found += [each for each in (*own, *members) if getattr(each, "__code__", None) is code]
+    named = {call.__qualname__.removesuffix(".__init__"): call for call in found}
+    assert len(named) == len(found), "two checked classes have one name"
+    return named
+
+
+def allowed() -> dict[str, dict[str, str]]:
+    """What each argument of a checked call must be, by the call's name; of a list also how few values are enough."""
+    return {
+        name: {
+            argument: "; ".join(dict.fromkeys(requirement(each.annotation, given) for given in (None, ())))
+            for argument, each in ranges(call.__wrapped__)[1].items()
+        }
+        for name, call in checked_calls().items()
+    }
+
+
+PARTS = {
+    "configs.json.gz": configs, "wrong.json.gz": wrong_values, "names.json": names, "ranges.json": allowed,
+    "help.json": helps,
+}  # fmt: skip
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or PARTS:

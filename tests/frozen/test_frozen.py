@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from frozen import freeze
 from frozen.freeze_runs import ARMS, NAME, TASKS, answers, words_of
+from quick_runs import quick_runs  # noqa: F401
 
 import sextant
 from sextant.atomic_files import read_json
@@ -83,6 +84,13 @@ def test_every_target_that_a_config_named_is_there():
     frozen = freeze.read("names.json")
     for target in frozen["targets"]:
         assert callable(named(target))
+
+
+def test_every_argument_has_the_range_that_it_had():
+    """That a value outside of it is refused, ``config/test_ranges.py`` tests."""
+    found, frozen = freeze.allowed(), freeze.read("ranges.json")
+    names = [name for name in found | frozen if found.get(name) != frozen.get(name)]
+    assert {name: found.get(name) for name in names} == {name: frozen.get(name) for name in names}
 
 
 def test_each_verb_prints_the_help_that_it_printed():
