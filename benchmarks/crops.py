@@ -3,12 +3,12 @@
 import math
 import time
 from collections.abc import Callable
-from statistics import median
 
 import cv2
 import numpy as np
 import torch
 
+from benchmarks.push_pull_timing import medians
 from sextant.chapters.calibration.data import CameraDistribution, CameraDraw, Panoramas
 from sextant.chapters.calibration.data.crops import Sampling, crop_batch
 from sextant.chapters.calibration.data.rays import Rays
@@ -25,16 +25,8 @@ LOPEZ = CameraDistribution(
 
 
 def _rates(works: dict[str, Callable[[], object]], repeats: int = REPEATS) -> dict[str, float]:
-    """Crops per second of each task of ``COUNT`` crops: tasks alternate, so that all run under the same load."""
-    seconds: dict[str, list[float]] = {name: [] for name in works}
-    for work in works.values():
-        work()
-    for _ in range(repeats):
-        for name, work in works.items():
-            began = time.process_time()
-            work()
-            seconds[name].append(time.process_time() - began)
-    return {name: COUNT / median(times) for name, times in seconds.items()}
+    """Crops per second of each task of ``COUNT`` crops."""
+    return {name: COUNT / seconds for name, seconds in medians(works, repeats, clock=time.process_time).items()}
 
 
 def _panorama() -> np.ndarray:

@@ -5,13 +5,10 @@ geo-localization benchmark", CVPR 2022, among others), whose layers alone are ti
 480x640, their usual size. Tasks alternate, so that all run under the same load; ratios are of medians of one run.
 """
 
-import time
-from collections.abc import Callable
-from statistics import median
-
 import numpy as np
 import torch
 
+from benchmarks.push_pull_timing import medians
 from sextant.baselines import Hog
 from sextant.models import FeatureMap, OrientedCNN, PlaceNet
 from sextant.models.pooling import Flatten
@@ -38,7 +35,7 @@ def _rows(repeats: int) -> list[Row]:
     images = torch.rand(BATCH, 3, HEIGHT, WIDTH, generator=torch.Generator().manual_seed(0))
     large = torch.rand(1, 3, *LARGE, generator=torch.Generator().manual_seed(1))
     grey, hog = (images.permute(0, 2, 3, 1).numpy() * 255).astype(np.uint8), Hog(HEIGHT, WIDTH)
-    single = _medians(
+    single = medians(
         {
             "ours": lambda: network(images[:1]),
             "ResNet-18": lambda: peer(images[:1]),
@@ -46,8 +43,10 @@ def _rows(repeats: int) -> list[Row]:
             "HOG (scikit-image)": lambda: hog.describe(grey[:1]),
         },
         repeats,
+        warm=2,
     )
-    many = _medians({"ours": lambda: network(images), "ResNet-18": lambda: peer(images)}, max(3, repeats // 4))
+    both = {"ours": lambda: network(images), "ResNet-18": lambda: peer(images)}
+    many = medians(both, max(3, repeats // 4), warm=2)
     what = f"one image of {HEIGHT}x{WIDTH}"
     rows = [_row(what, single, other) for other in single if other != "ours"]
     return [*rows, _row(f"each of {BATCH}", {name: seconds / BATCH for name, seconds in many.items()}, "ResNet-18")]
@@ -59,17 +58,6 @@ def _ours() -> PlaceNet:
     backbone = OrientedCNN(3, size, 128, widths=(96, 128), strides=(1, 2), grid=(1, 1))
     features = FeatureMap(backbone, 3, size, layer=None)
     return PlaceNet(features, Flatten(channels=features.channels, size=features.size), 128)
-
-
-def _medians(works: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    seconds: dict[str, list[float]] = {name: [] for name in works}
-    for turn in range(repeats + 2):
-        for name, work in works.items():
-            began = time.perf_counter()
-            work()
-            if turn > 1:
-                seconds[name].append(time.perf_counter() - began)
-    return {name: median(times) for name, times in seconds.items()}
 
 
 def _row(what: str, seconds: dict[str, float], other: str) -> Row:

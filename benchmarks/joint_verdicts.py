@@ -18,13 +18,13 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 from numpy import ndarray
 
+from benchmarks.error_model_fit import fit_error_model, likely_right
 from benchmarks.joint_intervals import SCENES, SETS, table
 from sextant.applications import PhotoCalibrator
 from sextant.applications.failures import FailedPhoto, attempted
 from sextant.atomic_files import write_json
 from sextant.chapters.calibration.confidence import UNLIKELY, beside_probabilities
 from sextant.chapters.calibration.data.known_photos import KnownPhoto, known_photos
-from sextant.chapters.calibration.error_model import fit_error_model, likely_right
 from sextant.chapters.calibration.inference import find_cameras
 from sextant.chapters.calibration.jointly import by_method
 from sextant.chapters.calibration.metrics.photo_benchmark import WRONG as WRONG_ERRORS

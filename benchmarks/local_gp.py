@@ -8,11 +8,11 @@ first.
 import time
 import warnings
 from collections.abc import Callable
-from statistics import median
 
 import numpy as np
 import torch
 
+from benchmarks.push_pull_timing import medians
 from benchmarks.retrieval import Row, traverse
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
@@ -143,18 +143,6 @@ def peer(known: DescriptorMap, naive: LocalGP, image: torch.Tensor, poses: torch
         warnings.simplefilter("ignore")
         log_likelihoods()
     return log_likelihoods
-
-
-def medians(works: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    seconds: dict[str, list[float]] = {name: [] for name in works}
-    for work in works.values():
-        work()
-    for _ in range(repeats):
-        for name, work in works.items():
-            began = time.perf_counter()
-            work()
-            seconds[name].append(time.perf_counter() - began)
-    return {name: median(times) for name, times in seconds.items()}
 
 
 def _row(what: str, ours: float, against: str, other: float, aim: str, *, faster: bool = False) -> Row:

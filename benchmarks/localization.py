@@ -16,7 +16,7 @@ from resource import RUSAGE_SELF, getrusage
 import numpy as np
 import torch
 
-from benchmarks.local_gp import medians
+from benchmarks.push_pull_timing import medians
 from benchmarks.retrieval import Row
 from sextant.localization.constants import WINDOW
 from sextant.localization.descriptor_map import DescriptorMap

@@ -31,6 +31,7 @@ from rich.table import Table
 from benchmarks.changed_walks import WALKS, photos
 from benchmarks.landmarks import office
 from benchmarks.machine import describe_machine
+from benchmarks.topological_filter import TopologicalFilter, likelihood_rate
 from sextant import Localizer
 from sextant.baselines.place_descriptors import unit_norm
 from sextant.chapters.localization.data.drive import Drive
@@ -41,7 +42,6 @@ from sextant.localization.laser import LikelihoodField
 from sextant.localization.localize import localize
 from sextant.localization.observers import Laser
 from sextant.localization.recovery import AugmentedMCL
-from sextant.localization.topological_filter import TopologicalFilter, likelihood_rate
 from sextant.retrieval.sequence_matching import CONTRAST_WINDOW, match_sequences
 from sextant.retrieval.without_mean import centred
 from sextant.worlds.occupancy import occupancy_from_scans

@@ -6,12 +6,11 @@ cheap function of the pose, so that the filter itself is timed; observation mode
 
 import math
 import random
-import time
 from collections.abc import Callable
-from statistics import median
 
 import torch
 
+from benchmarks.push_pull_timing import medians
 from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import UniformStart
 from sextant.localization.map_prior import MapPrior
@@ -123,18 +122,6 @@ def straight(milliseconds: dict[str, float]) -> Row:
         f"{some / line:.2f}",
         "~ 1",
     )
-
-
-def medians(works: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    seconds: dict[str, list[float]] = {name: [] for name in works}
-    for work in works.values():
-        work()
-    for _ in range(repeats):
-        for name, work in works.items():
-            began = time.perf_counter()
-            work()
-            seconds[name].append(time.perf_counter() - began)
-    return {name: median(times) for name, times in seconds.items()}
 
 
 def generator() -> torch.Generator:

@@ -1,30 +1,15 @@
 """The cost of calibrating a photo: straightening 12 megapixels against OpenCV, and the network on one image."""
 
-import time
-from collections.abc import Callable
-from statistics import median
-
 import cv2
 import numpy as np
 import torch
 
+from benchmarks.push_pull_timing import medians
 from sextant.data.photos import undistort_photo
 from sextant.models import CalibrationNet, OrientedCNN
 
 WIDTH, HEIGHT = 4000, 3000
 FOCAL, K1, K2 = 2600.0, -0.2, 0.0284
-
-
-def _alternating(works: dict[str, Callable[[], object]], repeats: int = 5) -> dict[str, float]:
-    """Seconds of each task; tasks alternate, so that all run under the same load."""
-    seconds: dict[str, list[float]] = {name: [] for name in works}
-    for turn in range(repeats + 1):
-        for name, work in works.items():
-            began = time.perf_counter()
-            work()
-            if turn:
-                seconds[name].append(time.perf_counter() - began)
-    return {name: median(times) for name, times in seconds.items()}
 
 
 def run() -> list[tuple[str, str, str, str, str]]:
@@ -38,11 +23,11 @@ def run() -> list[tuple[str, str, str, str, str]]:
         maps = cv2.initUndistortRectifyMap(matrix, lens, None, matrix, (WIDTH, HEIGHT), cv2.CV_32FC1)
         cv2.remap(image, *maps, cv2.INTER_LINEAR)
 
-    straightened = _alternating({"ours": lambda: undistort_photo(image, FOCAL, K1, K2, "all"), "OpenCV": opencv})
+    straightened = medians({"ours": lambda: undistort_photo(image, FOCAL, K1, K2, "all"), "OpenCV": opencv}, 5)
     network = CalibrationNet(OrientedCNN(6, (72, 96), 256), 256).eval()
     one, aspect = torch.rand(1, 3, 72, 96), torch.tensor([4 / 3])
     with torch.inference_mode():
-        latency = _alternating({"one": lambda: network(one, aspect)}, repeats=50)["one"]
+        latency = medians({"one": lambda: network(one, aspect)}, 50)["one"]
     ours, theirs = straightened["ours"], straightened["OpenCV"]
     return [
         (

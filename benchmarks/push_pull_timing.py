@@ -3,7 +3,8 @@
 import ctypes
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from statistics import median
 
 import torch
 from torch import Tensor, nn
@@ -22,6 +23,30 @@ def fastest(tasks: Mapping[str, Callable[[], object]], repeats: int = 9, *, warm
             task()
             seconds[name] = min(seconds[name], time.process_time() - began)
     return seconds
+
+
+def medians(
+    works: Mapping[str, Callable[[], object]],
+    repeats: int,
+    *,
+    warm: int = 1,
+    clock: Callable[[], float] = time.perf_counter,
+    seldom: Collection[str] = (),
+) -> dict[str, float]:
+    """The median time of each task in seconds over ``repeats`` rounds, after ``warm`` rounds that are not counted.
+
+    Tasks named in ``seldom``, which take long, run in every eighth round.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in works}
+    for turn in range(-warm, repeats):
+        for name, work in works.items():
+            if name in seldom and turn > 0 and turn % 8:
+                continue
+            began = clock()
+            work()
+            if turn >= 0:
+                seconds[name].append(clock() - began)
+    return {name: median(times) for name, times in seconds.items()}
 
 
 def turns(tasks: Mapping[str, Callable[[], object]], repeats: int, least: float = 0.05) -> dict[str, list[float]]:

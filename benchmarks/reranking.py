@@ -26,9 +26,10 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.machine import describe_machine
+from benchmarks.match_confidence_fit import fit_match_confidence
 from benchmarks.place_sets import ImageSet, image_sets, interval
 from sextant.chapters.places.describing import upright_size
-from sextant.chapters.places.match_confidence import LEAST_SIDE, fit_match_confidence, fit_reranked_confidence
+from sextant.chapters.places.match_confidence import LEAST_SIDE, deviations
 from sextant.chapters.places.photo_features import PhotoFeatures, trunk_features
 from sextant.chapters.places.place_map import PlaceMap
 from sextant.chapters.places.reranked_matches import evidence_of
@@ -226,8 +227,7 @@ def same_place(positives: Positives) -> int:
 class Answers(NamedTuple):
     """What is known of the best matches after re-ranking."""
 
-    inliers: ndarray
-    rival: ndarray
+    deviations: ndarray
     right: ndarray
     in_map: ndarray
     plain_margin: ndarray
@@ -245,7 +245,7 @@ def answers(found: Counted, near: int) -> Answers:
     in_map = np.array([len(found.positives[int(i)]) > 0 for i in found.queries])
     # a query without a rival counts as one whose rival has no inliers, as when the confidence was fitted
     inliers, rival = np.array(evidence).T
-    return Answers(inliers, np.nan_to_num(rival), np.array(right), in_map, found.margin, hits[:, 0])
+    return Answers(deviations(inliers, np.nan_to_num(rival)), np.array(right), in_map, found.margin, hits[:, 0])
 
 
 def confidence_table(title: str, asked: list[tuple[ImageSet, list[Counted]]]) -> Table:
@@ -264,10 +264,10 @@ def confidence_table(title: str, asked: list[tuple[ImageSet, list[Counted]]]) ->
         others = [part for other, parts in found if other.family != each.family for part in parts]
         if not others:
             continue
-        model = fit_reranked_confidence([part[:3] for part in others])
+        model = fit_match_confidence([(part.deviations, part.right) for part in others])
         plain = fit_match_confidence([(part.plain_margin, part.plain_right) for part in others])
         for part, name in zip(maps, ("whole", "half"), strict=True):
-            sure = model.probability(*part[:2])
+            sure = model.probability(part.deviations)
             before = plain.probability(part.plain_margin)
             table.add_row(
                 *(each.name, name, f"{100 * part.plain_right.mean():.1f}", _bias(before, part.plain_right)),
@@ -276,9 +276,9 @@ def confidence_table(title: str, asked: list[tuple[ImageSet, list[Counted]]]) ->
                 _told(sure, part.in_map & part.right),
                 _told(before, part.in_map & part.plain_right),
             )
-    everything = [part[:3] for _, parts in found for part in parts]
+    everything = [(part.deviations, part.right) for _, parts in found for part in parts]
     if len(found) > 1:
-        table.caption = f"fitted to all sets: {fit_reranked_confidence(everything)}"
+        table.caption = f"fitted to all sets: {fit_match_confidence(everything)}"
     return table
 
 

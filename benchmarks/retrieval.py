@@ -4,13 +4,12 @@ Tasks alternate, so that all run under the same load, and ratios are of the medi
 neighbours is checked first.
 """
 
-import time
 from collections.abc import Callable
-from statistics import median
 
 import numpy as np
 import torch
 
+from benchmarks.push_pull_timing import medians
 from sextant.retrieval.flat_index import FlatIndex
 
 COUNT, DIMENSION, K, BATCH, REPEATS = 172_000, 128, 20, 64, 41
@@ -38,7 +37,9 @@ def run(count: int = COUNT, repeats: int = REPEATS) -> list[Row]:
     if theirs is not None:
         single["faiss flat"], many["faiss flat"] = lambda: theirs(query), lambda: theirs(queries)
         agree = np.array_equal(index.search(queries, K).indices, theirs(queries))
-    seconds, together = _medians(single, repeats), _medians(many, max(3, repeats // 8))
+    # sorting takes longer than all the others together
+    seconds = medians(single, repeats, seldom=["naive argsort"])
+    together = medians(many, max(3, repeats // 8))
     fastest = min(("numpy sgemv", "torch sgemv"), key=seconds.__getitem__)
     what = f"one query, {count:,} x {DIMENSION}, k={K}"
     rows = [
@@ -58,20 +59,6 @@ def traverse(count: int, dimension: int = DIMENSION, seed: int = 0) -> np.ndarra
     noise = np.random.default_rng(seed).normal(size=(count, dimension)).astype(np.float32)
     noise[1:] += ALONG_TRACK / (1 - ALONG_TRACK) * noise[:-1]
     return np.asarray(noise / np.linalg.norm(noise, axis=1, keepdims=True), np.float32)
-
-
-def _medians(works: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    seconds: dict[str, list[float]] = {name: [] for name in works}
-    for work in works.values():
-        work()
-    for turn in range(repeats):
-        for name, work in works.items():
-            if name == "naive argsort" and turn % 8:
-                continue  # it takes longer than all the others together
-            began = time.perf_counter()
-            work()
-            seconds[name].append(time.perf_counter() - began)
-    return {name: median(times) for name, times in seconds.items()}
 
 
 def _row(what: str, seconds: dict[str, float], against: str, aim: str) -> Row:

@@ -230,6 +230,7 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     if without == "filter":
         yield from retrieved(world, kept, begin)
         return
+    from benchmarks.place_kernel import discriminative_kernel
     from sextant.chapters.localization.saved_filter import usual_filter, usual_particles, usual_radius
     from sextant.localization.adaptation import Adaptation
     from sextant.localization.descriptor_map import DescriptorMap
@@ -238,7 +239,6 @@ def measured(world: str, kept: dict, without: str, begin: tuple[str, ...]) -> It
     from sextant.localization.localize import Localized, Steps
     from sextant.localization.observation.cached_local_gp import CachedLocalGP
     from sextant.localization.observers import Camera
-    from sextant.localization.place_kernel import discriminative_kernel
     from sextant.localization.recovery import BayesRestart
 
     found = DescriptorMap.of(torch.from_numpy(np.asarray(kept["poses"], np.float64)), kept["descriptors"])

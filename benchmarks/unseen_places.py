@@ -22,9 +22,9 @@ from numpy import ndarray
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.match_confidence_fit import fit_match_confidence
 from benchmarks.place_rivals import rivals
 from benchmarks.place_sets import FLOORS, PlaceSet, hits, image_sets, interval
-from sextant.chapters.places.match_confidence import fit_match_confidence
 from sextant.chapters.places.place_map import PlaceMap
 from sextant.console.arguments import parse_arguments
 from sextant.evaluation.positives import Positives

@@ -1,13 +1,11 @@
 """Rendered pictures per second, and their cost relative to casting the same rays with Embree alone."""
 
-import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from statistics import median
 
 import numpy as np
 import torch
 
+from benchmarks.push_pull_timing import medians
 from sextant.data.worlds.shots import camera_poses
 from sextant.data.worlds.towns import perspective, street_poses
 from sextant.geometry import EquirectangularCamera
@@ -17,16 +15,6 @@ from sextant.worlds.street_layouts import irregular_streets
 from sextant.worlds.town import Town
 
 THREADS = 2
-
-
-def _seconds(work: Callable[[], object], repeats: int) -> float:
-    work()
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return median(times)
 
 
 def run() -> list[tuple[str, str, str, str, str]]:
@@ -45,14 +33,14 @@ def run() -> list[tuple[str, str, str, str, str]]:
             rays, some = Rays.of_camera(camera, samples), poses[:views]
             origins = np.repeat(some[:, :3, 3], len(rays.bearings), axis=0).astype(np.float32)
             directions = np.concatenate([rays.bearings @ pose[:3, :3].T for pose in some]).astype(np.float32)
-            bare = _seconds(lambda o=origins, d=directions: renderer.scene.hit(o, d), 5) / views
-            whole = _seconds(lambda r=rays, p=some: renderer.pictures(r, p, noon), 5) / views
+            bare = medians({"cast": lambda o=origins, d=directions: renderer.scene.hit(o, d)}, 5)["cast"] / views
+            whole = medians({"render": lambda r=rays, p=some: renderer.pictures(r, p, noon)}, 5)["render"] / views
             with ThreadPoolExecutor(THREADS) as pool:
 
                 def together(r=rays, p=some) -> list[object]:
                     return list(pool.map(lambda _: renderer.pictures(r, p, noon), range(THREADS)))
 
-                rate = THREADS * views / _seconds(together, 3)
+                rate = THREADS * views / medians({"together": together}, 3)["together"]
             rows.append((
                 f"{name}, {samples} ray{'s' * (samples > 1)} per pixel, {len(renderer.scene):,} triangles",
                 f"{1e3 * whole:.2f} ms, {rate:,.1f} fps on {THREADS} threads",

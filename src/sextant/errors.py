@@ -14,7 +14,7 @@ DISTRIBUTION = "sextant-vision"
 EXTRAS = {
     "train": (
         "rich", "hydra", "omegaconf", "pytorch_lightning", "torchvision", "mlflow", "yaml",
-        "matplotlib", "statsmodels", "filelock", "psutil", "joblib", "flask",
+        "matplotlib", "filelock", "psutil", "joblib", "flask",
     ),
     "worlds": ("embreex", "shapely", "networkx"),
     "search": ("optuna", "cmaes"),

@@ -2,7 +2,8 @@
 
 Nothing else names a task outside its own chapter. A chapter is a package that holds ``chapter.py`` with a
 :class:`~sextant.kit.chapter.Chapter` named ``CHAPTER``, ``config.py`` with the config of its runs as ``CONFIG``, and
-``commands.py`` with its part of ``predict.py`` as ``HANDLERS``.
+``commands.py`` with its part of ``predict.py`` as ``HANDLERS``. If its models serve other programs, it also holds
+``serving.py``; see :mod:`sextant.lifecycle.offered`.
 """
 
 from importlib import import_module

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 #: largest numbers of columns of values that are easy to read, and that are legible at all
 USUAL, WIDEST = 8, 12
@@ -37,6 +38,11 @@ class TextTable:
         """The table without columns that are empty in every row: a dash, or the ``-`` of a sweep without settings."""
         kept = [i for i in range(len(self.columns)) if any(row[i] not in (NOTHING, "-", "") for row in self.rows)]
         return TextTable([self.columns[i] for i in kept], [[row[i] for i in kept] for row in self.rows])
+
+    def only(self, columns: Sequence[str]) -> "TextTable":
+        """The table of these columns alone."""
+        kept = [self.columns.index(name) for name in columns]
+        return TextTable(columns, [[row[i] for i in kept] for row in self.rows])
 
     def csv(self) -> str:
         """Comma-separated values."""
@@ -113,6 +119,32 @@ def interval(low: float, high: float, digits: int = 2, sign: bool = False) -> st
     if low != low or high != high:
         return "–"
     return f"[{number(low, digits, sign)}, {number(high, digits, sign)}]"
+
+
+class Estimate(Protocol):
+    """A mean with the bounds of its interval."""
+
+    @property
+    def mean(self) -> float: ...  # noqa: D102
+    @property
+    def low(self) -> float: ...  # noqa: D102
+    @property
+    def high(self) -> float: ...  # noqa: D102
+
+
+def with_interval(found: Estimate | None, digits: int = 2, sign: bool = False, alone: bool = False) -> str:
+    """``mean [low, high]``; a dash for None.
+
+    Args:
+        found: a mean and its interval.
+        digits: number of decimals.
+        sign: whether positive numbers have a sign.
+        alone: whether a mean without an interval stands alone, not beside a dash.
+    """
+    if found is None:
+        return NOTHING
+    told = number(found.mean, digits, sign)
+    return told if alone and found.low != found.low else f"{told} {interval(found.low, found.high, digits, sign)}"
 
 
 def p_text(value: float) -> str:

@@ -19,16 +19,6 @@ if TYPE_CHECKING:
 USAGE = """\
 sextant report sweep=<name, directory or MLflow parent run> [html=<folder>] [cells=<folder>]
 sextant report sweep=<folder of cells>,<folder of cells>,... [html=<folder>]"""
-#: columns of the table of a contrast
-COLUMNS = (
-    "setting",
-    "condition",
-    "difference, 95 % over seeds",
-    "noise floor",
-    "published",
-    "pairs",
-    "p (Wilcoxon, Holm)",
-)
 
 
 class ReportOptions(Options):
@@ -101,28 +91,24 @@ def _show_tasks(results: "SweepResults") -> None:
 
 def _show(results: "SweepResults") -> None:
     """Show the contrasts in a table that fits a terminal; everything else is in the report."""
-    from sextant.reports.contrasts import contrasts, of_one_pair
+    from sextant.reports.contrasts import contrast_table, contrasts, footnotes
     from sextant.reports.divergence import divergence
-    from sextant.tables import TextTable, counted, interval, number
+    from sextant.tables import TextTable, counted
 
     counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
     console.print(f"[bold]{results.plan.name}[/]: {counted(len(results.cells), 'run')} planned, {counts}")
     if told := divergence(results):
         console.print(told.replace("**", ""), markup=False, soft_wrap=True)
     rows = [row for row in contrasts(results) if row.paired is not None]
+    over = f"95 % over {results.replicate}"
+    columns = ["setting", "condition", "difference", over, "noise floor", "published", "pairs", "p (Wilcoxon, Holm)"]
     for name in dict.fromkeys(row.contrast for row in rows):
         title = f"{name}: {results.measure.difference}, {results.measure.better} is better"
-        body = []
-        for row in (row for row in rows if row.contrast == name):
-            paired, floor = row.paired, row.floor
-            assert paired is not None
-            found = f"{number(paired.mean, sign=True)} {interval(paired.low, paired.high, sign=True)}"
-            alone = "–" if floor is None else interval(floor.low, floor.high, sign=True)
-            published, pairs = number(row.published, sign=True), str(paired.seeds)
-            body.append([row.setting, row.condition, found, alone, published, pairs, number(row.p_holm, 3)])
-        _print_table(TextTable(COLUMNS, body).told(), title)
-    if few := of_one_pair(rows):
-        console.print(few)
+        table = contrast_table(rows, name, results).only(columns)
+        joined = [[*row[:2], f"{row[2]} {row[3]}", *row[4:]] for row in table.rows]
+        _print_table(TextTable([*columns[:2], f"difference [{over}]", *columns[4:]], joined).told(), title)
+    if notes := footnotes(rows):
+        console.print(notes)
 
 
 def _print_table(told: "TextTable", title: str) -> None:

@@ -17,7 +17,10 @@ from sextant.errors import UserError
 
 COMPOSING = (HydraException, OmegaConfBaseException, ValueError)  # ValueError is raised for a group that is null
 #: keys of other commands, and what the user may have meant
-_METRICS = "runs are logged to MLflow: tracking=sqlite (the default), server or none; other loggers are not offered"
+_METRICS = (
+    "runs are logged to MLflow: tracking=sqlite (the default), server or none; "
+    "tracking.also=[tensorboard,csv,wandb] adds other loggers"
+)
 _NETWORK = "the network is chosen by backbone=, such as backbone=resnet20"
 ELSEWHERE = {
     "preset": "preset= is the size of a named sweep: -m sweep=pushpull_placement {0}",

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
 import torch
-from jaxtyping import Int64
-from torch import Tensor
 
+from sextant.corruptions.contract import Positions
 from sextant.corruptions.corruption import Corruption, Params, generators, image_seeds
 
 Row = TypeVar("Row")
@@ -46,6 +45,6 @@ class BenchmarkCorruption(Corruption[Params], Generic[Row, Params]):
         """Raise a ``ValueError`` unless the table has a row for severity ``level``."""
         self.row(level)
 
-    def streams(self, level: float, indices: Int64[Tensor, "b"], seed: int) -> list[torch.Generator]:
+    def streams(self, level: float, indices: Positions, seed: int) -> list[torch.Generator]:
         """One random stream for each image."""
         return generators(image_seeds(self.name, level, indices, seed))

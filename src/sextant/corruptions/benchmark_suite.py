@@ -3,11 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from jaxtyping import Float
-from torch import Tensor
-
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
-from sextant.corruptions.contract import Indices
+from sextant.corruptions.contract import Images, Indices
 from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.pixels import eight_bit
 from sextant.corruptions.sets import CIFAR10_C, CIFAR100_C, IMAGENET_C, MNIST_C
@@ -123,9 +120,7 @@ class BenchmarkSuite(CorruptionSuite):
             seed=seed,
         )
 
-    def corrupt(
-        self, images: Float[Tensor, "b c h w"], indices: Indices, condition: Condition
-    ) -> Float[Tensor, "b c h w"]:
+    def corrupt(self, images: Images, indices: Indices, condition: Condition) -> Images:
         """``images``, in [0, 1] and at positions ``indices`` of their dataset, under ``condition``."""
         corrupted = super().corrupt(images, indices, condition)
         if condition.corruption not in self.protocol.severities or not self.quantise:

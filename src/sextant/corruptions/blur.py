@@ -11,6 +11,7 @@ from torch import Tensor
 
 from sextant.compiled import compiled
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
+from sextant.corruptions.contract import Images, Positions
 from sextant.corruptions.filtering import (
     gaussian_filter,
     gaussian_weights,
@@ -39,7 +40,7 @@ class GaussianBlur(BenchmarkCorruption[float, None]):
         levels: the severities to test at.
     """
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Smooth over height and width."""
         return gaussian_filter(images, self.row(level)).clamp(0, 1)
 
@@ -94,7 +95,7 @@ class DefocusBlur(BenchmarkCorruption[tuple[float, float], None]):
 
     mode: Mode = "faithful"
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Convolve every channel with the disk."""
         kernel = disk_kernel(*self.row(level))
         if self.mode == "corrected":
@@ -139,9 +140,7 @@ class GlassBlur(BenchmarkCorruption[tuple[float, int, int], Tensor]):
     chance: float = 1.0
     down_only: bool = False
 
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Int64[Tensor, "b h w"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Int64[Tensor, "b h w"]:
         """The pixel ``row · w + column`` that each pixel takes its colour from."""
         _, reach, passes = self.row(level)
         channels, height, width = shape
@@ -155,9 +154,7 @@ class GlassBlur(BenchmarkCorruption[tuple[float, int, int], Tensor]):
             _play(source.numpy(), moves.numpy(), reach, copies)
         return sources
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Int64[Tensor, "b h w"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Int64[Tensor, "b h w"]) -> Images:
         """Blur, let every pixel take its colour from the drawn one, and blur again."""
         sigma = self.row(level)[0]
         sigmas = (sigma, 0.0 if self.down_only and self.mode == "faithful" else sigma)
@@ -208,16 +205,14 @@ class MotionBlur(BenchmarkCorruption[tuple[float, float], Tensor]):
         levels: the severities to test at.
     """
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> Float[Tensor, "b"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Float[Tensor, "b"]:
         """The angles in degrees."""
         degrees = torch.empty(len(indices), dtype=torch.float64)
         for angle, stream in zip(degrees, self.streams(level, indices, seed), strict=True):
             angle.uniform_(-45, 45, generator=stream)
         return degrees
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Float[Tensor, "b"]) -> Images:
         """Blur each image along its angle."""
         return eight_bit(motion_blur(images, *self.row(level), params), "corrected")
 
@@ -257,7 +252,7 @@ class ZoomBlur(BenchmarkCorruption[tuple[float, float], None]):
         levels: the severities to test at.
     """
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Average over the zooms."""
         height, width = images.shape[-2:]
         factors = zoom_factors(*self.row(level))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 import torch
-from jaxtyping import Int64
+from jaxtyping import Float, Int64
 from torch import Tensor
 
 from sextant.errors import UserError, shown
@@ -13,8 +13,11 @@ from sextant.tables import counted
 
 CHANNELS = (1, 3)
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
-#: positions of images in their dataset, from 0; a single number for a single image
-Indices: TypeAlias = Int64[Tensor, "b"] | Sequence[int] | int
+Images: TypeAlias = Float[Tensor, "b c h w"]
+#: positions of images in their dataset, from 0
+Positions: TypeAlias = Int64[Tensor, "b"]
+#: positions as they may be given; a single number for a single image
+Indices: TypeAlias = Positions | Sequence[int] | int
 
 
 def require_images(images: Tensor) -> None:
@@ -44,7 +47,7 @@ def require_images(images: Tensor) -> None:
         )
 
 
-def require_indices(indices: Indices, count: int) -> Int64[Tensor, "b"]:
+def require_indices(indices: Indices, count: int) -> Positions:
     """``indices`` as a tensor on the CPU, if they are one non-negative whole number for each of ``count`` images.
 
     Raises:

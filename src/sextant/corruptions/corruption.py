@@ -8,13 +8,13 @@ from numbers import Real
 from typing import Generic, TypeVar
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 
-from sextant.corruptions.contract import Indices, require_images, require_indices, require_seed
+from sextant.corruptions.contract import Images, Indices, Positions, require_images, require_indices, require_seed
 
 
-def image_seeds(name: str, level: float, indices: Int64[Tensor, "b"], seed: int) -> list[int]:
+def image_seeds(name: str, level: float, indices: Positions, seed: int) -> list[int]:
     """A 63-bit seed for each image: a hash of (seed, corruption, severity, image index)."""
     key = f"{seed}/{name}/{float(level)!r}/".encode()
     digests = (hashlib.blake2b(key + str(i).encode(), digest_size=8).digest() for i in indices.tolist())
@@ -55,12 +55,12 @@ class Corruption(ABC, Generic[Params]):
     name: str
     levels: Sequence[float]
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> Params:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Params:
         """Random parameters for the images of a dataset at ``indices``, each of ``shape``; by default None."""
         return None  # type: ignore[return-value]
 
     @abstractmethod
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: Params) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Params) -> Images:
         """Corrupt ``images``, values in [0, 1], with drawn parameters."""
 
     def check_level(self, level: float) -> None:
@@ -68,9 +68,7 @@ class Corruption(ABC, Generic[Params]):
         if isinstance(level, bool) or not isinstance(level, Real) or not math.isfinite(level):
             raise ValueError(f"a level of {self.name} is a finite number, not {level!r}")
 
-    def __call__(
-        self, images: Float[Tensor, "b c h w"], level: float, indices: Indices, seed: int
-    ) -> Float[Tensor, "b c h w"]:
+    def __call__(self, images: Images, level: float, indices: Indices, seed: int) -> Images:
         """Draw and apply.
 
         Args:

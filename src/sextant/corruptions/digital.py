@@ -1,18 +1,18 @@
 """Digital: contrast, colour, warping and compression, as caused by processing and storage."""
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from io import BytesIO
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64, UInt8
+from jaxtyping import Float
 from PIL import Image
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
+from sextant.corruptions.contract import Images, Positions
 from sextant.corruptions.filtering import bilinear, gaussian_filter
 from sextant.corruptions.pixels import to_bytes
 
@@ -33,7 +33,7 @@ class Contrast(BenchmarkCorruption[float, None]):
         levels: the severities to test at.
     """
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Draw every value to the mean of its channel."""
         return images.mean((2, 3), keepdim=True).lerp(images, self.row(level)).clamp(0, 1)
 
@@ -65,7 +65,7 @@ class Saturate(BenchmarkCorruption[tuple[float, float], None]):
 
     mode: Mode = "faithful"
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Move every channel away from, or towards, the value of its pixel."""
         if images.shape[1] == 1:
             return images.clone()
@@ -81,22 +81,29 @@ class Saturate(BenchmarkCorruption[tuple[float, float], None]):
         return torch.where(spread > 0, coloured, grey).clamp(0, 1).to(images.dtype)
 
 
-def jpeg_round_trip(pixels: UInt8[np.ndarray, "h w c"], quality: int) -> UInt8[np.ndarray, "h w c"]:
-    """One image of one or three channels, encoded and decoded by Pillow.
+def jpeg_round_trip(picture: Image.Image, quality: int) -> Image.Image:
+    """A grey or colour image, encoded and decoded by Pillow.
 
     Example:
-        >>> grey = np.full((8, 8, 1), 128, np.uint8)
-        >>> bool((jpeg_round_trip(grey, 10) == grey).all())  # mid-grey is 0 in every coefficient
-        True
-        >>> noise = np.random.default_rng(0).integers(0, 256, (16, 16, 1), dtype=np.uint8)
-        >>> low, high = (abs(jpeg_round_trip(noise, quality).astype(int) - noise).mean() for quality in (10, 95))
+        >>> jpeg_round_trip(Image.new("L", (8, 8), 128), 10).getextrema()  # mid-grey is 0 in every coefficient
+        (128, 128)
+        >>> noise = np.random.default_rng(0).integers(0, 256, (16, 16), dtype=np.uint8)
+        >>> decoded = (jpeg_round_trip(Image.fromarray(noise), quality) for quality in (10, 95))
+        >>> low, high = (abs(np.asarray(each, int) - noise).mean() for each in decoded)
         >>> bool(low > high)
         True
     """
     encoded = BytesIO()
-    Image.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels).save(encoded, "JPEG", quality=quality)
-    with Image.open(encoded) as decoded:
-        return np.asarray(decoded).reshape(pixels.shape)
+    picture.save(encoded, "JPEG", quality=quality)
+    return Image.open(encoded)
+
+
+def _each(images: Images, change: Callable[[Image.Image], Image.Image]) -> Images:
+    """``images``, rounded to 8 bits, each changed by Pillow."""
+    pixels = to_bytes(images, "corrected").permute(0, 2, 3, 1).cpu().contiguous().numpy()
+    pictures = pixels[..., 0] if pixels.shape[3] == 1 else pixels
+    changed = np.stack([np.asarray(change(Image.fromarray(picture))) for picture in pictures]).reshape(pixels.shape)
+    return (torch.from_numpy(changed).permute(0, 3, 1, 2).contiguous().to(images.device) / 255).to(images.dtype)
 
 
 @dataclass(frozen=True)
@@ -116,7 +123,7 @@ class JPEGCompression(BenchmarkCorruption[int, None]):
         levels: the severities to test at.
     """
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Encode and decode every image; images are rounded to 8 bits first.
 
         Raises:
@@ -124,70 +131,15 @@ class JPEGCompression(BenchmarkCorruption[int, None]):
         """
         if images.shape[1] not in (1, 3):
             raise ValueError(f"JPEG takes images of 1 or 3 channels, not {images.shape[1]}")
-        pixels = to_bytes(images, "corrected").permute(0, 2, 3, 1).cpu().contiguous().numpy()
-        decoded = np.stack([jpeg_round_trip(image, self.row(level)) for image in pixels])
-        return (torch.from_numpy(decoded).permute(0, 3, 1, 2).contiguous().to(images.device) / 255).to(images.dtype)
-
-
-PILLOW_UNIT = 2**22
-
-
-@lru_cache(maxsize=64)
-def box_weights(before: int, after: int) -> tuple[Tensor, int]:
-    """The integer weights ``(after, before)`` of a pass from ``before`` pixels to ``after``, and their unit.
-
-    Weights and unit are divided by their common factor; the type is the smallest that holds all sums.
-    """
-    scale = before / after
-    half = 0.5 * max(scale, 1.0)
-    weights = torch.zeros(after, before, dtype=torch.int64)
-    for i in range(after):
-        centre = (i + 0.5) * scale
-        first, last = max(int(centre - half + 0.5), 0), min(int(centre + half + 0.5), before)
-        taken = [j for j in range(first, last) if -0.5 < (j - centre + 0.5) / max(scale, 1.0) <= 0.5]
-        weights[i, taken] = math.floor(0.5 + PILLOW_UNIT / len(taken))
-    common = math.gcd(PILLOW_UNIT, *weights.unique().tolist())
-    unit = PILLOW_UNIT // common
-    return (weights // common).to(torch.float32 if 256 * unit <= 2**24 else torch.float64), unit
-
-
-def box_resize(pixels: Float[Tensor, "b c h w"], height: int, width: int) -> Float[Tensor, "b c p q"]:
-    """Whole values 0 ... 255, resized as ``PIL.Image.resize((width, height), BOX)`` does.
-
-    Example:
-        >>> box_resize(torch.tensor([[[[0.0, 10.0, 100.0, 101.0]] * 2]]), 1, 2)  # means of 2x2 pixels; 100.5 goes up
-        tensor([[[[  5., 101.]]]])
-    """
-    if width != pixels.shape[-1]:
-        weights, unit = _weights_for(pixels, pixels.shape[-1], width)
-        pixels = _rounded(pixels.to(weights) @ weights.T, unit)
-    if height != pixels.shape[-2]:
-        weights, unit = _weights_for(pixels, pixels.shape[-2], height)
-        pixels = _rounded(weights @ pixels.to(weights), unit)
-    return pixels
-
-
-def _weights_for(pixels: Tensor, before: int, after: int) -> tuple[Tensor, int]:
-    weights, unit = box_weights(before, after)
-    # a GPU may be configured to multiply float32 with 11 bits (TF32)
-    return (weights if pixels.device.type == "cpu" else weights.to(pixels.device, torch.float64)), unit
-
-
-def _rounded(sums: Float[Tensor, "*n"], unit: int) -> Float[Tensor, "*n"]:
-    # the weights of a mean of three are rounded and may sum to more than the unit, but never to half a grey level more
-    return sums if unit == 1 else sums.mul_(1 / unit).add_(0.5).floor_()
+        quality = self.row(level)
+        return _each(images, lambda picture: jpeg_round_trip(picture, quality))
 
 
 @dataclass(frozen=True)
 class Pixelate(BenchmarkCorruption[float, None]):
-    r"""Down to ``⌊f n⌋`` pixels per axis and back up to n, by box filter.
+    """Down to ``⌊f n⌋`` pixels per axis and back up to n by Pillow's box filter, on the CPU whatever the device.
 
-    With a box filter, Pillow resizes one axis after the other, columns first. A pass takes weights as integers in units
-    of :math:`2^{-22}`, adds, and rounds to 8 bits: :math:`y_i = \lfloor (Σ_j W_{ij} x_j + 2^{21}) / 2^{22} \rfloor`.
-    The sums are whole numbers that fit into float64, and into float32 where every mean is of one, two or four pixels,
-    so matrix products give the same bytes for a whole batch, on any device.
-
-    Source: Hendrycks & Dietterich, ICLR 2019, with Pillow.
+    Source: Hendrycks & Dietterich, ICLR 2019.
 
     >>> image = torch.tensor([[[[0.0, 0.4, 1.0, 0.6]] * 2]])
     >>> Pixelate((0.5,), "pixelate")(image, level=1, indices=[0], seed=0)[0, 0, 0]  # blocks of two by two
@@ -199,13 +151,12 @@ class Pixelate(BenchmarkCorruption[float, None]):
         levels: the severities to test at.
     """
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Resize down and up; images are rounded to 8 bits first."""
         height, width = images.shape[-2:]
-        factor = self.row(level)
-        pixels = (images.float() * 255).round_().clamp_(0, 255)
-        small = box_resize(pixels, max(int(height * factor), 1), max(int(width * factor), 1))
-        return (box_resize(small, height, width).float() / 255).to(images.dtype)
+        factor, box = self.row(level), Image.Resampling.BOX
+        small = (max(int(width * factor), 1), max(int(height * factor), 1))
+        return _each(images, lambda picture: picture.resize(small, box).resize((width, height), box))
 
 
 # OpenCV 4 and earlier, which the benchmark was made with, interpolates at multiples of 1/32 of a pixel
@@ -253,7 +204,7 @@ class ElasticTransform(BenchmarkCorruption[tuple[float, float, float], ElasticDr
     mode: Mode = "faithful"
     unit: float = 1.0
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> ElasticDraw:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> ElasticDraw:
         """Shifts of the corners, and noise."""
         corners = torch.empty(len(indices), 3, 2, dtype=torch.float64)
         noise = torch.empty(len(indices), 2, *shape[1:], dtype=torch.float32)
@@ -262,7 +213,7 @@ class ElasticTransform(BenchmarkCorruption[tuple[float, float, float], ElasticDr
             field.uniform_(-1, 1, generator=stream)
         return ElasticDraw(corners, noise)
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: ElasticDraw) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: ElasticDraw) -> Images:
         """Warp and displace.
 
         Raises:

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from sextant.compiled import compiled
+from sextant.corruptions.contract import Images
 from sextant.tables import counted
 
 Border = Literal["nearest", "reflect", "mirror", "zero"]
@@ -46,10 +47,7 @@ _KINDS: dict[Border, int] = {"nearest": _NEAREST, "reflect": _REFLECT, "mirror":
 
 
 def bilinear(
-    images: Float[Tensor, "b c h w"],
-    rows: Float[Tensor, "b p q"],
-    columns: Float[Tensor, "b p q"],
-    border: Border,
+    images: Images, rows: Float[Tensor, "b p q"], columns: Float[Tensor, "b p q"], border: Border
 ) -> Float[Tensor, "b c p q"]:
     """``images`` at (row, column), the centre of the first pixel at (0, 0), interpolated linearly along each axis.
 
@@ -80,7 +78,7 @@ def bilinear(
 
 
 def _gathered(
-    images: Float[Tensor, "b c h w"], rows: Float[Tensor, "b p q"], columns: Float[Tensor, "b p q"], border: Border
+    images: Images, rows: Float[Tensor, "b p q"], columns: Float[Tensor, "b p q"], border: Border
 ) -> Float[Tensor, "b c p q"]:
     height, width = images.shape[-2:]
     top, left = rows.floor(), columns.floor()
@@ -153,7 +151,7 @@ def zoom_matrix(size: int, factor: float) -> Tensor:
     return matrix
 
 
-def clipped_zoom(images: Float[Tensor, "b c h w"], factor: float) -> Float[Tensor, "b c h w"]:
+def clipped_zoom(images: Images, factor: float) -> Images:
     r"""The centre of ``images`` magnified by ``factor`` ≥ 1, of the same size.
 
     The central :math:`c = \lceil n/z \rceil` pixels of an axis of n are magnified to :math:`m = \mathrm{round}(c z)` by
@@ -197,11 +195,8 @@ def gaussian_matrix(size: int, sigma: float, border: Border = "nearest", truncat
 
 
 def gaussian_filter(
-    images: Float[Tensor, "b c h w"],
-    sigma: float | tuple[float, float],
-    border: Border = "nearest",
-    truncate: float = 4.0,
-) -> Float[Tensor, "b c h w"]:
+    images: Images, sigma: float | tuple[float, float], border: Border = "nearest", truncate: float = 4.0
+) -> Images:
     r"""``images`` smoothed by ``sigma`` pixels, or by (down, across); an axis with ``sigma = 0`` is unchanged.
 
     Each axis is one matrix, :math:`Y = G_h X G_w^T`, with :math:`G_{ij} = \sum_{k:\, b(i+k)=j} g_k`, where b folds
@@ -252,9 +247,7 @@ def motion_offsets(degrees: Float[Tensor, "b"], count: int) -> Int64[Tensor, "b 
     return torch.ceil(steps[None, :, None] * line[:, None] - 0.5).long()
 
 
-def motion_blur(
-    images: Float[Tensor, "b c h w"], radius: float, sigma: float, degrees: Float[Tensor, "b"]
-) -> Float[Tensor, "b c h w"]:
+def motion_blur(images: Images, radius: float, sigma: float, degrees: Float[Tensor, "b"]) -> Images:
     r"""Blur each of ``images`` along its own angle (degrees, clockwise from the right as rows point down).
 
     .. math:: y(p) = \sum_{i=0}^{W-1} k_i\, x\bigl(p + \lceil i (\cos θ, \sin θ) - \tfrac12 \rceil\bigr),
@@ -274,9 +267,7 @@ def motion_blur(
     return shifted_sum(images, weights, motion_offsets(degrees, len(weights)), "nearest")
 
 
-def shifted_sum(
-    images: Float[Tensor, "b c h w"], weights: Float[Tensor, "n"], shifts: Int64[Tensor, "b n 2"], border: Border
-) -> Float[Tensor, "b c h w"]:
+def shifted_sum(images: Images, weights: Float[Tensor, "n"], shifts: Int64[Tensor, "b n 2"], border: Border) -> Images:
     """The sums, with the type of ``images``.
 
     The CPU runs a compiled loop over rows, other devices use gathers; the two add in the same order and agree up to
@@ -319,8 +310,8 @@ def shifted_sum(
 
 
 def _sum_of_gathers(
-    images: Float[Tensor, "b c h w"], weights: Float[Tensor, "n"], shifts: Int64[Tensor, "b n 2"], border: Border
-) -> Float[Tensor, "b c h w"]:
+    images: Images, weights: Float[Tensor, "n"], shifts: Int64[Tensor, "b n 2"], border: Border
+) -> Images:
     (count, channels, height, width), device = images.shape, images.device
     rows, columns = (torch.arange(n, device=device) for n in (height, width))
     flat, result = images.flatten(2), torch.zeros_like(images)

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import torch
 from annotated_types import Gt, Le
-from jaxtyping import Float, Int8, Int64
+from jaxtyping import Float, Int8
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption
+from sextant.corruptions.contract import Images, Positions
 from sextant.corruptions.corruption import Corruption, filled, generators, image_seeds
 from sextant.ranges import NonNegative, Positive, checked
 
@@ -42,16 +43,12 @@ class GaussianNoise(Corruption[Tensor]):
         if level < 0:
             raise ValueError(f"a level of {self.name} is a variance, at least 0, not {level!r}")
 
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Float[Tensor, "b c h w"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Float[Tensor, "b c h w"]:
         """The noise itself."""
         streams, std = generators(image_seeds(self.name, level, indices, seed)), math.sqrt(level)
         return filled(shape, streams, lambda image, stream: image.normal_(std=std, generator=stream))
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b c h w"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Float[Tensor, "b c h w"]) -> Images:
         """Add the drawn noise."""
         noisy = images + params.to(images)
         return noisy.clamp(0, 1) if self.clip else noisy
@@ -74,16 +71,12 @@ class ClippedGaussianNoise(BenchmarkCorruption[float, Tensor]):
         levels: the severities to test at.
     """
 
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Float[Tensor, "b c h w"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Float[Tensor, "b c h w"]:
         """The standard normal ``n``."""
         streams = self.streams(level, indices, seed)
         return filled(shape, streams, lambda image, stream: image.normal_(generator=stream))
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b c h w"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Float[Tensor, "b c h w"]) -> Images:
         """Add the drawn noise and clip."""
         return (images + self.row(level) * params.to(images)).clamp(0, 1)
 
@@ -105,9 +98,7 @@ class SpeckleNoise(ClippedGaussianNoise):
         levels: the severities to test at.
     """
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b c h w"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Float[Tensor, "b c h w"]) -> Images:
         """Add the drawn noise times the image, and clip."""
         return super().apply(images, level, params.to(images) * images)
 
@@ -115,12 +106,12 @@ class SpeckleNoise(ClippedGaussianNoise):
 class PhotonNoise(Corruption[list[int]]):
     """Noise of photons that are counted: a count depends on the image, so that its stream is the parameter."""
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> list[int]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> list[int]:
         """The seeds of the photon streams."""
         return image_seeds(self.name, level, indices, seed)
 
 
-def photons(values: Float[Tensor, "b c h w"], peak: float, seeds: list[int]) -> Float[Tensor, "b c h w"]:
+def photons(values: Images, peak: float, seeds: list[int]) -> Images:
     """``Poisson(peak · z) / peak`` of values ``z``, counted on the CPU from the stream of each seed."""
     rates = (values * peak).clamp(min=0).cpu()
     counts = [torch.poisson(rate, stream) for rate, stream in zip(rates, generators(seeds), strict=True)]
@@ -143,7 +134,7 @@ class ShotNoise(PhotonNoise, BenchmarkCorruption[float, list[int]]):
         levels: the severities to test at.
     """
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: list[int]) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: list[int]) -> Images:
         """Count photons from the drawn streams, on the CPU."""
         return photons(images.float(), self.row(level), params).clamp(0, 1).to(images)
 
@@ -166,17 +157,13 @@ class ImpulseNoise(BenchmarkCorruption[float, Tensor]):
         levels: the severities to test at.
     """
 
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Int8[Tensor, "b c h w"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Int8[Tensor, "b c h w"]:
         """-1 where a value becomes black, 1 where white, 0 where it stays."""
         streams, amount = self.streams(level, indices, seed), self.row(level)
         share = filled(shape, streams, lambda image, stream: image.uniform_(generator=stream))
         return (share < amount).to(torch.int8) - 2 * (share < amount / 2).to(torch.int8)
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Int8[Tensor, "b c h w"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Int8[Tensor, "b c h w"]) -> Images:
         """Set the drawn values to black and white."""
         return (images + 2 * params.to(images)).clamp(0, 1)
 
@@ -211,7 +198,7 @@ class ContrastPoisson(PhotonNoise):
         if not 0 < level <= 1:
             raise ValueError(f"a level of {self.name} is a contrast factor in (0, 1], not {level!r}")
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: list[int]) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: list[int]) -> Images:
         """Reduce the contrast by the factor ``level``, then count photons from the drawn streams."""
         noisy = photons((images - 0.5) * level + 0.5, self.peak, params).to(images)
         return noisy.clamp(0, 1) if self.clip else noisy

@@ -2,10 +2,7 @@
 
 from collections.abc import Sequence
 
-from jaxtyping import Float
-from torch import Tensor
-
-from sextant.corruptions.contract import Indices
+from sextant.corruptions.contract import Images, Indices
 from sextant.corruptions.pixels import eight_bit
 from sextant.corruptions.suite import Condition, CorruptionSuite
 from sextant.errors import ArgumentError
@@ -36,9 +33,7 @@ class PerturbationSuite(CorruptionSuite):
             raise ArgumentError(f"names={given} must list some perturbations", f"There are: {', '.join(there)}.")
         super().__init__({name: made for name, made in there.items() if names is None or name in names}, seed)
 
-    def corrupt(
-        self, images: Float[Tensor, "b c h w"], indices: Indices, condition: Condition
-    ) -> Float[Tensor, "b c h w"]:
+    def corrupt(self, images: Images, indices: Indices, condition: Condition) -> Images:
         """The frame ``condition`` of ``images``, which are in [0, 1] and at positions ``indices`` of their dataset."""
         frame = super().corrupt(images, indices, condition)
         return frame if condition.corruption is None else eight_bit(frame, "faithful")

@@ -28,9 +28,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from jaxtyping import Float, Int64
 from torch import Tensor
 
+from sextant.corruptions.contract import Images, Positions
 from sextant.corruptions.corruption import Corruption, filled, generators, image_seeds
 from sextant.corruptions.filtering import bilinear, motion_blur
 from sextant.corruptions.noise import ClippedGaussianNoise, ShotNoise
@@ -38,7 +38,6 @@ from sextant.corruptions.pixels import eight_bit
 from sextant.corruptions.shapes import affine_warp
 from sextant.corruptions.weather import Brightness, Snow, SnowDraw
 
-Images = Float[Tensor, "b c h w"]
 NOISE_FRAMES = 30
 
 
@@ -68,7 +67,7 @@ class SnowSequence(Corruption[SnowDraw]):
     name: str = "snow"
     levels: Sequence[float] = tuple(range(31))
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> SnowDraw:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> SnowDraw:
         """The flakes, which depend on the image, not on the frame, and the wind, which depends on the frame alone."""
         streams = generators(image_seeds(self.name, 0, indices, seed))
         noise = filled(shape[-2:], streams, lambda flakes, stream: flakes.normal_(generator=stream))

@@ -9,6 +9,7 @@ from skimage.feature import canny
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
+from sextant.corruptions.contract import Images, Positions
 from sextant.corruptions.filtering import bilinear
 from sextant.corruptions.pixels import luma
 
@@ -25,9 +26,7 @@ def random_signs(streams: list[torch.Generator], count: int) -> Float64[Tensor, 
     return torch.stack(signs).double() * 2 - 1
 
 
-def affine_warp(
-    images: Float[Tensor, "b c h w"], matrices: Float[Tensor, "b 2 2"], shifts: Float[Tensor, "b 2"] | None = None
-) -> Float[Tensor, "b c h w"]:
+def affine_warp(images: Images, matrices: Float[Tensor, "b 2 2"], shifts: Float[Tensor, "b 2"] | None = None) -> Images:
     """``y(p) = x(A (p - o) + o + t)`` with p = (column, row) in pixels and o the image's centre, bilinear.
 
     The matrix maps the result into the image, as an inverse map does. What lies outside the image is 0, except within
@@ -112,9 +111,7 @@ def line_overlay(
 class ByAngle(BenchmarkCorruption[float, Tensor]):
     """By an angle φ of a random sign; the table holds |φ| in radians."""
 
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Float64[Tensor, "b"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Float64[Tensor, "b"]:
         """φ of each image."""
         return self.row(level) * random_signs(self.streams(level, indices, seed), 1)[:, 0]
 
@@ -145,9 +142,7 @@ class Shear(ByAngle):
 
     mode: Mode = "faithful"
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Float64[Tensor, "b"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Float64[Tensor, "b"]) -> Images:
         """Shear by the drawn angles."""
         one, none = torch.ones_like(params), torch.zeros_like(params)
         across, down = (torch.sin(params), torch.cos(params)) if self.mode == "faithful" else (torch.tan(params), one)
@@ -170,7 +165,7 @@ class Scale(BenchmarkCorruption[float, None]):
         table: f for each severity.
     """
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Scale."""
         matrices = (self.row(level) * torch.eye(2, dtype=torch.float64)).expand(len(images), 2, 2)
         return affine_warp(images, matrices).clamp(0, 1)
@@ -194,9 +189,7 @@ class Rotate(ByAngle):
         table: |φ| in radians for each severity.
     """
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Float64[Tensor, "b"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Float64[Tensor, "b"]) -> Images:
         """Turn by the drawn angles."""
         cosine, sine = torch.cos(params), torch.sin(params)
         matrices = torch.stack([cosine, -sine, sine, cosine], -1).unflatten(-1, (2, 2))
@@ -218,15 +211,11 @@ class Translate(BenchmarkCorruption[float, Tensor]):
         table: t in pixels for each severity.
     """
 
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Float64[Tensor, "b 2"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Float64[Tensor, "b 2"]:
         """Shifts of each image to the right and down."""
         return self.row(level) * random_signs(self.streams(level, indices, seed), 2)
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Float64[Tensor, "b 2"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Float64[Tensor, "b 2"]) -> Images:
         """Shift."""
         matrices = torch.eye(2, dtype=torch.float64).expand(len(images), 2, 2)
         return affine_warp(images, matrices, params)
@@ -244,7 +233,7 @@ class Stripe(BenchmarkCorruption[tuple[()], None]):
     tensor([[[[1., 1., 0., 0., 0., 0., 1., 1.]]]])
     """
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Invert the stripes."""
         self.row(level)
         cell = mnist_cells(images.shape[-1]).to(images.device)
@@ -264,16 +253,12 @@ class DottedLine(BenchmarkCorruption[tuple[()], Tensor]):
     tensor([False, False,  True,  True, False, False,  True,  True])
     """
 
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Int64[Tensor, "b 2"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Int64[Tensor, "b 2"]:
         """Rows of the ends, 0 to 26."""
         streams = self.streams(level, indices, seed)
         return torch.stack([torch.randint(SIDE - 1, (2,), generator=stream) for stream in streams])
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Int64[Tensor, "b 2"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Int64[Tensor, "b 2"]) -> Images:
         """Add the drawn lines."""
         self.row(level)
         height, width = images.shape[-2:]
@@ -311,18 +296,14 @@ class Zigzag(BenchmarkCorruption[tuple[()], Tensor]):
 
     mode: Mode = "faithful"
 
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Int64[Tensor, "b 2"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Int64[Tensor, "b 2"]:
         """Row of the start, 0 to 26, and the rise, -5 to 4."""
         streams = self.streams(level, indices, seed)
         starts = [torch.randint(SIDE - 1, (1,), generator=stream) for stream in streams]
         rises = [torch.randint(-RISE, RISE, (1,), generator=stream) for stream in streams]
         return torch.stack([torch.cat(starts), torch.cat(rises)], -1)
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Int64[Tensor, "b 2"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Int64[Tensor, "b 2"]) -> Images:
         """Add the drawn zigzags."""
         self.row(level)
         corners = self.corners(params)
@@ -364,7 +345,7 @@ class CannyEdges(BenchmarkCorruption[tuple[()], None]):
     tensor([ 4, 11])
     """
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Find the edges, on the CPU whatever the device."""
         self.row(level)
         # grey levels as exact as 8-bit images have them: single precision would break ties between neighbours

@@ -11,13 +11,13 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Int64
 from numpy.typing import NDArray
 from torch import Tensor
 
 from sextant.atomic_files import read_json
 from sextant.corruptions.benchmark_suite import Names, benchmark_set
-from sextant.corruptions.contract import Indices, require_indices
+from sextant.corruptions.contract import Images, Indices, Positions, require_indices
 from sextant.corruptions.making import LABELS, RECORD, read_array
 from sextant.corruptions.suite import Condition, CorruptionSuite, Protocol
 from sextant.errors import ArgumentError, UserError
@@ -83,9 +83,7 @@ class StoredSuite(CorruptionSuite):
             seed=self.seed,
         )
 
-    def corrupt(
-        self, images: Float[Tensor, "b c h w"], indices: Indices, condition: Condition
-    ) -> Float[Tensor, "b c h w"]:
+    def corrupt(self, images: Images, indices: Indices, condition: Condition) -> Images:
         """The stored versions of the images at positions ``indices`` of the test split, in [0, 1].
 
         Raises:
@@ -110,7 +108,7 @@ class StoredSuite(CorruptionSuite):
             raise UserError(f"{self.folder} holds images of {shapes[0]}, the dataset {shapes[1]}", self._remedy)
         return found.to(images.device).contiguous().float() / 255
 
-    def check_labels(self, labels: Int64[Tensor, "b"], indices: Int64[Tensor, "b"]) -> None:
+    def check_labels(self, labels: Int64[Tensor, "b"], indices: Positions) -> None:
         """Raise a ``UserError`` unless the stored images at ``indices`` have the classes ``labels``."""
         positions = indices.cpu().numpy()
         if int(positions.max()) >= len(self.labels) or (self.labels[positions] != labels.cpu().numpy()).any():

@@ -6,12 +6,12 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64, UInt8
+from jaxtyping import Int64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import Mode
-from sextant.corruptions.contract import Indices
+from sextant.corruptions.contract import Images, Indices, Positions
 from sextant.corruptions.corruption import Corruption
 from sextant.ranges import Seed, checked
 
@@ -101,9 +101,7 @@ class CorruptionSuite:
         corrupted = [Condition(name, level) for name, c in self.corruptions.items() for level in c.levels]
         return [Condition(), *corrupted]
 
-    def corrupt(
-        self, images: Float[Tensor, "b c h w"], indices: Indices, condition: Condition
-    ) -> Float[Tensor, "b c h w"]:
+    def corrupt(self, images: Images, indices: Indices, condition: Condition) -> Images:
         """``images``, in [0, 1] and at positions ``indices`` of their dataset, under ``condition``."""
         if condition.corruption is None or condition.level is None:
             return images
@@ -133,5 +131,5 @@ class CorruptionSuite:
             found[some] = (now * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
         return found
 
-    def check_labels(self, labels: Int64[Tensor, "b"], indices: Int64[Tensor, "b"]) -> None:
+    def check_labels(self, labels: Int64[Tensor, "b"], indices: Positions) -> None:
         """For stored images, raise a ``UserError`` if the images at ``indices`` cannot be those with ``labels``."""

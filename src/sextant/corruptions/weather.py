@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
+from sextant.corruptions.contract import Images, Positions
 from sextant.corruptions.corruption import filled
 from sextant.corruptions.filtering import clipped_zoom, gaussian_filter, motion_blur
 from sextant.corruptions.pixels import eight_bit, luma
@@ -37,7 +38,7 @@ class Brightness(BenchmarkCorruption[float, None]):
         levels: the severities to test at.
     """
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: None) -> Images:
         """Raise the value, keeping hue and saturation."""
         work = images.to(torch.promote_types(images.dtype, torch.float32))  # half precision has no 1e-12
         value = work.amax(1, keepdim=True)
@@ -70,17 +71,13 @@ class Fog(BenchmarkCorruption[tuple[float, float], Tensor]):
 
     map_size: int | None = None
 
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Float[Tensor, "b n n"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Float[Tensor, "b n n"]:
         """The perturbation of each point of the map, uniform in [-1, 1]."""
         side = max(map_side(*shape[-2:]), self.map_size or 0)
         streams = self.streams(level, indices, seed)
         return filled((side, side), streams, lambda one, stream: one.uniform_(-1, 1, generator=stream))
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b n n"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Float[Tensor, "b n n"]) -> Images:
         """Add the fog and rescale."""
         amount, decay = self.row(level)
         size = (images.shape[-2], images.shape[-1])
@@ -135,7 +132,7 @@ class Snow(BenchmarkCorruption[tuple[float, ...], SnowDraw]):
 
     mode: Mode = "faithful"
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> SnowDraw:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> SnowDraw:
         """Noise and wind."""
         noise = torch.empty(len(indices), *shape[-2:], dtype=torch.float32)
         angles = torch.empty(len(indices), dtype=torch.float64)
@@ -144,7 +141,7 @@ class Snow(BenchmarkCorruption[tuple[float, ...], SnowDraw]):
             angles[i].uniform_(*ANGLES, generator=generator)
         return SnowDraw(noise, angles)
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: SnowDraw) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: SnowDraw) -> Images:
         """Whiten the image and let the drawn flakes fall."""
         row = SnowRow(*self.row(level))
         flakes = clipped_zoom(params.noise[:, None].to(images) * row.spread + row.mean, row.zoom)
@@ -188,7 +185,7 @@ class Frost(BenchmarkCorruption[tuple[float, float], FrostDraw]):
 
     shrink: float = 1.0
 
-    def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> FrostDraw:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> FrostDraw:
         """Texture and place, each equally likely."""
         height, width = shape[-2:]
         full_height, full_width = self._size(height, width)
@@ -201,7 +198,7 @@ class Frost(BenchmarkCorruption[tuple[float, float], FrostDraw]):
         ]
         return FrostDraw(*torch.tensor(draws, dtype=torch.int64).reshape(-1, 3).unbind(-1))
 
-    def apply(self, images: Float[Tensor, "b c h w"], level: float, params: FrostDraw) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: FrostDraw) -> Images:
         """Lay the drawn frost over the images."""
         share, strength = self.row(level)
         height, width = images.shape[-2:]
@@ -266,16 +263,12 @@ class Spatter(BenchmarkCorruption[tuple[float, ...], Tensor]):
 
     mode: Mode = "faithful"
 
-    def draw(
-        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
-    ) -> Float[Tensor, "b h w"]:
+    def draw(self, level: float, indices: Positions, shape: tuple[int, ...], seed: int) -> Float[Tensor, "b h w"]:
         """Standard normal noise from which the liquid is made."""
         streams = self.streams(level, indices, seed)
         return filled(shape[-2:], streams, lambda one, stream: one.normal_(generator=stream))
 
-    def apply(
-        self, images: Float[Tensor, "b c h w"], level: float, params: Float[Tensor, "b h w"]
-    ) -> Float[Tensor, "b c h w"]:
+    def apply(self, images: Images, level: float, params: Float[Tensor, "b h w"]) -> Images:
         """Cover the images with the drawn water or mud."""
         row, grey = SpatterRow(*self.row(level)), images.shape[1] == 1
         liquid = gaussian_filter(params.double().to(images.device)[:, None] * row.spread + row.mean, row.sigma)
@@ -303,5 +296,5 @@ def _shine(liquid: NDArray[np.uint8]) -> NDArray[np.float32]:
     return shine
 
 
-def _colour(images: Float[Tensor, "b c h w"], colour: tuple[float, ...]) -> Float[Tensor, "1 c 1 1"]:
+def _colour(images: Images, colour: tuple[float, ...]) -> Float[Tensor, "1 c 1 1"]:
     return images.new_tensor(colour)[None, :, None, None]

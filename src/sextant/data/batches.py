@@ -1,17 +1,40 @@
 """Whole batches by index; an epoch's order is a function of (seed, epoch), so a resumed run gets the same images."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Self, TypeVar
 
 import torch
 from jaxtyping import Int64, UInt8
 from torch import Tensor
-from torch.utils.data import Dataset, Sampler
+from torch.utils.data import DataLoader, Dataset, Sampler
+
+Kind = TypeVar("Kind")
+
+
+class StoredImages:
+    """A batch of images as stored in memory: a dataclass of tensors, named tuples of tensors and plain values."""
+
+    images: UInt8[Tensor, "b c h w"]
+
+    def to(self, device: torch.device, non_blocking: bool = False) -> Self:
+        """The batch on another device."""
+
+        def moved(value: Any) -> Any:
+            if isinstance(value, tuple):
+                return type(value)(*map(moved, value))
+            return value.to(device, non_blocking=non_blocking) if isinstance(value, Tensor) else value
+
+        return replace(self, **{name: moved(value) for name, value in vars(self).items()})  # type: ignore[type-var]
+
+    def images_in_unit_range(self) -> Tensor:
+        """Images as float32 in [0, 1]."""
+        return self.images.float() / 255
 
 
 @dataclass(frozen=True)
-class Batch:
-    """A batch of images as stored in memory.
+class Batch(StoredImages):
+    """A batch of labelled images.
 
     Attributes:
         images: bytes, ``(b, c, h, w)``.
@@ -24,16 +47,6 @@ class Batch:
     labels: Int64[Tensor, "b"]
     indices: Int64[Tensor, "b"]
     weight: float = 1.0
-
-    def to(self, device: torch.device, non_blocking: bool = False) -> "Batch":
-        """The batch on another device."""
-        tensors = (self.images, self.labels, self.indices)
-        images, labels, indices = (tensor.to(device, non_blocking=non_blocking) for tensor in tensors)
-        return Batch(images, labels, indices, self.weight)
-
-    def images_in_unit_range(self) -> Tensor:
-        """Images as float32 in [0, 1]."""
-        return self.images.float() / 255
 
 
 class ImageBatches(Dataset[Batch]):
@@ -93,3 +106,16 @@ class EpochBatches(Sampler[Tensor]):
         if self.numbered:
             order = order + self.epoch * self.count
         return iter(order.split(self.batch_size))
+
+
+def epoch_of(trainer: Any) -> int:
+    """The epoch that a Lightning trainer has reached; 0 without a trainer.
+
+    On resuming, Lightning takes the first iterator before it sets the sampler's epoch.
+    """
+    return 0 if trainer is None else int(trainer.fit_loop.epoch_progress.current.processed)
+
+
+def loader(images: Dataset[Kind], batches: Sampler[Tensor], workers: int = 0) -> DataLoader[Kind]:
+    """Whole batches by index, fetched by as many processes as there are workers; by none, in this one."""
+    return DataLoader(images, sampler=batches, batch_size=None, num_workers=workers, persistent_workers=workers > 0)

@@ -5,10 +5,10 @@ import pytorch_lightning as pl
 import torch
 from jaxtyping import Int64
 from numpy import ndarray
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader
 
 from sextant.data.augmentation import Augmentation, AugmentedBatches, NoAugmentation
-from sextant.data.batches import Batch, EpochBatches, ImageBatches
+from sextant.data.batches import Batch, EpochBatches, ImageBatches, epoch_of, loader
 from sextant.data.share import Share, SharedBatches
 from sextant.data.source import ImageSource, LabelledImages
 from sextant.errors import UserError
@@ -99,29 +99,19 @@ class ImageData(pl.LightningDataModule):
         """Shuffled batches, the order a function of (seed, epoch)."""
         images, trainer = AugmentedBatches(self._splits["train"], self.augmentation, self.seed), self.trainer
         batches = EpochBatches(len(images), self.batch_size, self.seed, numbered=True)
-        if trainer is not None:
-            # On resuming, Lightning takes the first iterator before it sets the sampler's epoch.
-            batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
-        return self._loader(SharedBatches(images, Share.of_trainer(trainer)), batches)
+        batches.set_epoch(epoch_of(trainer))
+        return loader(SharedBatches(images, Share.of_trainer(trainer)), batches, self.workers)
 
     def val_dataloader(self) -> DataLoader[Batch]:
         """Validation batches in order."""
         images = self._splits["validation"]
-        return self._loader(images, EpochBatches(len(images), self.eval_batch_size))
+        return loader(images, EpochBatches(len(images), self.eval_batch_size), self.workers)
 
     def test_dataloader(self) -> DataLoader[Batch]:
         """Batches of every ``test_every``-th test image, in order."""
         images = self._splits["test"]
-        return self._loader(images, EpochBatches(len(images), self.eval_batch_size, every=self.test_every))
-
-    def _loader(self, images: Dataset[Batch], batches: EpochBatches) -> DataLoader[Batch]:
-        return DataLoader(
-            images,
-            sampler=batches,
-            batch_size=None,
-            num_workers=self.workers,
-            persistent_workers=self.workers > 0,
-        )
+        batches = EpochBatches(len(images), self.eval_batch_size, every=self.test_every)
+        return loader(images, batches, self.workers)
 
 
 def in_memory(data: LabelledImages) -> ImageBatches:

@@ -43,14 +43,7 @@ class Headline:
 
     def by_corruption(self) -> dict[str, float]:
         """The figure under each corruption, averaged over its severities; nan if any of them is nan."""
-        severities: dict[str, list[float]] = {}
-        for key, value in self.values.items():
-            name, _, severity = key.rpartition("/")
-            if name and severity:
-                severities.setdefault(name, []).append(value)
-        import numpy as np  # not needed by commands that only read a config
-
-        return {name: float(np.mean(values)) for name, values in severities.items()}
+        return over_severities({key: value for key, value in self.values.items() if "/" in key})
 
     @property
     def corrupted(self) -> float:
@@ -95,6 +88,26 @@ class Headline:
             }
             for name, value in rows.items()
         ]
+
+
+def over_severities(values: Mapping[str, float], prefix: str = "") -> dict[str, float]:
+    """The mean over the severities of each corruption; nan if any of them is nan.
+
+    Args:
+        values: figures by ``corruption/severity``, or by a name without ``/``, such as ``clean``.
+        prefix: start of the names that count; it is left out.
+
+    >>> over_severities({"ece/clean": 0.875, "ece/fog/1": 0.75, "ece/fog/3": 0.25, "nll/clean": 2.0}, "ece/")
+    {'clean': 0.875, 'fog': 0.5}
+    """
+    import numpy as np  # not needed by commands that only read a config
+
+    severities: dict[str, list[float]] = {}
+    for name, value in values.items():
+        if name.startswith(prefix):
+            key = name.removeprefix(prefix)
+            severities.setdefault(key.rpartition("/")[0] or key, []).append(value)
+    return {name: float(np.mean(found)) for name, found in severities.items()}
 
 
 def relative_loss(clean: float, value: float, better: Literal["higher", "lower"]) -> float:

@@ -16,7 +16,6 @@ from scipy import stats
 
 from sextant.ranges import checked
 
-Method = Literal["t", "bootstrap"]
 Better = Literal["higher", "lower"]
 #: Number of stretches of neighbouring test images whose means count as the sample: neighbouring frames of a drive are
 #: correlated, stretches less so. With as many stretches as a claim needs seeds, little is lost where images are
@@ -60,31 +59,25 @@ def paired_difference(
     treatment: Float[ndarray, "seeds *images"],
     control: Float[ndarray, "seeds *images"],
     *,
-    method: Method = "t",
     confidence: float = 0.95,
-    seed: int = 0,
     better: Better = "higher",
     largest: float = math.inf,
 ) -> PairedDifference:
     """Compare two arms pair by pair.
 
     With ``D[s, i]`` the difference of seed ``s`` on image ``i`` and ``d_s`` its mean over images, the interval is
-    ``mean(d) ± t_{S-1} · sd(d) / sqrt(S)``, or a studentized bootstrap that resamples seeds and, within each, images.
+    ``mean(d) ± t_{S-1} · sd(d) / sqrt(S)``.
 
     Args:
         treatment, control: one row per pair, and one column per test image if there are any.
-        method: ``t`` or ``bootstrap``.
         confidence: coverage of the intervals, in (0, 1).
-        seed: of the bootstrap.
         better: whether higher or lower values are better.
         largest: largest possible size of a difference in either direction, such as 100 percentage points; intervals are
             truncated there, which excludes no possible value.
 
     Raises:
         ValueError: the shapes differ or there is no pair.
-        ArgumentError: the method or direction is unknown.
-
-    Source: Efron & Tibshirani, An introduction to the bootstrap, 1993, section 12.5 (the studentized bootstrap).
+        ArgumentError: the direction is unknown.
 
     >>> found = paired_difference(np.array([81.0, 83.0, 80.0, 84.0]), np.array([80.0, 81.0, 80.5, 82.0]))
     >>> f"{found.mean:+.3f} [{found.low:+.2f}, {found.high:+.2f}], better in {found.wins} of {found.seeds}"
@@ -99,7 +92,7 @@ def paired_difference(
     ranked = np.round(per_seed / scale, DIGITS)  # values equal up to rounding are ties
     if np.ptp(ranked) == 0:
         per_seed = np.full_like(per_seed, per_seed.mean() if ranked.any() else 0.0)
-    low, high = _t_interval(per_seed, confidence) if method == "t" else bootstrap_t_interval(images, confidence, seed)
+    low, high = _t_interval(per_seed, confidence)
     image_low, image_high = crossed_interval(images, confidence)
     return PairedDifference(
         seeds=len(per_seed),
@@ -113,41 +106,6 @@ def paired_difference(
         t_p_value=_t_p_value(per_seed),
         wins=int(((ranked > 0) if better == "higher" else (ranked < 0)).sum()),
     )
-
-
-def bootstrap_t_interval(
-    images: Float[ndarray, "seeds images"], confidence: float = 0.95, seed: int = 0, resamples: int = 4999
-) -> tuple[float, float]:
-    """Studentized bootstrap interval of the mean over seeds, with images resampled within each resampled seed.
-
-    Resampled means over images are drawn from a normal distribution with the images' standard error. The central limit
-    theorem justifies this for about a hundred images or more, and it is faster by a factor of their number; with one
-    image per seed nothing is nested. A percentile bootstrap is not offered: with few seeds its coverage is below
-    nominal (Efron & Tibshirani 1993, 12.5). Fewer than two seeds give nan, as do two seeds with one image each, whose
-    resamples have either the same mean or no spread.
-
-    >>> low, high = bootstrap_t_interval(np.array([[1.0], [2.0], [2.0], [3.0], [2.0], [8.0]]))
-    >>> f"3 [{low:.1f}, {high:.1f}]"  # skewed upwards, like the values
-    '3 [1.3, 10.2]'
-    """
-    count, width = images.shape
-    if count < 2:
-        return (float("nan"), float("nan"))
-    rng = np.random.default_rng(seed)
-    per_seed = images.mean(axis=1)
-    within = images.std(axis=1, ddof=1) / np.sqrt(width) if width > 1 else np.zeros(count)
-    mean, error = per_seed.mean(), spread_of(per_seed) / np.sqrt(count)
-    chosen = rng.integers(count, size=(resamples, count))
-    drawn = per_seed[chosen] + within[chosen] * rng.standard_normal(chosen.shape)
-    errors = drawn.std(axis=1, ddof=1) / np.sqrt(count)
-    usable = errors > 0
-    if error == 0:
-        return (float(mean), float(mean))
-    t = (drawn.mean(axis=1)[usable] - mean) / errors[usable]
-    if not np.any(np.abs(t) > 1e-9):
-        return (float("nan"), float("nan"))
-    upper, lower = np.quantile(t, [(1 + confidence) / 2, (1 - confidence) / 2])
-    return (float(mean - upper * error), float(mean - lower * error))
 
 
 def crossed_interval(images: Float[ndarray, "seeds images"], confidence: float = 0.95) -> tuple[float, float]:
@@ -242,9 +200,8 @@ def _wilcoxon(values: Float[ndarray, "seeds"]) -> float:
 def holm(p_values: Sequence[float]) -> list[float]:
     """Holm's step-down adjusted p-values; nan entries stay nan and do not count as tests.
 
-    Of n tests, the i-th smallest p is multiplied by n - i + 1, and adjusted values never decrease with p. Implemented
-    here because statsmodels' ``multipletests`` runs garbage collection on every call, which takes longer than
-    everything else.
+    Of n tests, the i-th smallest p is multiplied by n - i + 1, and adjusted values never decrease with p. SciPy has
+    no such function, and that of statsmodels runs garbage collection on every call, which takes longer than all else.
 
     Source: S. Holm, A simple sequentially rejective multiple test procedure, Scand. J. Statistics 6, 1979.
 

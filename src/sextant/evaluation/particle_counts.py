@@ -7,11 +7,11 @@ is censored, ``least = 0`` if b is, and both if both are.
 
 The interval for the ratio resamples seeds with replacement (a percentile bootstrap). It takes the lower quantile of the
 lower ends and the upper quantile of the upper ends, so that censoring can only make it wider. Seeds are resampled
-jointly if both methods have the same ones. Where all seeds agree at every count, the resamples do not vary and the
-interval is a point, which reflects neither the counts between those tried nor rarer failures.
+jointly for both methods and with all their runs, which share a trained model and are not independent replicates. Where
+all seeds agree at every count, the resamples do not vary and the interval is a point, which reflects neither the counts
+between those tried nor rarer failures.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,9 @@ from jaxtyping import Bool, Float, Int64
 from numpy import ndarray
 
 from sextant.evaluation.protocols import ENOUGH_SUCCESS
+
+#: bootstrap resamples of the seeds for the interval of a ratio
+RESAMPLES = 1000
 
 
 @dataclass(frozen=True)
@@ -36,16 +39,6 @@ class CountRatio:
     low: float
     high: float
     censored: float
-
-    def __str__(self) -> str:
-        interval = f"[{self.low:.3g}, {self.high:.3g}]"
-        if self.least == self.most:
-            return f"{self.least:.3g} {interval}"
-        if self.least == 0 and math.isinf(self.most):
-            return f"unknown: neither method succeeds often enough {interval}"
-        return (
-            f"at least {self.least:.3g} {interval}" if math.isinf(self.most) else f"at most {self.most:.3g} {interval}"
-        )
 
 
 def particles_needed(
@@ -70,52 +63,43 @@ def particles_needed(
 
 
 def needed_ratio(
-    first: tuple[Int64[ndarray, " k"], Bool[ndarray, "k seeds"]],
-    second: tuple[Int64[ndarray, " j"], Bool[ndarray, "j seeds2"]],
+    first: tuple[Int64[ndarray, " k"], Bool[ndarray, "k seeds *runs"]],
+    second: tuple[Int64[ndarray, " j"], Bool[ndarray, "j seeds2 *runs2"]],
     *,
-    level: float = ENOUGH_SUCCESS,
-    paired: bool = True,
-    confidence: float = 0.95,
-    resamples: int = 10_000,
-    seed: int = 0,
+    resamples: int = RESAMPLES,
 ) -> CountRatio:
-    """The ratio of the particles that two methods need, with a bootstrap interval over seeds.
+    """The ratio of the particles that two methods need, with a 95 % percentile bootstrap interval over seeds.
 
     Args:
-        first, second: particle counts, ascending, and which seeds succeeded at each.
-        level: share of the seeds that must succeed.
-        paired: whether both methods have the same seeds, in the same order.
-        confidence: confidence level of the interval.
+        first, second: particle counts, ascending, and the success of each seed at each, or of each run of each seed;
+            both methods have the same seeds, in the same order.
         resamples: number of bootstrap resamples.
-        seed: seed of the bootstrap's generator.
 
     Raises:
-        ValueError: as for `particles_needed`, or paired methods differ in their number of seeds.
+        ValueError: counts do not ascend, there is no seed, or the methods differ in their number of seeds.
 
     >>> always, counts = np.ones((2, 4), bool), np.array([100, 1000])  # four seeds succeed at either count
-    >>> print(needed_ratio((counts, ~always), (counts, always)))  # the first method never does, not even with 1,000
-    at least 10 [10, inf]
+    >>> found = needed_ratio((counts, ~always), (counts, always))  # the first method never does, not even with 1,000
+    >>> found.least, found.most
+    (10.0, inf)
     """
+    for method in (first, second):
+        _check(*method, ENOUGH_SUCCESS)
+    seeds = first[1].shape[1]
+    if second[1].shape[1] != seeds:
+        raise ValueError(f"both methods need the same seeds, got {seeds} and {second[1].shape[1]}")
+    drawn = np.vstack([np.arange(seeds), np.random.default_rng(0).integers(0, seeds, (resamples, seeds))])
+    needed = []  # with all seeds, then with each resample
     for counts, successes in (first, second):
-        _check(counts, successes, level)
-    sizes = first[1].shape[1], second[1].shape[1]
-    if paired and sizes[0] != sizes[1]:
-        raise ValueError(f"paired methods need the same seeds, got {sizes[0]} and {sizes[1]}")
-    rng = np.random.default_rng(seed)
-    drawn = [rng.multinomial(size, np.full(size, 1 / size), resamples) / size for size in sizes]  # (resamples, seeds)
-    if paired:
-        drawn[1] = drawn[0]
-    again = [_needed(c, (draw @ ok.T).T, level) for (c, ok), draw in zip((first, second), drawn, strict=True)]
-    once = [np.array([particles_needed(*method, level)]) for method in (first, second)]
-    largest = float(first[0][-1]), float(second[0][-1])
-    (least,), (most,) = _ratio(once[0], once[1], largest)
-    lower, upper = _ratio(again[0], again[1], largest)
-    tail = (1 - confidence) / 2
+        wins = successes.reshape(len(counts), seeds, -1).sum(axis=2)
+        needed.append(_needed(counts, wins[:, drawn].sum(axis=2) / successes[0].size, ENOUGH_SUCCESS))
+    least, most = _ratio(needed[0], needed[1], (float(first[0][-1]), float(second[0][-1])))
+    lower, upper = least[1:], most[1:]
     return CountRatio(
-        float(least),
-        float(most),
-        float(np.quantile(lower, tail, method="lower")),
-        float(np.quantile(upper, 1 - tail, method="higher")),
+        float(least[0]),
+        float(most[0]),
+        float(np.quantile(lower, 0.025, method="lower")),
+        float(np.quantile(upper, 0.975, method="higher")),
         float((lower != upper).mean()),
     )
 
@@ -134,7 +118,7 @@ def _ratio(
     return least, most
 
 
-def _check(counts: Int64[ndarray, " k"], successes: Bool[ndarray, "k seeds"], level: float) -> None:
+def _check(counts: Int64[ndarray, " k"], successes: Bool[ndarray, "k seeds *runs"], level: float) -> None:
     if len(counts) != len(successes) or successes.size == 0 or counts[0] < 1 or (np.diff(counts) <= 0).any():
         raise ValueError(f"need positive ascending counts and seeds for each, got {counts} and {successes.shape}")
     if not 0 < level <= 1:

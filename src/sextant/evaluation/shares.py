@@ -62,8 +62,6 @@ def share_interval_of(
     >>> f"{low:.3f} to {high:.3f}"
     '0.940 to 1.000'
     """
-    from statsmodels.stats.proportion import proportion_confint
-
     if seeds < 2 or not (math.isfinite(mean) and math.isfinite(spread)):
         return (math.nan, math.nan)
     variance = spread**2 / seeds
@@ -75,7 +73,9 @@ def share_interval_of(
         return (math.nan, math.nan)
     tail = (1 + confidence) / 2
     effective *= (stats.norm.ppf(tail) / stats.t.ppf(tail, seeds - 1)) ** 2
-    low, high = proportion_confint(mean * effective, effective, alpha=1 - confidence, method="beta")
+    successes = mean * effective
+    low = stats.beta.ppf((1 - confidence) / 2, successes, effective - successes + 1)
+    high = stats.beta.isf((1 - confidence) / 2, successes + 1, effective - successes)
     return (0.0 if mean <= 0 else float(low), 1.0 if mean >= 1 else float(high))  # for none or all, one end is nan
 
 

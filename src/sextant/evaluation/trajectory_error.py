@@ -21,12 +21,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from sextant.errors import ArgumentError
-from sextant.ranges import checked
+from sextant.ranges import Count, checked
 
 Poses = Float[ndarray, "n 3"] | Float[ndarray, "n 4 4"]
 Alignment = Literal["none", "rigid", "similarity"]
@@ -105,44 +105,28 @@ def absolute_errors(
 
 @checked
 def relative_errors(
-    reference: Poses,
-    estimate: Poses,
-    *,
-    delta: float = 1,
-    unit: Literal["frames", "m"] = "frames",
-    all_pairs: bool = False,
-    pairs_from: Literal["estimate", "reference"] = "estimate",
-    part: Part = "translation",
+    reference: Poses, estimate: Poses, *, delta: Count = 1, part: Part = "translation"
 ) -> Float[ndarray, " pairs"]:
-    """The error of the motion between each pair of poses ``delta`` apart: metres, or degrees in [0, 180].
+    """The error of the motion between poses ``delta`` frames apart: metres, or degrees in [0, 180].
+
+    Each pair starts where the last one ended.
 
     Args:
         reference, estimate: poses of the same frames: x, y (metres) and heading (radians), or 4 x 4 matrices.
-        delta: distance between the poses of a pair.
-        unit: frames, or metres along the path.
-        all_pairs: pairs start at every pose, and in metres end at the later pose nearest to ``delta``, if that is
-            within a tenth of it. By default each pair starts where the last one ended, and in metres ends at the first
-            pose that is at least ``delta`` away.
-        pairs_from: the path along which metres are counted.
+        delta: number of frames from the first to the second pose of a pair.
         part: part of the error.
 
     Raises:
-        ValueError: shapes differ, or the distance is not positive or not a whole number of frames.
-        ArgumentError: a unit, path or part is not one of these.
+        ValueError: shapes differ.
+        ArgumentError: the number of frames is not a whole number above 0, or the part is not one of these.
 
     >>> truth = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     >>> relative_errors(truth, truth * [1.1, 1.0, 1.0] + [5.0, 0.0, 0.0]).round(6)  # 10 % too long; the start is free
     array([0.1, 0.1])
     """
     truth, guess = _matrices(reference, estimate)
-    if not 0 < delta < np.inf or (unit == "frames" and delta != int(delta)):
-        raise ValueError(f"delta={delta} {unit} must be positive, and a whole number of frames")
-    if unit == "frames":
-        first = np.arange(0, max(len(truth) - int(delta), 0), 1 if all_pairs else int(delta))
-        second = first + int(delta)
-    else:
-        along = guess if pairs_from == "estimate" else truth
-        first, second = _pairs_by_path(along[:, :-1, -1], delta, all_pairs)
+    first = np.arange(0, max(len(truth) - delta, 0), delta)
+    second = first + delta
     motions = _between(truth[first], truth[second]), _between(guess[first], guess[second])
     errors = _between(*motions)
     return np.asarray(np.linalg.norm(errors[:, :-1, -1], axis=1)) if part == "translation" else _angle_deg(errors)
@@ -186,35 +170,26 @@ def segment_errors(
     return np.asarray(np.linalg.norm(errors[:, :-1, -1], axis=1)) / length, _angle_deg(errors) / length
 
 
-@dataclass(frozen=True)
-class PooledErrors:
-    """Errors of several runs, concatenated.
-
-    Attributes:
-        aligned: error of each position after its run is aligned by a rigid motion; runs that stand still have none.
-        step: error of the motion from each pose to the next.
-        step_deg: error of its rotation, in degrees.
-    """
-
-    aligned: Float[ndarray, " n"]
-    step: Float[ndarray, " pairs"]
-    step_deg: Float[ndarray, " pairs"]
-
-
-def pooled_errors(reference: Float[ndarray, "t r 3"], estimate: Float[ndarray, "t r 3"], spans: Spans) -> PooledErrors:
-    """Aligned and relative errors within a span of each run.
+def pooled_errors(
+    reference: Float[ndarray, "t r 3"], estimate: Float[ndarray, "t r 3"], spans: Spans
+) -> tuple[Float[ndarray, " n"], Float[ndarray, " pairs"], Float[ndarray, " pairs"]]:
+    """Aligned and relative errors within a span of each run, of all runs together.
 
     Args:
         reference, estimate: poses by step and run.
         spans: the first step of each run that counts, and the one after the last.
+
+    Returns:
+        The error of each position after its run is aligned by a rigid motion, for runs that do not stand still; the
+        error of the motion from each pose to the next; and that of its rotation, in degrees.
 
     Raises:
         ArgumentError: a position is not finite.
 
     >>> truth = np.zeros((3, 2, 3))  # the second of two runs stands still
     >>> truth[:, 0, :2] = [[0, 0], [1, 0], [1, 1]]
-    >>> found = pooled_errors(truth, truth + [0.5, 0.0, 0.0], spans=[(0, 3), (0, 3)])
-    >>> found.aligned.round(6), found.step
+    >>> aligned, step, _ = pooled_errors(truth, truth + [0.5, 0.0, 0.0], spans=[(0, 3), (0, 3)])
+    >>> aligned.round(6), step
     (array([0., 0., 0.]), array([0., 0., 0., 0.]))
     """
     aligned, step, turned = [np.zeros(0)], [np.zeros(0)], [np.zeros(0)]
@@ -226,7 +201,7 @@ def pooled_errors(reference: Float[ndarray, "t r 3"], estimate: Float[ndarray, "
             aligned.append(absolute_errors(truth, guess, alignment="rigid"))
         step.append(relative_errors(truth, guess))
         turned.append(relative_errors(truth, guess, part="rotation_deg"))
-    return PooledErrors(*(np.concatenate(parts) for parts in (aligned, step, turned)))
+    return np.concatenate(aligned), np.concatenate(step), np.concatenate(turned)
 
 
 def align(
@@ -300,28 +275,3 @@ def _angle_deg(poses: Float[ndarray, "n k k"]) -> Float[ndarray, " n"]:
     if rotations.shape[1] == 2:
         return np.asarray(np.degrees(np.abs(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))))
     return np.asarray(np.degrees(Rotation.from_matrix(rotations).magnitude())) if len(rotations) else np.zeros(0)
-
-
-def _pairs_by_path(
-    positions: Float[ndarray, "n d"], delta: float, all_pairs: bool
-) -> tuple[Int64[ndarray, " p"], Int64[ndarray, " p"]]:
-    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    if all_pairs:
-        along = np.concatenate([[0.0], np.cumsum(steps)])
-        first = np.arange(len(along) - 1)
-        right = np.clip(np.searchsorted(along, along[:-1] + delta), first + 1, len(along) - 1)
-        left = np.maximum(right - 1, first + 1)
-        wanted = along[:-1] + delta
-        nearer_left = np.abs(along[left] - wanted) <= np.abs(along[right] - wanted)
-        second = np.where(nearer_left, left, right)
-        second = np.searchsorted(along, along[second])  # standing still: the first pose of those at the same place
-        second = np.maximum(second, first + 1)
-        near = np.abs(along[second] - wanted) <= 0.1 * delta
-        return first[near], second[near]
-    marks, travelled = [0], 0.0
-    for number, step in enumerate(steps, start=1):
-        travelled += float(step)
-        if travelled >= delta:
-            marks.append(number)
-            travelled = 0.0
-    return np.array(marks[:-1], np.int64), np.array(marks[1:], np.int64)

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from torch import nn
 
     from sextant.kit.measure import RunValues, SharedSet
-    from sextant.kit.offers import Exportable, PhotoPredictor
 
 #: content of a checkpoint from :func:`~sextant.kit.trained.read_trained`
 Content = Mapping[str, Any]
@@ -213,16 +212,4 @@ class Chapter(ABC, Generic[Kind]):
         Raises:
             UserError: a part cannot be built.
         """
-        raise NotImplementedError
-
-    def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
-        """The network of a loaded checkpoint, for other programs, where the model is one; see ``kit.offers``.
-
-        Raises:
-            UserError: it cannot be exported.
-        """
-        raise NotImplementedError
-
-    def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
-        """Predictions of a loaded checkpoint for single photos, where it makes any; see ``kit.offers``."""
         raise NotImplementedError

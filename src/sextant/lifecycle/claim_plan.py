@@ -48,12 +48,11 @@ class ClaimPlan:
 def plan_claims(claims: Claims, tables: Tables) -> Iterator[ClaimPlan]:
     """The plan of every claim that has a design; spreads missing in a design are those of the stored pairs."""
     for decided in decide_claims(claims, tables):
-        claim = claims[decided.name]
-        if claim.design is not None:
-            yield plan_claim(decided, claim)
+        if decided.stated.design is not None:
+            yield plan_claim(decided)
 
 
-def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
+def plan_claim(decided: DecidedClaim) -> ClaimPlan:
     """The power, detectable effect and cost of the design of a claim.
 
     A design without a spread takes the largest of the stored comparisons that count, in the unit and with the smallest
@@ -61,6 +60,7 @@ def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
     not give, is assumed equal to that between seeds, so that the mean of s seeds in a world has the variance
     ``spread² (1 + 1 / s)``.
     """
+    claim = decided.stated
     design, arguments = claim.design, design_arguments(claim)
     assert design is not None
     over_worlds = design.replicate == "worlds"
@@ -71,7 +71,7 @@ def plan_claim(decided: DecidedClaim, claim: Claim) -> ClaimPlan:
         runs = planned.runs
     spread = design.spread
     if spread is None:
-        alike = [each for each in decided.counting if (each.unit, each.matters) == (decided.unit, decided.matters)]
+        alike = [each for each in decided.counting if (each.unit, each.matters) == (claim.unit, claim.matters)]
         spreads = [_spread(each.estimate) for each in alike if each.estimate.run]
         if not spreads:
             raise UserError(f"claim {decided.name}: no stored run gives its spread", "Give design.spread in its file.")

@@ -338,20 +338,8 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
     for part in _measured(claim, tables.preset):
         if part.sweep:
             _check_names(name, part)
-        found = list(
-            evidence(
-                tables.file(part),
-                part.names,
-                part.settings,
-                part.conditions,
-                against=part.against,
-                quantity=part.quantity,
-                down=part.direction == "down",
-                arms=_arms_of(part) if part.table == "contrasts" else None,
-                learnt=part.learnt,
-                baselines=tables.stored / part.stored / BASELINES,
-            )
-        )
+        arms = _arms_of(part) if part.table == "contrasts" else None
+        found = list(evidence(tables.file(part), part, arms, tables.stored / part.stored / BASELINES))
         if not _dated(part) and not part.beside:  # what is exact needs no date
             undated = undated or not all(each.estimate.counted for each in found)
         unit = part.unit or claim.unit
@@ -374,16 +362,7 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
     commands = [claim.command] if claim.command else list(sweeps)
     return DecidedClaim(
         name=name,
-        chapter=claim.chapter,
-        sentence=claim.sentence,
-        published=claim.published,
-        page=claim.page,
-        unit=claim.unit,
-        matters=claim.matters,
-        requires=claim.requires,
-        reason=claim.reason,
-        not_covered=claim.not_covered,
-        date=claim.date,
+        stated=claim,
         begun="" if undated else _begun(claim, tables),
         runs=claim.runs if tables.preset is None else f"sextant claims preset={tables.preset}",
         commands=commands,

@@ -1,12 +1,17 @@
-"""What the model of a checkpoint offers other programs: a network to export, predictions for single photos."""
+"""What the model of a checkpoint offers other programs: a network to export, predictions for single photos.
 
+Chapters offer these in a module ``serving``, by functions ``exportable`` and ``photo_predictor``.
+"""
+
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 from sextant.errors import UserError
 from sextant.kit.chapter import Content
 from sextant.kit.offers import Exportable, PhotoPredictor
 from sextant.kit.trained import read_trained
-from sextant.registry import chapter_of, offering
+from sextant.registry import CHAPTERS
 from sextant.runs.checkpoint import KEY
 
 
@@ -24,12 +29,13 @@ def exportable(content: Content, checkpoint: Path, *, trust: bool = False) -> Ex
     from sextant.layers import fold
 
     task = str(content[KEY]["task"])
-    if task not in offering("exportable"):
+    served = _served()
+    if task not in served:
         raise UserError(
             f"a model of task={task} has no network of its own to export",
             "Its map is saved by task.save_map; the network of its descriptor is a run of task=place_recognition.",
         )
-    found = chapter_of(task).exportable(content, checkpoint, trust=trust)
+    found = import_module(served[task]).exportable(content, checkpoint, trust=trust)
     network = fold(found.network).requires_grad_(False).cpu()
     return Exportable(network, found.inputs, found.meanings)
 
@@ -46,11 +52,17 @@ def photo_predictor(checkpoint: Path, *, trust: bool = False) -> PhotoPredictor:
     """
     content = read_trained(checkpoint)
     task = str(content[KEY]["task"])
-    offered = offering("photo_predictor")
-    if task not in offered:
+    served = _served()
+    if task not in served:
         raise UserError(
             f"a model of task={task} does not predict from single photos",
-            f"Register a run of {', '.join(offered)}; sextant.Localizer localizes a robot.",
+            f"Register a run of {', '.join(served)}; sextant.Localizer localizes a robot.",
         )
-    predictor: PhotoPredictor = chapter_of(task).photo_predictor(content, checkpoint, trust=trust)
+    predictor: PhotoPredictor = import_module(served[task]).photo_predictor(content, checkpoint, trust=trust)
     return predictor
+
+
+def _served() -> dict[str, str]:
+    """The tasks whose chapters have a module ``serving``, in alphabetical order, with that module."""
+    modules = {task: f"{CHAPTERS[task]}.serving" for task in sorted(CHAPTERS)}
+    return {task: module for task, module in modules.items() if find_spec(module) is not None}

@@ -105,14 +105,15 @@ def write_page(plan: SweepPlan, outputs: Path, *, left_s: float = float("nan"), 
         results = None
     pictures = [] if results is None or not ended else _pictures(results, directory)
     failures = {cell.run: cell.message for cell in plan.cells if cell.message}
-    page, tags = sweep_page(plan, Progress(done, len(runs), failures, left_s), results, outputs, pictures), _tags(plan)
+    progress, tags = Progress(done, len(runs), failures, left_s), _tags(plan)
+    text, metrics = sweep_page(plan, progress, results, outputs, pictures)
     own = {VERSION: PRESENT, **({} if results is None else {"sextant.outcome": outcomes_told(results)})}
     kept = {
-        "text": page.text,
+        "text": text,
         "tags": tags,
         "own_tags": own,
         "params": _params(plan),
-        "metrics": page.metrics,
+        "metrics": metrics,
         "step": done,
     }
     write_json(directory / PAGE, kept)

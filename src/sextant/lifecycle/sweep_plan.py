@@ -86,6 +86,8 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
         UserError: a cell's config is wrong, the data are missing, or the sweep's keys contradict each other.
     """
     design = read_design(arguments)
+    if design.definition.get("interval") == "bootstrap":
+        reporter.say("sweep.interval=bootstrap has no effect: all intervals of reports are Student's t.")
     planned: list[Planned] = []
     first: Config | None = None
     with composing_many():

@@ -12,7 +12,7 @@ from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.belief import Belief
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.observation.evidence import Evidence
-from sextant.ranges import Count, NonNegative, checked
+from sextant.ranges import NonNegative, checked
 
 __all__ = ["AppearanceStart", "GaussianStart", "Initialisation", "UniformStart"]
 
@@ -43,19 +43,6 @@ class Initialisation(ABC):
             seen: in which runs there is an image; None for all.
             generator: generator of random numbers.
         """
-
-
-def weighed(poses: Float64[Tensor, "r p 3"], log_weights: Float64[Tensor, "r p"]) -> Belief:
-    """A belief with the given weights; a run in which none is above zero gets equal weights.
-
-    Example:
-        >>> belief = weighed(torch.zeros(1, 2, 3).double(), torch.full((1, 2), -torch.inf).double())
-        >>> belief.log_weights.exp()
-        tensor([[0.5000, 0.5000]], dtype=torch.float64)
-    """
-    usable = torch.where(log_weights.isfinite(), log_weights, -torch.inf)
-    none = (usable == -torch.inf).all(1, keepdim=True)
-    return Belief.of(poses, torch.where(none, 0.0, usable))
 
 
 @dataclass(frozen=True)
@@ -126,7 +113,6 @@ class GaussianStart(Initialisation):
         return Belief.uniform(torch.cat([poses[..., :2], wrap_angle(poses[..., 2:])], dim=2))
 
 
-@checked
 @dataclass(frozen=True)
 class AppearanceStart(Initialisation):
     r"""Particles at the map images most similar to the first image.
@@ -135,33 +121,23 @@ class AppearanceStart(Initialisation):
     belief then already includes the image z, which must not weight these particles again. The weights that make the
     belief the posterior under the map's prior are
 
-    .. math:: W \propto \frac{p_0(i, x)\, e^{l(z \mid x)}}{q(i)\, p(x \mid i)} \propto e^{l(z \mid x) - l(z \mid x_i)},
+    .. math:: W \propto \frac{p_0(i, x)\, e^{l(z \mid x)}}{q(i)\, p(x \mid i)} \propto e^{l(z \mid x) - l(z \mid x_i)}.
 
-    which are uniform where the likelihood hardly changes over the jitter.
+    All particles get the same weight, as the likelihood hardly changes over the jitter.
 
     Without a first image (no evidence, a run not in ``seen``, or an image that no map image explains), particles are
     drawn from the map's prior.
 
-    Attributes:
-        top: draw from the best K images only; None for all.
-        weigh_jitter: weight each particle by the likelihood at its own pose, relative to that at the map image it was
-            drawn at. This is exact, at the cost of one likelihood per particle; without it, weights are uniform.
-
-    Raises:
-        UserError: ``top`` is below 1.
-
     Example:
         >>> class AtTen(Evidence):  # the observation matches the place at 10 m
-        ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
+        ...     log_likelihood = lambda self, poses: -5 * (poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
-        >>> start, prior = AppearanceStart(top=3), MapPrior(line, 0.0, 0.0)  # no jitter: at the images themselves
+        >>> start, prior = AppearanceStart(), MapPrior(line, 0.0, 0.0)  # no jitter: at the images themselves
         >>> start.start(prior, 1, 1000, AtTen(), None, torch.Generator().manual_seed(0)).poses[..., 0].unique()
         tensor([ 9., 10., 11.], dtype=torch.float64)
     """
 
-    top: Count | None = None
-    weigh_jitter: bool = False
     uses_evidence = True
 
     def start(
@@ -177,14 +153,11 @@ class AppearanceStart(Initialisation):
         anywhere = prior.sample(runs, particles, generator)
         if evidence is None:
             return Belief.uniform(anywhere)
-        proposal = AppearanceProposal.of(evidence.over_map(), self.top)
-        rows, scores = proposal.draw(particles, generator)
+        proposal = AppearanceProposal.of(evidence.over_map())
+        rows, _ = proposal.draw(particles, generator)
         there = prior.around(rows, generator)
         usable = proposal.log_total.isfinite()
         if seen is not None:
             usable = usable & seen
         poses = torch.where(usable[:, None, None], there, anywhere)
-        log_weights = poses.new_zeros(poses.shape[:2])
-        if self.weigh_jitter:
-            log_weights = torch.where(usable[:, None], evidence.log_likelihood(poses) - scores, log_weights)
-        return weighed(poses, log_weights)
+        return Belief.of(poses, poses.new_zeros(poses.shape[:2]))

@@ -23,6 +23,7 @@ import torch
 from torch import Tensor, nn
 
 from sextant.layers import PushPullAvgConv2d, PushPullConv2d, pull_kernel_size
+from sextant.layers.network_stages import evaluating
 
 Pull = Literal["direct", "factorised"]
 #: modules whose multiplications are not counted
@@ -62,12 +63,6 @@ class NetworkCost:
         """MACs that inhibition adds to the network."""
         return sum(layer.pull_macs for layer in self.layers)
 
-    @property
-    def pull_share(self) -> float:
-        """MACs of the pull relative to those of the network without it; nan if that has none."""
-        without = self.macs - self.pull_macs
-        return self.pull_macs / without if without else math.nan
-
 
 def network_cost(
     network: nn.Module, image_size: tuple[int, int], in_channels: int, *, pull: Pull = "direct"
@@ -92,15 +87,12 @@ def network_cost(
             uncounted.append(path)
     parameter = next(network.parameters(), torch.empty(0))
     image = torch.zeros(1, in_channels, *image_size, device=parameter.device, dtype=parameter.dtype)
-    modes = {module: module.training for module in network.modules()}
     try:
-        with torch.no_grad():
-            network.eval()(image)
+        with evaluating(network), torch.no_grad():
+            network(image)
     finally:
         for hook in hooks:
             hook.remove()
-        for module, training in modes.items():
-            module.training = training
     parameters = sum(p.numel() for p in network.parameters() if p.requires_grad)
     return NetworkCost(parameters, tuple(layers), tuple(uncounted))
 

@@ -6,8 +6,6 @@ from typing import Any
 
 from torch import nn
 
-from sextant.errors import ArgumentError
-
 FACTOR = "learning_rate_factor"
 
 
@@ -17,12 +15,9 @@ def freeze(network: nn.Module, paths: Sequence[str]) -> None:
     Args:
         network: changed in place; each time it runs, the modules are put in evaluation mode.
         paths: paths of the modules, such as ``stem`` or ``layer1.0``.
-
-    Raises:
-        ArgumentError: the network has no such module.
     """
     for path in paths:
-        _module(network, path).requires_grad_(False)
+        network.get_submodule(path).requires_grad_(False)
     if paths:
         network.register_forward_pre_hook(partial(_keep_evaluating, tuple(paths)))
 
@@ -35,15 +30,10 @@ def set_rate_factors(network: nn.Module, paths: Sequence[str], decay: float) -> 
         paths: paths of its modules in the order in which they run; the last learns at ``decay`` times the full rate,
             the one before it at ``decay^2`` times, and so on. All others learn at the full rate.
         decay: above 0 and at most 1, at which all have the same rate.
-
-    Raises:
-        ArgumentError: the decay is out of range, or the network has no such module.
     """
-    if not 0 < decay <= 1:
-        raise ArgumentError(f"rate_decay={decay} must be above 0 and at most 1")
     if decay < 1:
         for power, path in enumerate(reversed(paths), start=1):
-            for parameter in _module(network, path).parameters():
+            for parameter in network.get_submodule(path).parameters():
                 setattr(parameter, FACTOR, decay**power)
 
 
@@ -58,16 +48,6 @@ def parameter_groups(parameters: Iterable[nn.Parameter], rate: float) -> list[di
     for parameter in parameters:
         groups.setdefault(getattr(parameter, FACTOR, 1.0), []).append(parameter)
     return [{"params": found, "lr": rate * factor} for factor, found in sorted(groups.items(), reverse=True) if found]
-
-
-def _module(network: nn.Module, path: str) -> nn.Module:
-    try:
-        return network.get_submodule(path)
-    except AttributeError:
-        children = ", ".join(name for name, _ in network.named_children())
-        raise ArgumentError(
-            f"frozen={path!r} is not a layer of {type(network).__name__}", f"Choose among {children}, or within one."
-        ) from None
 
 
 def _keep_evaluating(paths: Sequence[str], network: nn.Module, inputs: Any) -> None:

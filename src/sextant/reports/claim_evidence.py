@@ -11,6 +11,7 @@ from typing import get_args
 import numpy as np
 from scipy import stats
 
+from sextant.config.schema.claims import ClaimPart
 from sextant.errors import UserError
 from sextant.evaluation.paired import spread_of
 from sextant.evaluation.verdict import TAIL, Estimate, Replicate
@@ -99,38 +100,23 @@ def read_table(path: Path) -> list[Row]:
 
 
 def evidence(
-    path: Path,
-    names: Sequence[str],
-    settings: Sequence[str] = ("-",),
-    conditions: Sequence[str] = ("test",),
-    *,
-    against: float | str = "",
-    quantity: str = "",
-    down: bool = False,
-    arms: Mapping[str, Sequence[str]] | None = None,
-    learnt: Sequence[str] = (),
-    baselines: Path | None = None,
+    path: Path, part: ClaimPart, arms: Mapping[str, Sequence[str]] | None = None, baselines: Path | None = None
 ) -> Iterator[Evidence]:
-    """Yield an estimate for each name, setting and condition, positive where it favours the claim.
+    """Yield an estimate for each name, setting and condition of a part, positive where it favours the claim.
 
     A contrast that a report was stored without is computed from its seeds; one with an arm that has no run there, or
     whose report is not stored at all, is :data:`NOT_RUN`; so are differences that an older report lacks.
 
     Args:
-        path: a table of a stored report; the file name determines what its rows are.
-        names: names of contrasts, of arms (``cells``, ``cost``), or of rows (``recorded``).
-        settings, conditions: settings and conditions of the rows; ``recorded`` has neither, ``cost`` no conditions.
-        against: what arms are compared with: a number in ``cells``, another arm in ``cost``.
-        quantity: column of ``cost``; metric of ``differences``.
-        down: whether the claim says that the difference is negative.
+        path: the table of the part.
+        part: the rows of the table; ``recorded`` has neither settings nor conditions, ``cost`` no conditions.
         arms: the two arms of each contrast, which are not compared unless both are better than a constant.
-        learnt: conditions in which they must be, beside that of the comparison.
         baselines: table of the constants; nothing is asked of the arms without one.
 
     Raises:
         UserError: the table has no such row.
     """
-    table, sign = path.stem, -1.0 if down else 1.0
+    table, sign = part.table, -1.0 if part.direction == "down" else 1.0
     stored = path.is_file() or (table != "differences" and path.parent.is_dir())
     rows = read_table(path) if stored else []
     column = {"cells": "arm", "cost": "arm", "recorded": "name"}.get(table, "contrast")
@@ -147,29 +133,29 @@ def evidence(
         if not stored:
             return NOT_RUN
         if table == "cost":
-            ratio = row(arm=name, setting=setting).number(quantity)
-            ratio /= row(arm=str(against), setting=setting).number(quantity)
+            ratio = row(arm=name, setting=setting).number(part.quantity)
+            ratio /= row(arm=str(part.against), setting=setting).number(part.quantity)
             extra = round(sign * 100 * (ratio - 1), ROUNDING) + 0.0  # turns -0.0 into 0.0
             return Estimate(extra, 0.0, math.inf, 0, counted=True)
         wanted = {column: name, "setting": setting, "condition": condition}
-        wanted |= {"metric": quantity} if table == "differences" else {}
+        wanted |= {"metric": part.quantity} if table == "differences" else {}
         if rows and arms is not None and all(row[column] != name for row in rows):
             found = _of_seeds(path.with_name(SEEDS), arms[name], setting, condition, sign)
         else:
-            found = _estimate(row(**wanted), rows, sign, against)
+            found = _estimate(row(**wanted), rows, sign, part.against)
         if found.run and arms is not None and baselines is not None and baselines.is_file():
-            conditions = [condition, *learnt]
-            both = _learnt(path.with_name("cells.csv"), baselines, arms[name], setting, conditions)
+            under = [condition, *part.learnt]
+            both = _learnt(path.with_name("cells.csv"), baselines, arms[name], setting, under)
             found = replace(found, learnt=both)
         return found
 
-    for name in names:
+    for name in part.names:
         if table == "recorded":
             yield Evidence(name, _recorded(row(name=name), sign) if stored else NOT_RUN)
             continue
-        for setting in settings:
+        for setting in part.settings:
             place = name if setting == "-" else f"{name}, {setting}"
-            for condition in ("test",) if table == "cost" else conditions:
+            for condition in ("test",) if table == "cost" else part.conditions:
                 label = place if condition == "test" else f"{place}, {condition}"
                 yield Evidence(label, estimated(name, setting, condition))
 

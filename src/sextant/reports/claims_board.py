@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Literal
 
+from sextant.config.schema.claims import Claim
 from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM, WORLDS_FOR_A_CLAIM
 from sextant.evaluation.verdict import (
     MOST_SEEDS,
@@ -98,24 +99,20 @@ class Comparison:
 
 @dataclass(frozen=True)
 class DecidedClaim:
-    """A claim and the comparisons that decide it; see :class:`sextant.config.schema.claims.Claim`.
+    """A claim and the comparisons that decide it.
 
     Attributes:
+        name: name of the claim.
+        stated: the claim as it was fixed.
+        runs: how the results were measured.
         begun: start of the first run that decides it; empty if not recorded.
+        commands: commands that measure it.
+        comparisons: those that decide it, and those beside them.
     """
 
     name: str
-    chapter: int
-    sentence: str
-    published: str
-    page: str
-    unit: str
-    matters: float
-    requires: str
-    reason: str
-    not_covered: str
+    stated: Claim
     runs: str
-    date: str
     begun: str
     commands: Sequence[str]
     comparisons: Sequence[Comparison]
@@ -158,7 +155,7 @@ class DecidedClaim:
             return "counted"
         if all(not each.estimate.run for each in self.counting):
             return "planned"
-        if not self.begun or datetime.fromisoformat(self.begun) < datetime.fromisoformat(self.date):
+        if not self.begun or datetime.fromisoformat(self.begun) < datetime.fromisoformat(self.stated.date):
             return "explored"
         later: dict[Verdict, Status] = {"holds": "confirmed", "fails": "refuted"}
         return later.get(self.verdict, "open")
@@ -280,20 +277,21 @@ def _how_to_read(claims: Sequence[DecidedClaim]) -> str:
 def _row(claim: DecidedClaim) -> list[str]:
     first = claim.deciding
     link = f"[{claim.name}](#{claim.name})"
-    return [link, str(claim.chapter), f"**{claim.verdict}**", claim.status, first.effect(with_unit=True)]
+    return [link, str(claim.stated.chapter), f"**{claim.verdict}**", claim.status, first.effect(with_unit=True)]
 
 
 def _section(claim: DecidedClaim, pictures: str, again: DecidedClaim | None) -> str:
-    required = claim.requires or f"{REQUIRES[claim.counting[0].expects]} {claim.matters:g} {claim.unit}"
-    published = "" if claim.published.startswith("claimed;") else f" Published: {claim.published}."
+    stated = claim.stated
+    required = stated.requires or f"{REQUIRES[claim.counting[0].expects]} {stated.matters:g} {stated.unit}"
+    published = "" if stated.published.startswith("claimed;") else f" Published: {stated.published}."
     quick = "" if again is None else f" Runs cut short: {again.verdict}."
     commands = "\n".join(claim.commands)
     return (
-        f'## <a name="{claim.name}"></a>`{claim.name}`: {claim.verdict}\n\n{claim.sentence} '
-        f"[Details]({claim.page})\n\n"
-        f"- **Requires** {required} ({claim.reason}).{published}\n"
+        f'## <a name="{claim.name}"></a>`{claim.name}`: {claim.verdict}\n\n{stated.sentence} '
+        f"[Details]({stated.page})\n\n"
+        f"- **Requires** {required} ({stated.reason}).{published}\n"
         f"- **Found**: {' '.join(filter(None, (_answer(claim), _how_sure(claim))))}{quick}\n"
-        f"- **Not covered**: {claim.not_covered}\n\n"
+        f"- **Not covered**: {stated.not_covered}\n\n"
         f"![intervals]({pictures}/{claim.name}.svg)\n{_table(claim)}\n"
         f"```bash\n{commands}\n```\n"
     )
@@ -316,8 +314,8 @@ def _table(claim: DecidedClaim) -> str:
         if not worst.estimate.run or worst.verdict(len(claim.counting)) == "holds":
             continue
         label = worst.label if len(alike) == 1 else f"{name}, worst of {len(alike)}"
-        unit = "" if worst.unit == claim.unit else f" {worst.unit}"
-        asked = "" if worst.matters == claim.matters else f", required: {worst.matters:g}"
+        unit = "" if worst.unit == claim.stated.unit else f" {worst.unit}"
+        asked = "" if worst.matters == claim.stated.matters else f", required: {worst.matters:g}"
         note = f" ({worst.note})" if worst.note != shared else ""
         effect = worst.effect() + (unit + asked) * worst.estimate.run
         rows.append([label + note, effect, worst.verdict(len(claim.counting))])

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sextant.evaluation.confidence import BINS
-from sextant.evaluation.headline import CLEAN
+from sextant.evaluation.headline import CLEAN, over_severities
 from sextant.reports.corruption_contrasts import OverSeeds
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
-from sextant.tables import Entry, TextTable, arms_table, counted, interval, number
+from sextant.tables import Entry, TextTable, arms_table, counted, with_interval
 
 CORRUPTED = "corrupted"
 #: metrics by their heading, with the number of decimals shown
@@ -52,14 +52,9 @@ def _by_corruption(cell: CellResult) -> dict[str, dict[str, float]]:
     """ECE and NLL of one run: clean, by corruption, and the mean over corruptions; empty without both."""
     found: dict[str, dict[str, float]] = {}
     for title, (prefix, _) in FIGURES.items():
-        severities: dict[str, list[float]] = {}
-        for name, value in cell.metrics.items():
-            if name.startswith(prefix):
-                key = name.removeprefix(prefix)
-                severities.setdefault(key.rpartition("/")[0] or key, []).append(value)
-        if not severities:
+        means = over_severities(cell.metrics, prefix)
+        if not means:
             return {}
-        means = {name: float(np.mean(values)) for name, values in severities.items()}
         under = [value for name, value in means.items() if name != CLEAN]
         found[title] = {CLEAN: means.get(CLEAN, float("nan"))}
         found[title] |= ({CORRUPTED: float(np.mean(under))} if under else {}) | means
@@ -74,7 +69,9 @@ def _table(told: Told, names: Sequence[str], *, rows: bool = False) -> TextTable
     entries = []
     for (setting, arm), runs in told.items():
         cells = {
-            (name, figure): _cell(_over(runs, figure, name), FIGURES[figure][1]) for name in names for figure in FIGURES
+            (name, figure): with_interval(_over(runs, figure, name), digits, alone=True)
+            for name in names
+            for figure, (_, digits) in FIGURES.items()
         }
         if rows:
             entries += [
@@ -83,12 +80,6 @@ def _table(told: Told, names: Sequence[str], *, rows: bool = False) -> TextTable
         else:
             entries.append(Entry([setting], arm, {f"{figure}, {name}": cells[name, figure] for name, figure in cells}))
     return arms_table(["setting", "corruption"] if rows else ["setting"], "figure", entries)
-
-
-def _cell(found: OverSeeds, digits: int) -> str:
-    if found.low != found.low:
-        return number(found.mean, digits)
-    return f"{number(found.mean, digits)} {interval(found.low, found.high, digits)}"
 
 
 def _rows(told: Told, names: Sequence[str]) -> TextTable:

@@ -8,9 +8,9 @@ import numpy as np
 from scipy import stats
 
 from sextant.evaluation import SEEDS_FOR_A_CLAIM, PairedDifference, holm, paired_difference
-from sextant.evaluation.paired import Method
 from sextant.evaluation.verdict import LEAST
 from sextant.reports.results import CellResult, SweepResults
+from sextant.tables import NOTHING, TextTable, interval, number, with_interval
 
 Sides = Mapping[str, str]
 Pair = tuple[CellResult, CellResult]
@@ -61,10 +61,57 @@ class ContrastRow:
         return self.paired is None or self.paired.seeds < self.least
 
 
-def of_one_pair(rows: Sequence[ContrastRow]) -> str:
-    """An explanation of the dashes for differences over one pair; empty if there are none."""
-    single = any(row.paired is not None and row.paired.seeds == 1 for row in rows)
-    return "A difference of one pair has neither an interval nor a p." if single else ""
+def footnotes(rows: Sequence[ContrastRow]) -> str:
+    """Explanations of the dashes for differences over one pair, and of the daggers; empty if there are none."""
+    told = []
+    if any(row.paired is not None and row.paired.seeds == 1 for row in rows):
+        told.append("A difference of one pair has neither an interval nor a p.")
+    if any(row.exploratory for row in rows):
+        told.append(f"† fewer than {rows[0].least} pairs: exploratory.")
+    return " ".join(told)
+
+
+def contrast_table(rows: Sequence[ContrastRow], name: str, results: SweepResults) -> TextTable:
+    """One row per setting and condition of one contrast with a pair of runs that converged."""
+    n = results.measure.digits
+    columns = [
+        "setting",
+        "condition",
+        "published",
+        "difference",
+        f"95 % over {results.replicate}",
+        f"95 % over seeds and {results.measure.items}",
+        "noise floor",
+        "spread of one pair",
+        "pairs",
+        "dropped",
+        "wins",
+        "p (Wilcoxon, Holm)",
+        "with diverged",
+    ]
+    body = []
+    for row in (row for row in rows if row.contrast == name):
+        paired, floor = row.paired, row.floor
+        if paired is None:
+            continue
+        body.append(
+            [
+                row.setting,
+                row.condition,
+                number(row.published, n, sign=True),
+                number(paired.mean, n, sign=True),
+                interval(paired.low, paired.high, n, sign=True),
+                interval(paired.image_low, paired.image_high, n, sign=True),
+                with_interval(floor, n, sign=True),
+                NOTHING if floor is None else number(floor.spread, n),
+                f"{paired.seeds}{'†' if row.exploratory else ''}",
+                str(row.dropped),
+                f"{paired.wins}/{paired.seeds}",
+                number(row.p_holm, 3),
+                number(row.everything, n, sign=True),
+            ]
+        )
+    return TextTable(columns, body)
 
 
 def contrasts(results: SweepResults) -> list[ContrastRow]:
@@ -112,17 +159,16 @@ def dropped_pairs(results: SweepResults, setting: str, sides: Sides) -> int:
 def _row(
     results: SweepResults, name: str, sides: Sides, floor_sides: Sides | None, setting: str, condition: str
 ) -> ContrastRow:
-    method = results.plan.definition.get("interval", "t")
     pairs = _pairs(results, setting, sides)
     return ContrastRow(
         contrast=name,
         setting=setting,
         condition=condition,
-        paired=_difference(pairs, condition, method),
+        paired=_difference(pairs, condition),
         dropped=dropped_pairs(results, setting, sides),
         everything=_mean_of_all(pairs, condition),
         p_holm=float("nan"),
-        floor=None if floor_sides is None else _difference(_pairs(results, setting, floor_sides), condition, method),
+        floor=None if floor_sides is None else _difference(_pairs(results, setting, floor_sides), condition),
         published=results.published(setting, sides["treatment"], condition)
         - results.published(setting, sides["control"], condition),
         least=LEAST[results.replicate],
@@ -139,7 +185,7 @@ def _converged(pair: Pair) -> bool:
     return all(result.outcome == "finished" for result in pair)
 
 
-def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDifference | None:
+def _difference(pairs: list[Pair], condition: str) -> PairedDifference | None:
     kept = [pair for pair in pairs if _converged(pair)]
     if not kept:
         return None
@@ -150,9 +196,8 @@ def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDiffere
     if other_images or sides[0][0].measure.statistic == "median":
         arms = [[np.float64(side.value(condition)) for side in arm] for arm in sides]
     treatment, control = (np.stack(arm) for arm in arms)
-    chosen: Method = "bootstrap" if method == "bootstrap" else "t"
     measure = sides[0][0].measure
-    return paired_difference(treatment, control, method=chosen, better=measure.better, largest=measure.largest)
+    return paired_difference(treatment, control, better=measure.better, largest=measure.largest)
 
 
 def _mean_of_all(pairs: list[Pair], condition: str) -> float:

@@ -8,11 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from sextant.chapters.classification.report import BASELINES, SEVERITIES
 from sextant.evaluation import (
-    BENCHMARK_15,
     SEEDS_FOR_A_CLAIM,
-    CorruptionBaseline,
     CorruptionDifferences,
     CorruptionErrors,
     PairedDifference,
@@ -20,7 +17,6 @@ from sextant.evaluation import (
     mean_interval,
     share_interval,
 )
-from sextant.kit.measure import SharedSet
 from sextant.reports.contrasts import (
     Sides,
     converged_pairs,
@@ -84,22 +80,6 @@ def arm_errors(results: SweepResults) -> list[ArmErrors]:
             cells = [cell for cell in results.of(setting, arm) if cell.outcome == "finished"]
             found.append(ArmErrors(setting, arm, [cell.errors for cell in cells if cell.errors is not None]))
     return found
-
-
-def baseline_of(shared: SharedSet) -> CorruptionBaseline | None:
-    """The baseline of corruption errors; needs one set with a baseline, and all five severities of every corruption."""
-    baseline = BASELINES.get(shared.key or "")
-    whole = all(len(levels) == SEVERITIES for levels in shared.severities.values())
-    return baseline if baseline is not None and whole and set(shared.severities) <= set(baseline.errors) else None
-
-
-def scored_sets(shared: SharedSet) -> dict[str, tuple[str, ...]]:
-    """The sets of corruptions over which mCE is averaged, by column heading."""
-    everything = tuple(shared.severities)
-    sets = {f"of {len(everything)}": everything}
-    if set(BENCHMARK_15) < set(everything):
-        sets["of 15"] = BENCHMARK_15
-    return sets
 
 
 Errors = Mapping[str, Float[ndarray, "pairs"]]

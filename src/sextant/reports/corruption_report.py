@@ -10,15 +10,14 @@ from sextant.chapters.classification.figures import (
     corruption_heatmap,
     corruption_radar,
 )
+from sextant.chapters.classification.report import baseline_of
 from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
-from sextant.kit.measure import SharedSet
+from sextant.kit.measure import SharedSet, summary_conditions
 from sextant.reports.corruption_contrasts import (
     ArmErrors,
     CorruptionContrast,
     arm_errors,
-    baseline_of,
     corruption_contrasts,
-    scored_sets,
 )
 from sextant.reports.corruption_tables import (
     difference_rows,
@@ -76,16 +75,17 @@ def _protocol(shared: SharedSet) -> str:
 
 
 def _scores(arms: Sequence[ArmErrors], shared: SharedSet) -> list[str]:
-    baseline = baseline_of(shared)
+    baseline = baseline_of(shared.key, shared.severities)
     if baseline is None:
         return []
+    sets = {f"of {len(names)}": names for names in summary_conditions(shared).values()}
     return [
         f"### Beside {baseline.name}\n",
         f"Errors relative to those of the baseline, times 100 ({baseline.source}); below 100 is better than it. Mean ± "
         "standard deviation over converged seeds, and the 95 % t interval of the mean. Relative mCE is a "
         "network's loss relative to its own clean error: **one that errs more on clean images has less to lose, and a "
         "lower relative mCE for it**. Read it beside mCE and the clean error.\n",
-        score_table(arms, baseline, scored_sets(shared)).markdown(),
+        score_table(arms, baseline, sets).markdown(),
     ]
 
 

@@ -13,7 +13,7 @@ from sextant.reports.cost_report import multiplications
 from sextant.reports.factor_report import numeric_factors
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Section, Summary
-from sextant.tables import NOTHING, TextTable, interval, number, p_text
+from sextant.tables import TextTable, number, p_text, with_interval
 
 #: least number of arms with the same control for which the section is written
 LEAST_ARMS = 3
@@ -100,10 +100,9 @@ def effects_table(results: SweepResults, effects: Sequence[ArmEffect]) -> TextTa
     for setting, arm in dict.fromkeys((effect.row.setting, effect.arm) for effect in effects):
         each = [found[setting, arm, condition] for condition in conditions]
         pairs = f"{each[0].row.paired.seeds if each[0].row.paired else 0}{'†' if each[0].row.exploratory else ''}"
-        cost = number(multiplications(results, setting, arm), 2)
-        body.append(
-            [setting, arm, pairs, f"{cost}×", *(text for e in each for text in (_told(results, e), p_text(e.p)))]
-        )
+        cost, digits = number(multiplications(results, setting, arm), 2), results.measure.digits
+        told = [text for e in each for text in (with_interval(e.row.paired, digits, sign=True), p_text(e.p))]
+        body.append([setting, arm, pairs, f"{cost}×", *told])
     return TextTable(columns, body)
 
 
@@ -127,13 +126,6 @@ def _families(results: SweepResults) -> list[list[str]]:
 def _p(results: SweepResults, row: ContrastRow, sides: dict[str, Sides]) -> float:
     runs = [{cell.cell.run for cell in results.of(row.setting, arm)} for arm in sides[row.contrast].values()]
     return float("nan") if row.paired is None or runs[0] == runs[1] else row.paired.t_p_value
-
-
-def _told(results: SweepResults, effect: ArmEffect) -> str:
-    paired, digits = effect.row.paired, results.measure.digits
-    if paired is None:
-        return NOTHING
-    return f"{number(paired.mean, digits, sign=True)} {interval(paired.low, paired.high, digits, sign=True)}"
 
 
 def _legend(results: SweepResults, sides: dict[str, Sides], grid: bool) -> str:
@@ -195,7 +187,8 @@ def _maps(results: SweepResults, effects: Sequence[ArmEffect], factor: str) -> I
                     row, column = arms.index(effect.arm), levels.index(level_of[effect.row.setting])
                     values[row, column] = effect.row.paired.mean
                     mark = " *" if effect.certain else ""
-                    told[row][column] = _told(results, effect).replace(" [", f"{mark}\n[", 1)
+                    text = with_interval(effect.row.paired, results.measure.digits, sign=True)
+                    told[row][column] = text.replace(" [", f"{mark}\n[", 1)
             panels[_title(results, condition)], texts[_title(results, condition)] = values, told
         if panels:
             figure = effect_map(

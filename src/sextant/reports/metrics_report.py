@@ -11,7 +11,7 @@ from sextant.reports.contrasts import converged_pairs, named_contrasts, settings
 from sextant.reports.metric import Metric, metric_of, seeds_interval
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
-from sextant.tables import Entry, TextTable, arms_table, decimals, interval, number
+from sextant.tables import Entry, TextTable, arms_table, decimals, with_interval
 
 #: name of the mean over conditions
 TOGETHER = "all conditions"
@@ -166,12 +166,8 @@ def _cell(row: MetricSummary | None) -> str:
     if row is None:
         return "–"
     digits = decimals(max(abs(value) for value in (row.mean, row.low, row.high) if value == value))
-    told = [number(row.mean, digits)]
-    if row.low == row.low:
-        told.append(interval(row.low, row.high, digits))
-    if row.told < row.asked:
-        told.append(f"({row.told} of {row.asked})")
-    return " ".join(told)
+    some = f" ({row.told} of {row.asked})" if row.told < row.asked else ""
+    return with_interval(row, digits, alone=True) + some
 
 
 def _legend(rows: Sequence[MetricSummary]) -> str:

@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from sextant.chapters.localization.figures.success_curves import SuccessCurve, success_curves
 from sextant.chapters.localization.measure import SUCCESS
-from sextant.evaluation.particle_counts import CountRatio, needed_ratio, particles_needed
+from sextant.evaluation.particle_counts import RESAMPLES, CountRatio, needed_ratio, particles_needed
 from sextant.evaluation.protocols import ENOUGH_SUCCESS
 from sextant.evaluation.success import Share, share_of
 from sextant.reports.contrasts import Sides, converged_pairs, dropped_pairs, named_contrasts
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 #: name of all conditions together
 POOLED = "all conditions"
-#: bootstrap resamples of the seeds for the interval of a ratio
-RESAMPLES = 1000
 COUNT = re.compile(r"^(?P<condition>.+), (?P<count>\d+) particles$")
 
 
@@ -170,39 +168,8 @@ def _ratios(results: SweepResults, name: str, sides: Sides, setting: str) -> Ite
     for condition, treatment in treated.items():
         control = controls.get(condition)
         if control is not None:
-            ratio = seed_ratio(treatment, control)
+            ratio = needed_ratio((treatment.counts, treatment.successes), (control.counts, control.successes))
             yield RatioRow(name, setting, condition, treatment, control, ratio, len(pairs), dropped)
-
-
-def seed_ratio(first: Curve, second: Curve, *, resamples: int = RESAMPLES) -> CountRatio:
-    """The ratio of the particles needed by two arms, with a 95 % percentile bootstrap interval over seeds.
-
-    A seed is resampled with all its runs, which share a trained model and are not independent replicates.
-
-    Args:
-        first, second: curves over the same seeds in the same order.
-        resamples: number of bootstrap resamples.
-    """
-    once = _ratio(first.successes, second.successes, first, second)
-    rng = np.random.default_rng(0)
-    seeds = first.successes.shape[1]
-    again = [
-        _ratio(first.successes[:, drawn], second.successes[:, drawn], first, second)
-        for drawn in rng.integers(0, seeds, (resamples, seeds))
-    ]
-    lower, upper = (np.array([getattr(ratio, end) for ratio in again]) for end in ("least", "most"))
-    return CountRatio(
-        once.least,
-        once.most,
-        float(np.quantile(lower, 0.025, method="lower")),
-        float(np.quantile(upper, 0.975, method="higher")),
-        float((lower != upper).mean()),
-    )
-
-
-def _ratio(a: Bool[ndarray, "k s r"], b: Bool[ndarray, "j s q"], first: Curve, second: Curve) -> CountRatio:
-    pooled = (first.counts, a.reshape(len(a), -1)), (second.counts, b.reshape(len(b), -1))
-    return needed_ratio(*pooled, paired=False, resamples=1)
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------

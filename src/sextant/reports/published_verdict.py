@@ -3,11 +3,11 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from sextant.evaluation import SEEDS_FOR_A_CLAIM, PairedDifference
+from sextant.evaluation import SEEDS_FOR_A_CLAIM
 from sextant.reports.contrasts import ContrastRow
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Summary
-from sextant.tables import TextTable, interval, number
+from sextant.tables import TextTable, number, with_interval
 
 
 def beside_published(summaries: Sequence[Summary], results: SweepResults) -> str:
@@ -50,7 +50,7 @@ def published_verdict(rows: Sequence[ContrastRow]) -> str:
                 number(row.published, sign=True),
                 f"± {number(row.single_pair_reach)}",
                 "yes" if abs(row.published) > row.single_pair_reach else "no",
-                _with_interval(row.paired),
+                with_interval(row.paired, sign=True),
                 _reading(row),
             ]
             for row in known
@@ -74,9 +74,3 @@ def _reading(row: ContrastRow) -> str:
     if not row.p_holm < 0.05:
         return "undecided"
     return "same sign" if row.paired.mean * row.published > 0 else "opposite sign"
-
-
-def _with_interval(difference: PairedDifference | None) -> str:
-    if difference is None:
-        return "–"
-    return f"{number(difference.mean, sign=True)} {interval(difference.low, difference.high, sign=True)}"

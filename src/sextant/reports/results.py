@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import yaml
@@ -23,17 +23,10 @@ from sextant.tables import counted
 
 Outcome = Literal["finished", "diverged", "failed", "missing"]
 Content = TypeVar("Content")
+#: derives values from the arrays of a run; see ``sextant.kit.chapter.Chapter.measured``
+Measured = Callable[[Mapping[str, ndarray], SharedSet | None, str | None], RunValues]
 #: relative tolerance between a metric, which was summed in float32, and its value from the arrays
 ROUNDING = 1e-4
-
-
-class Measured(Protocol):
-    """Function that derives values from the arrays of a run; see ``sextant.kit.chapter.Chapter.measured``."""
-
-    def __call__(
-        self, arrays: Mapping[str, ndarray], shared: SharedSet | None = None, reads: str | None = None
-    ) -> RunValues:
-        """The values of one run."""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ from sextant.figures.searches import TrialPoint, importance_bars, search_history
 from sextant.reports.metric import seeds_interval
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import SearchResults, search_results
-from sextant.reports.section import write_files
-from sextant.runs.sweep_directory import report_command
+from sextant.reports.section import head, write_files
 from sextant.tables import TextTable, decimals, interval, number
 
 if TYPE_CHECKING:
@@ -105,13 +104,10 @@ def summary(found: SearchResults) -> str:
 def _markdown(
     results: SweepResults, found: SearchResults, trials: TextTable, winner: TextTable, importances: TextTable
 ) -> str:
-    plan, search = results.plan, found.search
+    search = found.search
     space = TextTable(["key", "searched"], [[key, text] for key, text in search["space"].items()])
-    question = plan.definition.get("question")
     parts = [
-        f"# {plan.title}\n",
-        f"{question}\n" if question else "",
-        f"`{plan.train_command}`, then `{report_command(results.directory)}`\n",
+        *head(results),
         f"A search by {search['method']} for the {found.extreme} of `{search['metric']}`, on "
         f"the validation split alone, at the seeds {', '.join(map(str, found.seeds))}.\n",
         space.markdown(),

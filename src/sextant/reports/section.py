@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sextant.atomic_files import write_atomically
+from sextant.evaluation.verdict import LEAST
 from sextant.reports.results import SweepResults
+from sextant.runs.sweep_directory import report_command
+from sextant.tables import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,6 +86,25 @@ class Section:
     text: str = ""
     files: Mapping[str, str] = field(default_factory=dict)
     figures: "Sequence[tuple[str, Figure]]" = ()
+
+
+def head(results: SweepResults) -> list[str]:
+    """Title, question and commands of a report."""
+    plan = results.plan
+    question = plan.definition.get("question")
+    commands = f"`{plan.train_command}`, then `{report_command(results.directory)}`\n"
+    return [f"# {plan.title}\n", *([f"{question}\n"] if question else []), commands]
+
+
+def runs_planned(results: SweepResults, of: str) -> str:
+    """The numbers of runs by their outcome, and of the seeds (and worlds) of each cell or task, named in ``of``."""
+    counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
+    seeds = len({result.cell.pair for result in results.cells})
+    worlds, least = len({result.cell.world for result in results.cells}), LEAST[results.replicate]
+    enough = (worlds if results.replicate == "worlds" else seeds) >= least
+    few = "" if enough else f" **Exploratory**: a claim needs {least} {results.replicate}."
+    drawn = counted(seeds, "seed") if results.replicate == "seeds" else f"{seeds} in {counted(worlds, 'world')}"
+    return f"{counted(len(results.cells), 'run')} planned: {counts}. {drawn} a {of}.{few}\n"
 
 
 def write_files(folder: Path, texts: Mapping[str, str], figures: "Iterable[tuple[str, Figure]]") -> list[Path]:

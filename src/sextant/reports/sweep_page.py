@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sextant.reports.contrasts import ContrastRow, contrasts, of_one_pair
+from sextant.reports.contrasts import ContrastRow, contrast_table, contrasts, footnotes
 from sextant.reports.divergence import divergence
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import leading_trial
 from sextant.runs.sweep_directory import SweepPlan, report_command
-from sextant.tables import TextTable, interval, number
+from sextant.tables import TextTable, number
 
 #: number of failures that are shown, and characters of each
 MOST_FAILURES, LINE = 5, 200
@@ -35,18 +35,10 @@ class Progress:
     left_s: float = float("nan")
 
 
-@dataclass(frozen=True)
-class SweepPage:
-    """The text and the metrics of the page."""
-
-    text: str
-    metrics: dict[str, float]
-
-
 def sweep_page(
     plan: SweepPlan, progress: Progress, results: SweepResults | None, outputs: Path, pictures: Sequence[str] = ()
-) -> SweepPage:
-    """The page of a sweep.
+) -> tuple[str, dict[str, float]]:
+    """The text and the metrics of the page of a sweep.
 
     Args:
         plan: plan of the sweep.
@@ -65,8 +57,9 @@ def sweep_page(
         parts += [text, *(f"![search]({address})\n" for address in pictures)]
     if results is not None and rows:
         told = f"{results.measure.difference.capitalize()}; {results.measure.better} is better."
-        told += f" {few}" if (few := of_one_pair(rows)) else ""
-        parts += [f"{told}\n", *(f"![contrast]({address})\n" for address in pictures), _table(rows[:MOST_ROWS])]
+        told += f" {notes}" if (notes := footnotes(rows[:MOST_ROWS])) else ""
+        parts += [f"{told}\n", *(f"![contrast]({address})\n" for address in pictures)]
+        parts.append(_table(rows[:MOST_ROWS], results))
     if results is not None and (told := divergence(results)):
         parts.append(f"{told}\n")
     if progress.failures:
@@ -82,7 +75,7 @@ def sweep_page(
     several = len({row.contrast for row in effects}) > 1
     for row in effects[:MOST_EFFECTS]:
         metrics |= _metrics(row, row.contrast if several else "")
-    return SweepPage("\n".join(parts), metrics)
+    return "\n".join(parts), metrics
 
 
 def outcomes_told(results: SweepResults) -> str:
@@ -113,18 +106,14 @@ def _best_so_far(results: SweepResults) -> tuple[str, dict[str, float]]:
     return f"Best: {run.cell.arm}, `{words}`, {metric} {number(mean)} ({over}).\n", {f"best/{name}": mean}
 
 
-def _table(rows: Sequence[ContrastRow]) -> str:
-    columns = ["contrast", "setting", "condition", "difference", "95 % over seeds", "pairs", "p (Wilcoxon, Holm)"]
+def _table(rows: Sequence[ContrastRow], results: SweepResults) -> str:
+    columns = ["setting", "condition", "difference", f"95 % over {results.replicate}", "pairs", "p (Wilcoxon, Holm)"]
     body = [
-        [
-            *(row.contrast, row.setting, row.condition),
-            *(number(row.paired.mean, sign=True), interval(row.paired.low, row.paired.high, sign=True)),
-            *(str(row.paired.seeds), number(row.p_holm, 3)),
-        ]
-        for row in rows
-        if row.paired is not None
+        [name, *row]
+        for name in dict.fromkeys(row.contrast for row in rows)
+        for row in contrast_table(rows, name, results).only(columns).rows
     ]
-    return TextTable(columns, body).told().markdown()
+    return TextTable(["contrast", *columns], body).told().markdown()
 
 
 def _metrics(row: ContrastRow, contrast: str) -> dict[str, float]:

@@ -10,11 +10,10 @@ from matplotlib.figure import Figure
 
 from sextant.chapters.classification.figures import severity_curves
 from sextant.evaluation.paired import BLOCKS
-from sextant.evaluation.verdict import LEAST
 from sextant.figures.effects import ForestRow, contrast_forest
 from sextant.reports.cell_tables import cells_legend, cells_table, diverged_table, runs_table, seed_rows
 from sextant.reports.confidence_report import confidence_section
-from sextant.reports.contrasts import ContrastRow, contrasts, of_one_pair
+from sextant.reports.contrasts import ContrastRow, contrast_table, contrasts, footnotes
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.cost_report import cost_section
 from sextant.reports.divergence import divergence
@@ -26,10 +25,9 @@ from sextant.reports.pooled_report import pooled_section
 from sextant.reports.published_verdict import beside_published, published_verdict
 from sextant.reports.results import SweepResults
 from sextant.reports.search_report import write_search_report
-from sextant.reports.section import Section, Summary, summarise, write_files
+from sextant.reports.section import Section, Summary, head, runs_planned, summarise, write_files
 from sextant.reports.tasks_report import of_several_tasks, write_tasks_report
-from sextant.runs.sweep_directory import report_command
-from sextant.tables import TextTable, counted, interval, is_number, number, slug
+from sextant.tables import TextTable, is_number, slug
 
 
 def write_report(results: SweepResults) -> list[Path]:
@@ -77,51 +75,6 @@ def write_report(results: SweepResults) -> list[Path]:
     return write_files(folder, texts, made)
 
 
-def contrast_table(rows: list[ContrastRow], name: str, results: SweepResults) -> TextTable:
-    """One row per setting and condition of one contrast with a pair of runs that converged."""
-    n = results.measure.digits
-    columns = [
-        "setting",
-        "condition",
-        "published",
-        "difference",
-        f"95 % over {results.replicate}",
-        f"95 % over seeds and {results.measure.items}",
-        "noise floor",
-        "spread of one pair",
-        "pairs",
-        "dropped",
-        "wins",
-        "p (Wilcoxon, Holm)",
-        "with diverged",
-    ]
-    body = []
-    for row in (row for row in rows if row.contrast == name):
-        paired, floor = row.paired, row.floor
-        if paired is None:
-            continue
-        body.append(
-            [
-                row.setting,
-                row.condition,
-                number(row.published, n, sign=True),
-                number(paired.mean, n, sign=True),
-                interval(paired.low, paired.high, n, sign=True),
-                interval(paired.image_low, paired.image_high, n, sign=True),
-                "–"
-                if floor is None
-                else f"{number(floor.mean, n, sign=True)} {interval(floor.low, floor.high, n, sign=True)}",
-                "–" if floor is None else number(floor.spread, n),
-                f"{paired.seeds}{'†' if row.exploratory else ''}",
-                str(row.dropped),
-                f"{paired.wins}/{paired.seeds}",
-                number(row.p_holm, 3),
-                number(row.everything, n, sign=True),
-            ]
-        )
-    return TextTable(columns, body)
-
-
 def figures(results: SweepResults, summaries: list[Summary], rows: list[ContrastRow]) -> "list[tuple[str, Figure]]":
     """Accuracy against severity for each setting, and a forest plot of each contrast."""
     made = []
@@ -163,25 +116,12 @@ def _markdown(
     rows: list[ContrastRow],
     sections: Sequence[Section],
 ) -> str:
-    plan = results.plan
-    counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
-    seeds = len({result.cell.pair for result in results.cells})
-    worlds, least = len({result.cell.world for result in results.cells}), LEAST[results.replicate]
-    enough = (worlds if results.replicate == "worlds" else seeds) >= least
-    exploratory = "" if enough else f" **Exploratory**: a claim needs {least} {results.replicate}."
-    drawn = counted(seeds, "seed") if results.replicate == "seeds" else f"{seeds} in {counted(worlds, 'world')}"
     told = divergence(results)
-    parts = [
-        f"# {plan.title}\n",
-        f"{plan.definition.get('question', '')}\n" if plan.definition.get("question") else "",
-        f"`{plan.train_command}`, then `{report_command(results.directory)}`\n",
-        f"{counted(len(results.cells), 'run')} planned: {counts}. {drawn} a cell.{exploratory}\n",
-        f"{told}\n" if told else "",
-    ]
+    parts = [*head(results), runs_planned(results, "cell"), f"{told}\n" if told else ""]
     if not results.learnt:
         reached = diverged_table(summaries, results).told().markdown() if summaries else ""
-        head = f"## {results.measure.title}, of the runs that diverged\n" if summaries else ""
-        return "\n".join(part for part in [*parts, head, reached, *(section.text for section in sections)] if part)
+        title = f"## {results.measure.title}, of the runs that diverged\n" if summaries else ""
+        return "\n".join(part for part in [*parts, title, reached, *(section.text for section in sections)] if part)
     parts += [
         f"A run has *diverged* if {results.measure.diverged}; the rule uses "
         "only the validation split and was fixed beforehand. Means and contrasts are over converged runs, with the "
@@ -193,7 +133,7 @@ def _markdown(
         beside_published(summaries, results),
     ]
     for name, table in compared.items():
-        sides = plan.definition.get("contrasts", {}).get(name)
+        sides = results.plan.definition.get("contrasts", {}).get(name)
         title = f"{name}: {sides['treatment']} minus {sides['control']}" if sides else name
         if table.rows:
             parts += [
@@ -222,12 +162,7 @@ def _legend(rows: list[ContrastRow], results: SweepResults) -> str:
         "over pairs, "
         "two-sided, corrected by Holm over the conditions of one setting. *Dropped* pairs have a run that diverged, "
         "failed or is missing."
-        + " ".join(["", *filter(None, [_least_p(rows, len(results.conditions)), of_one_pair(rows)])])
-        + (
-            f" † fewer than {LEAST[results.replicate]} pairs: exploratory."
-            if any(row.exploratory for row in rows)
-            else ""
-        )
+        + " ".join(["", *filter(None, [_least_p(rows, len(results.conditions)), footnotes(rows)])])
         + "\n"
     )
 
@@ -249,8 +184,6 @@ def _stretches(results: SweepResults) -> str:
 
 def _method(results: SweepResults) -> str:
     """How the interval of a contrast is computed, in words."""
-    if results.plan.definition.get("interval") == "bootstrap":
-        return "of a studentized bootstrap"
     return "t intervals" + (", cut at a difference of 100" if results.measure.is_share else "")
 
 

@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from sextant.chapters.classification.figures import by_family, corruption_heatmap
-from sextant.evaluation import CORRUPTION_FAMILIES, SEEDS_FOR_A_CLAIM
+from sextant.evaluation import CORRUPTION_FAMILIES
 from sextant.evaluation.headline import CLEAN, PREFIX, relative_loss
 from sextant.reports.corruption_contrasts import OverSeeds
 from sextant.reports.results import SweepResults
-from sextant.reports.section import write_files
-from sextant.runs.sweep_directory import report_command
-from sextant.tables import TextTable, counted, interval, number
+from sextant.reports.section import head, runs_planned, write_files
+from sextant.tables import TextTable, number, with_interval
 
 CORRUPTED = "corrupted"
 UNDER = f"{PREFIX}/under/"
@@ -132,8 +131,8 @@ def overview_table(rows: Sequence[TaskRow]) -> TextTable:
                 row.title,
                 "x".join(map(str, reversed(size))) or "–",
                 f"{len(row.seeds)} of {row.planned}",
-                *(_shown(row.figure(of)) for of in (CLEAN, CORRUPTED)),
-                _shown(losses, 1),
+                *(with_interval(row.figure(of), alone=True) for of in (CLEAN, CORRUPTED)),
+                with_interval(losses, 1, alone=True),
                 told,
             ]
         )
@@ -150,15 +149,8 @@ def loss_table(rows: Sequence[TaskRow]) -> TextTable:
 
 
 def _markdown(results: SweepResults, rows: Sequence[TaskRow], table: TextTable) -> Iterator[str]:
-    plan = results.plan
-    counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
-    seeds = len({result.cell.pair for result in results.cells})
-    yield f"# {plan.title}\n"
-    if plan.definition.get("question"):
-        yield f"{plan.definition['question']}\n"
-    yield f"`{plan.train_command}`, then `{report_command(results.directory)}`\n"
-    few = "" if seeds >= SEEDS_FOR_A_CLAIM else f" **Exploratory**: a claim needs {SEEDS_FOR_A_CLAIM} seeds."
-    yield f"{counted(len(results.cells), 'run')} planned: {counts}. {counted(seeds, 'seed')} a task.{few}\n"
+    yield from head(results)
+    yield runs_planned(results, "task")
     tests = sorted({str(row.about["test"]) for row in rows if "test" in row.about})
     yield "## Tasks under corruptions\n"
     yield (
@@ -186,11 +178,6 @@ def _mean_loss(row: TaskRow, of: str) -> float:
 
 def _or_least(value: float) -> float:
     return value if value == value else float("-inf")
-
-
-def _shown(found: OverSeeds, digits: int = 2) -> str:
-    told = number(found.mean, digits)
-    return told if found.low != found.low else f"{told} {interval(found.low, found.high, digits)}"
 
 
 def _figures_of(rows: Sequence[TaskRow]) -> TextTable:

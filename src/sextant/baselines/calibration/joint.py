@@ -20,7 +20,6 @@ from sextant.baselines.calibration.joint_problem import (
     HEADING,
     K1_HAT,
     LOG_FOCAL,
-    OUTLIER,
     ROLL,
     TILT,
     JointProblem,
@@ -28,7 +27,7 @@ from sextant.baselines.calibration.joint_problem import (
 )
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 from sextant.baselines.calibration.line_evidence import LineEvidence
-from sextant.baselines.calibration.manhattan import camera_axes, msac_cost
+from sextant.baselines.calibration.manhattan import OUTLIER, camera_axes, msac_cost
 from sextant.baselines.calibration.robust_fit import HIGH, LOW
 from sextant.baselines.calibration.terms import CameraBelief, GravityBelief, PhotoPrior, Term
 from sextant.baselines.calibration.vanishing_points import FEWEST, SCORED, hypotheses, upright

@@ -22,20 +22,15 @@ from sextant.baselines.calibration.line_evidence import LineEvidence
 from sextant.baselines.calibration.line_segments import LONG, segment_lengths
 from sextant.baselines.calibration.manhattan import (
     EFFECTIVE_SEGMENTS,
-    END_NOISE,
     FIRST_ROUND,
+    OUTLIER,
     THRESHOLD,
-    WORLD_NOISE,
-    camera_axes,
+    AlignedSegments,
     nearest_axis,
-    sines_to,
-    straightened,
 )
 from sextant.baselines.calibration.robust_fit import HIGH, LOW, RobustFit
 from sextant.baselines.calibration.terms import StraightChains, Term
 
-#: cost of a segment that fits no axis: that of one at the threshold
-OUTLIER = 0.5 * math.log1p((math.sin(THRESHOLD) / WORLD_NOISE) ** 2)
 #: share of explained length from which segments count in full, and the least weight that they have
 FRAME, LEAST = 0.7, 0.05
 TILT, ROLL, HEADING, LOG_FOCAL, K1_HAT = range(5)
@@ -65,39 +60,6 @@ def _trust(explained: float) -> float:
     their sets is left out. Segments that no frame explains get almost no weight, so the network determines the camera.
     """
     return min(max(math.sqrt(max(explained, 0.0) / FRAME), LEAST), 1.0)
-
-
-class AlignedSegments(Term):
-    """Residuals of segments, which point to the vanishing points that they are assigned to.
-
-    Args:
-        segments: distorted ends in image heights.
-        axis: axis of each segment: 0 right, 1 down, 2 forward.
-        share: weight of each segment, which bounds the total weight of a picture's segments.
-        certainty: see :class:`~sextant.baselines.calibration.terms.Term`.
-        shorter: shorter side of the photo in image heights, of which the noise of ends is a fraction.
-    """
-
-    def __init__(
-        self,
-        segments: Float64[ndarray, "n 2 2"],
-        axis: Int[ndarray, "n"],
-        share: float,
-        certainty: float = 1.0,
-        shorter: float = 1.0,
-    ):
-        self.segments, self.axis, self.share, self.certainty = segments, axis, share, certainty
-        self.noise = np.hypot(WORLD_NOISE, 2 * END_NOISE * shorter / segment_lengths(segments))
-
-    def residuals(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b n"]:
-        """Sines of the angles between segments and the directions to their vanishing points."""
-        axes = np.take_along_axis(camera_axes(vectors), self.axis[None, None], axis=2)
-        return sines_to(axes, np.exp(vectors[:, 3, None]), straightened(vectors, self.segments)) / self.noise
-
-    def loss(self, squares: Float64[ndarray, "*b n"]) -> Float64[ndarray, "3 *b n"]:
-        """Cauchy's loss."""
-        more = 1 + squares
-        return self.share * np.stack([np.log(more), 1 / more, -1 / np.square(more)])
 
 
 class JointProblem:
@@ -135,45 +97,17 @@ class JointProblem:
     ) -> Mode:
         vector = np.clip(start, LOW + 1e-6, HIGH - 1e-6)
         segments, outliers, support = self.lines.segments, 0, np.zeros(3, int)
-        stack = _Stack(terms, free, vector)
         for threshold in thresholds:
+            stacked = terms
             if len(segments):
                 axis, near = nearest_axis(vector, segments, threshold)
                 outliers = int((~near).sum())
                 support = np.bincount(axis[near & (segment_lengths(segments) > LONG * self.lines.shorter)], minlength=3)
                 aligned = AlignedSegments(segments[near], axis[near], self.share, self.trust**2, self.lines.shorter)
-                stack = _Stack([aligned, *terms], free, vector)
-            vector = stack.solve(vector)
-        cost = stack.cost(vector) + OUTLIER * self.share * outliers
-        return Mode(vector, stack.covariance(vector), cost, support)
-
-
-class _Stack(RobustFit):
-    """Terms stacked one after the other."""
-
-    tolerance, evaluations = 1e-5, 15
-
-    def __init__(self, terms: Sequence[Term], free: Int[ndarray, "k"], fixed: Float64[ndarray, "5"]):
-        super().__init__(free, fixed)
-        self.terms = terms
-        self.ends = np.cumsum([0, *(term.residuals(fixed[None]).shape[1] for term in terms)])
-
-    def residuals_of(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b m"]:
-        return np.concatenate([term.residuals(vectors) for term in self.terms], axis=1)
-
-    def loss(self, squares: Float64[ndarray, "m"]) -> Float64[ndarray, "3 m"]:
-        parts = zip(self.terms, self.ends[:-1], self.ends[1:], strict=True)
-        return np.concatenate([term.loss(squares[first:last]) for term, first, last in parts], axis=-1)
-
-    def cost(self, vector: Float64[ndarray, "5"]) -> float:
-        return float(0.5 * self.loss(np.square(self.residuals(vector[None, self.free])[0]))[0].sum())
-
-    def covariance(self, vector: Float64[ndarray, "5"]) -> Float64[ndarray, "5 5"]:
-        free = vector[self.free]
-        certainty = np.repeat([term.certainty for term in self.terms], np.diff(self.ends))
-        weights = certainty * self.loss(np.square(self.residuals(free[None])[0]))[1]
-        jacobian = self.jacobian(free)
-        information = 1e-9 * np.eye(5)
-        information[np.ix_(self.free, self.free)] += (jacobian * weights[:, None]).T @ jacobian
+                stacked = [aligned, *terms]
+            fit = RobustFit(stacked, free, vector, tolerance=1e-5, evaluations=15)
+            vector = fit.solve(vector)
+        information = 1e-9 * np.eye(5) + fit.information(vector)
         information[HEADING, HEADING] += 1e-4  # the heading may be undetermined
-        return np.asarray(np.linalg.inv(information))
+        cost = fit.cost(vector) + OUTLIER * self.share * outliers
+        return Mode(vector, np.linalg.inv(information), cost, support)

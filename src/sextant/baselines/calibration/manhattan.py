@@ -9,6 +9,7 @@ is the sine of their angle over its standard deviation, which combines the noise
 deviation of real edges from the axes. The estimate maximizes the posterior under Cauchy noise and a Gaussian prior.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from sextant.baselines.calibration.estimate import CameraPrior
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 from sextant.baselines.calibration.line_segments import segment_lengths
 from sextant.baselines.calibration.robust_fit import HIGH, LOW, RobustFit
+from sextant.baselines.calibration.terms import Term, student
 
 #: Standard deviations: of a segment's end across it, in image heights; of a real edge from its axis, in radians.
 END_NOISE, WORLD_NOISE = 0.0012, np.radians(0.4)
@@ -28,6 +30,8 @@ THRESHOLD = np.radians(2.5)
 FIRST_ROUND = (2 * THRESHOLD,)
 #: Errors of segments in one picture are correlated: their total weight is at most that of this many.
 EFFECTIVE_SEGMENTS = 25.0
+#: cost of a segment that fits no axis: that of one at the threshold
+OUTLIER = 0.5 * math.log1p((math.sin(THRESHOLD) / WORLD_NOISE) ** 2)
 #: Indices of tilt, roll, log focal and k1_hat among the five numbers.
 BELIEFS = np.array([0, 1, 3, 4])
 
@@ -103,6 +107,58 @@ def nearest_axis(
     return distance.argmin(axis=0), distance.min(axis=0) < np.sin(threshold)
 
 
+class AlignedSegments(Term):
+    """Residuals of segments, which point to the vanishing points that they are assigned to.
+
+    Args:
+        segments: distorted ends in image heights.
+        axis: axis of each segment: 0 right, 1 down, 2 forward.
+        share: weight of each segment, which bounds the total weight of a picture's segments.
+        certainty: see :class:`~sextant.baselines.calibration.terms.Term`.
+        shorter: shorter side of the photo in image heights, of which the noise of ends is a fraction.
+    """
+
+    def __init__(
+        self,
+        segments: Float64[ndarray, "n 2 2"],
+        axis: Int[ndarray, "n"],
+        share: float,
+        certainty: float = 1.0,
+        shorter: float = 1.0,
+    ):
+        self.segments, self.axis, self.share, self.certainty = segments, axis, share, certainty
+        self.noise = np.hypot(WORLD_NOISE, 2 * END_NOISE * shorter / segment_lengths(segments))
+
+    def residuals(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b n"]:
+        """Sines of the angles between segments and the directions to their vanishing points."""
+        axes = np.take_along_axis(camera_axes(vectors), self.axis[None, None], axis=2)
+        return sines_to(axes, np.exp(vectors[:, 3, None]), straightened(vectors, self.segments)) / self.noise
+
+    def loss(self, squares: Float64[ndarray, "*b n"]) -> Float64[ndarray, "3 *b n"]:
+        """Cauchy's loss."""
+        more = 1 + squares
+        return self.share * np.stack([np.log(more), 1 / more, -1 / np.square(more)])
+
+
+class Normal(Term):
+    """A camera that is known up to normal errors, in all but its heading.
+
+    Args:
+        prior: the camera and its standard deviations.
+    """
+
+    def __init__(self, prior: CameraPrior):
+        self.mean, self.sigma = prior.vector, np.array(prior.sigma)
+
+    def residuals(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b 4"]:
+        """Residuals of tilt, roll, log focal and k1_hat."""
+        return np.asarray((vectors[:, BELIEFS] - self.mean) / self.sigma)
+
+    def loss(self, squares: Float64[ndarray, "*b 4"]) -> Float64[ndarray, "3 *b 4"]:
+        """The loss of a normal distribution."""
+        return student(squares, math.inf)
+
+
 def fit_manhattan(
     segments: Float64[ndarray, "n 2 2"],
     start: Float64[ndarray, "5"],
@@ -120,56 +176,18 @@ def fit_manhattan(
         bent: whether k1_hat is fitted as well; otherwise it keeps the value of ``start``.
         thresholds: largest angle of a segment from its axis in each round, in radians.
     """
-    vector = np.clip(start, LOW + 1e-6, HIGH - 1e-6)
+    vector, belief = np.clip(start, LOW + 1e-6, HIGH - 1e-6), Normal(prior)
     for threshold in thresholds:
         axis, near = nearest_axis(vector, segments, threshold)
-        problem = _Problem(segments[near], axis[near], prior, np.arange(5 if bent else 4), vector)
-        vector = problem.solve(vector)
-    return problem.result(vector, outliers=int((~near).sum()))
-
-
-class _Problem(RobustFit):
-    """Residuals of segments with known axes and of the prior, over the ``free`` numbers among the five."""
-
-    def __init__(
-        self,
-        segments: Float64[ndarray, "n 2 2"],
-        axis: Int[ndarray, "n"],
-        prior: CameraPrior,
-        free: Int[ndarray, "k"],
-        fixed: Float64[ndarray, "5"],
-    ):
-        super().__init__(free, fixed)
-        self.segments, self.axis = segments, axis
-        self.mean, self.sigma = prior.vector, np.array(prior.sigma)
-        self.noise = np.hypot(WORLD_NOISE, 2 * END_NOISE / segment_lengths(segments))
-        self.share = min(1.0, EFFECTIVE_SEGMENTS / max(len(segments), 1))
-
-    def residuals_of(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b m"]:
-        axes = np.take_along_axis(camera_axes(vectors), self.axis[None, None], axis=2)  # (b, 3, n)
-        ends = straightened(vectors, self.segments)
-        data = sines_to(axes, np.exp(vectors[:, 3, None]), ends) / self.noise
-        belief = (vectors[:, BELIEFS] - self.mean) / self.sigma
-        return np.concatenate([data, belief], axis=1)
-
-    def loss(self, squares: Float64[ndarray, "m"]) -> Float64[ndarray, "3 m"]:
-        """Cauchy for the segments, whose total weight is at most :data:`EFFECTIVE_SEGMENTS`; Gaussian for the prior."""
-        count = len(self.segments)
-        rho = np.stack([squares, np.ones_like(squares), np.zeros_like(squares)])
-        more = 1 + squares[:count]
-        rho[:, :count] = self.share * np.stack([np.log(more), 1 / more, -1 / more**2])
-        return rho
-
-    def result(self, vector: Float64[ndarray, "5"], outliers: int) -> ManhattanFit:
-        residuals = self.residuals(vector[None, self.free])[0]
-        rho = self.loss(np.square(residuals))
-        jacobian = self.jacobian(vector[self.free])
-        information = np.zeros((5, 5))
-        information[np.ix_(self.free, self.free)] = (jacobian * rho[1][:, None]).T @ jacobian
-        if 4 not in self.free:
-            information[4, 4] = self.sigma[3] ** -2
-        information[2, 2] += 1e-6  # the heading may be undetermined
-        # an outlier costs as much as a segment at the threshold, so that discarding segments does not reduce the cost
-        bound = np.log1p(np.square(np.sin(THRESHOLD) / WORLD_NOISE)) * self.share
-        cost = 0.5 * float(rho[0].sum()) + 0.5 * bound * outliers
-        return ManhattanFit(vector, np.linalg.inv(information), cost, len(self.segments))
+        inliers = int(near.sum())
+        share = min(1.0, EFFECTIVE_SEGMENTS / max(inliers, 1))
+        terms = [AlignedSegments(segments[near], axis[near], share), belief]
+        fit = RobustFit(terms, np.arange(5 if bent else 4), vector, tolerance=1e-6, evaluations=20)
+        vector = fit.solve(vector)
+    information = fit.information(vector)
+    if not bent:
+        information[4, 4] = prior.sigma[3] ** -2
+    information[2, 2] += 1e-6  # the heading may be undetermined
+    # an outlier costs as much as a segment at the threshold, so that discarding segments does not reduce the cost
+    cost = fit.cost(vector) + OUTLIER * share * (len(segments) - inliers)
+    return ManhattanFit(vector, np.linalg.inv(information), cost, inliers)

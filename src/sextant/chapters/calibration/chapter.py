@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sextant.chapters.calibration.config import CalibrationConfig
 from sextant.config.building import build, part_name
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
-from sextant.kit.chapter import Chapter, Content, TestRecord
+from sextant.kit.chapter import Chapter, TestRecord
 
 if TYPE_CHECKING:
     from numpy import ndarray
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     from sextant.chapters.calibration.data.panoramas import PanoramaSource
     from sextant.chapters.calibration.task import Calibration
     from sextant.kit.measure import RunValues, SharedSet
-    from sextant.kit.offers import Exportable, PhotoPredictor
 
 #: geometric methods, by their names in results
 BY_LINES = ("vanishing points", "plumb lines", "both")
@@ -159,18 +157,6 @@ class CalibrationChapter(Chapter[CalibrationConfig]):
         from sextant.chapters.calibration.measure import calibrated
 
         return calibrated(arrays, reads)
-
-    def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
-        """Images and their aspect ratios to cameras, with 95 % intervals."""
-        from sextant.chapters.calibration.serving import exportable
-
-        return exportable(content, checkpoint, trust=trust)
-
-    def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
-        """The camera of each photo."""
-        from sextant.chapters.calibration.serving import photo_predictor
-
-        return photo_predictor(content, checkpoint, trust=trust)
 
 
 CHAPTER = CalibrationChapter

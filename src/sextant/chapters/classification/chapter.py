@@ -1,7 +1,6 @@
 """The chapter of image classification under corruptions: what its runs consist of."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sextant.chapters.classification.config import ClassificationConfig
@@ -10,7 +9,7 @@ from sextant.config.schema.images import PerturbationSuite
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
-from sextant.kit.chapter import Chapter, Content, TestRecord
+from sextant.kit.chapter import Chapter, TestRecord
 from sextant.kit.trained import image_spec
 from sextant.tables import counted
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from sextant.data.datamodule import ImageData
     from sextant.data.source import ImageSource
     from sextant.kit.measure import RunValues, SharedSet
-    from sextant.kit.offers import Exportable, PhotoPredictor
 
 
 class ClassificationChapter(Chapter[ClassificationConfig]):
@@ -155,18 +153,6 @@ class ClassificationChapter(Chapter[ClassificationConfig]):
             return build(config.plain, "inhibition")(network)  # type: ignore[no-any-return]
         except ValueError as error:
             raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
-
-    def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
-        """Maps images to logits."""
-        from sextant.chapters.classification.serving import exportable
-
-        return exportable(content, checkpoint, trust=trust)
-
-    def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
-        """The class of each photo."""
-        from sextant.chapters.classification.serving import photo_predictor
-
-        return photo_predictor(content, checkpoint, trust=trust)
 
 
 CHAPTER = ClassificationChapter

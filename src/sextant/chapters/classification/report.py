@@ -23,6 +23,7 @@ from sextant.evaluation.flips import (
     is_noise,
     mean_flip_probability,
 )
+from sextant.evaluation.headline import over_severities
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,6 +43,18 @@ def errors_of(accuracy: Mapping[str, float], protocol: Protocol) -> CorruptionEr
         key: value for key, value in accuracy.items() if key == "clean" or key.rpartition("/")[0] in protocol.severities
     }
     return CorruptionErrors.of_conditions({key: 1 - value for key, value in of_set.items()})
+
+
+def baseline_of(name: str | None, severities: Mapping[str, Sequence[float]]) -> CorruptionBaseline | None:
+    """The baseline of a set of corruptions, for all five severities of corruptions that it has errors of; or None.
+
+    Args:
+        name: key of the set.
+        severities: severities, or one value for each, by corruption.
+    """
+    baseline = BASELINES.get(name or "")
+    whole = all(len(levels) == SEVERITIES for levels in severities.values())
+    return baseline if baseline is not None and whole and set(severities) <= set(baseline.errors) else None
 
 
 def condition_metrics(result: "ClassificationResult", suite: CorruptionSuite) -> dict[str, float]:
@@ -73,9 +86,8 @@ def corruption_metrics(accuracy: Mapping[str, float], suite: CorruptionSuite) ->
         return {}
     errors = errors_of(accuracy, suite.protocol)
     metrics = {"test/error/clean": errors.clean, "test/error/corrupted": errors.mean()}
-    baseline = BASELINES.get(suite.protocol.set)
-    whole = all(len(levels) == SEVERITIES for levels in errors.severities.values())
-    if baseline is not None and whole and set(errors.severities) <= set(baseline.errors):
+    baseline = baseline_of(suite.protocol.set, errors.severities)
+    if baseline is not None:
         score = corruption_score(errors, baseline)
         metrics |= {"test/mce": score.mean_ce, "test/relative_mce": score.mean_relative_ce}
     return metrics
@@ -89,32 +101,25 @@ def corruption_table(result: "ClassificationResult", suite: CorruptionSuite) -> 
     """
     if suite.protocol is None:
         return []
-    errors, metrics = errors_of(result.accuracy(), suite.protocol), corruption_metrics(result.accuracy(), suite)
-    score = corruption_score(errors, BASELINES[suite.protocol.set]) if "test/mce" in metrics else None
-    told, trust = errors.by_corruption(), result.trust()
+    errors, trust = errors_of(result.accuracy(), suite.protocol), result.trust()
+    baseline = baseline_of(suite.protocol.set, errors.severities)
+    score = None if baseline is None else corruption_score(errors, baseline)
+    told = errors.by_corruption()
+    columns = [("ECE", over_severities(trust, "test/ece/"), 4), ("NLL", over_severities(trust, "test/nll/"), 3)]
 
     def row(name: str, error: float, ratios: tuple[float, ...], over: Sequence[str]) -> dict[str, str]:
         found = {"corruption": name, "error %": f"{100 * error:.1f}"}
         if score is not None:
             found |= {key: f"{100 * ratio:.1f}" for key, ratio in zip(("CE %", "relative CE %"), ratios, strict=False)}
-        for title, metric, digits in (("ECE", "ece", 4), ("NLL", "nll", 3)):
-            values = [
-                float(np.mean([v for k, v in trust.items() if _is_of(k, metric, each)] or [np.nan])) for each in over
-            ]
-            found[title] = f"{np.mean(values):.{digits}f}"
+        for title, means, digits in columns:
+            found[title] = f"{np.mean([means.get(each, np.nan) for each in over]):.{digits}f}"
         return found
 
     rows = [row("clean", errors.clean, (), ["clean"])]
     for name, error in told.items():
         rows.append(row(name, error, () if score is None else (score.ce[name], score.relative_ce[name]), [name]))
-    means = () if score is None else (score.mean_ce, score.mean_relative_ce)
-    return [*rows, row("mean", errors.mean(), means, list(told))]
-
-
-def _is_of(key: str, metric: str, corruption: str) -> bool:
-    """Whether a metric's key is of this corruption, at any severity."""
-    condition = key.removeprefix(f"test/{metric}/")
-    return condition != key and (condition.rpartition("/")[0] or condition) == corruption
+    ratios = () if score is None else (score.mean_ce, score.mean_relative_ce)
+    return [*rows, row("mean", errors.mean(), ratios, list(told))]
 
 
 def sheet_conditions(suite: CorruptionSuite) -> list[Condition]:

@@ -21,7 +21,7 @@ from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, conditions_name
-from sextant.kit.chapter import Chapter, Content, TestRecord
+from sextant.kit.chapter import Chapter, TestRecord
 from sextant.kit.trained import image_spec
 from sextant.runs.resolve import resolve_run
 from sextant.tables import counted
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from sextant.chapters.cosfire.task import CosfireRecognition
     from sextant.data.examples import ExampleData
     from sextant.kit.measure import RunValues, SharedSet
-    from sextant.kit.offers import Exportable, PhotoPredictor
 
 
 class CosfireChapter(Chapter[CosfireConfig]):
@@ -234,18 +233,6 @@ class CosfireChapter(Chapter[CosfireConfig]):
         from sextant.chapters.cosfire.measure import recognised
 
         return recognised(arrays, reads)
-
-    def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
-        """Maps images to the feature map that the filters use."""
-        from sextant.chapters.cosfire.serving import exportable
-
-        return exportable(content, checkpoint, trust=trust)
-
-    def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
-        """The class of each photo."""
-        from sextant.chapters.cosfire.serving import photo_predictor
-
-        return photo_predictor(content, checkpoint, trust=trust)
 
 
 CHAPTER = CosfireChapter

@@ -421,7 +421,7 @@ class LocalizationTask(TaskNode):
     """Localization in a map of images at known poses."""
 
     name: Literal["localization"]
-    objective: Literal["joint", "vecchia", "places"]
+    objective: Literal["joint", "vecchia"]
     images: int = Field(ge=10, le=100_000, examples=[600])
     neighbours: Count = Field(examples=[20])
     validation_images: Count = Field(examples=[200])

@@ -315,7 +315,6 @@ class Localizer:
     def load(
         cls,
         folder: Path | str,
-        run: Path | str | None = None,
         *,
         outputs: Path | str | None = None,
         descriptor: Describes | None = None,
@@ -336,7 +335,6 @@ class Localizer:
 
         Args:
             folder: an MLflow run id, a run directory or its name, or the folder of a map.
-            run: place-recognition run whose network describes images; an error if it is not the map's.
             outputs: folder of runs; the folder that runs are written to by default.
             descriptor: descriptor of images, for a map whose own could not be saved.
             motion, recovery, radius: replace those of the map.
@@ -346,12 +344,12 @@ class Localizer:
             trust: build user-defined parts that the map or a network's config names.
 
         Raises:
-            UserError: there is no map, it is damaged, or its descriptors are of another run.
+            UserError: there is no map, or it is damaged.
         """
         check_parts(motion=motion, recovery=recovery)
         where = default_outputs() if outputs is None else Path(outputs).expanduser()
         parts = open_localizer(
-            folder, where, run=run, descriptor=descriptor, motion=motion, recovery=recovery, verify=verify, trust=trust
+            folder, where, descriptor=descriptor, motion=motion, recovery=recovery, verify=verify, trust=trust
         )
         given = {"radius": radius, "particles": particles}
         parts |= {name: value for name, value in given.items() if value is not None}

@@ -97,7 +97,6 @@ def open_localizer(
     folder: Path | str,
     outputs: Path,
     *,
-    run: Path | str | None = None,
     descriptor: Describes | None = None,
     motion: MotionModel | None = None,
     recovery: Recovery | None = None,
@@ -109,7 +108,7 @@ def open_localizer(
     saved = load_map(folder, verify=verify, trust=trust)
     settings = saved.facts.get("localizer")
     if settings is None:
-        return _without_settings(saved, folder, run, descriptor, motion, recovery)
+        return _without_settings(saved, descriptor, motion, recovery)
     if not isinstance(settings, dict):
         raise UserError(f"the map in {folder} is damaged: it has no valid filter settings", "Save it again.")
     kept = load_descriptor(folder / DESCRIPTOR, trust=trust)
@@ -118,8 +117,6 @@ def open_localizer(
             f"{folder / DESCRIPTOR} is not the descriptor that the map was made with",
             "Copy the whole folder of the map, or save it again.",
         )
-    if run is not None:
-        _require_run(kept, run, folder)
     if descriptor is not None:
         if kept.describer is not None:
             raise UserError(
@@ -152,15 +149,11 @@ def open_localizer(
 
 def _without_settings(
     saved: SavedMap,
-    folder: Path,
-    run: Path | str | None,
     descriptor: Describes | None,
     motion: MotionModel | None,
     recovery: Recovery | None,
 ) -> dict[str, Any]:
     """The arguments of a localizer for a map that no localizer saved."""
-    if run is not None:
-        raise UserError(f"run={run}: the map in {folder} does not record its descriptor", "Leave out run=.")
     filter = usual_filter(saved.model.map.poses, saved.model.kernel, motion=motion, recovery=recovery)
     return {
         "model": saved.model,
@@ -267,13 +260,3 @@ def described_map(
     assert kept.describer is not None
     parts = [kept.describer.describe(images[start : start + size]) for start in range(0, len(images), size)]
     return kept, np.ascontiguousarray(np.concatenate(parts), np.float32)
-
-
-def _require_run(kept: SavedDescriptor, run: Path | str, folder: Path) -> None:
-    found = resolve_run(str(run), default_outputs())
-    if kept.facts.get("checkpoint_sha256") != found.identity:
-        of = "from another run" if kept.facts["kind"] == "network" else f"not from a network ({kept.facts['kind']})"
-        raise UserError(
-            f"run={run}: the descriptors of the map in {folder} are {of}, so this run cannot describe images for it",
-            f"Leave out run= to use the map's own descriptor, or rebuild the map with descriptor=run:{run}",
-        )

@@ -127,9 +127,9 @@ def _trajectory_figures(judged: Judged, *, headed: bool) -> dict[str, float]:
     spans = [
         (int(begin), int(end)) if begin != NEVER else (0, 0) for begin, end in zip(judged.converged, ends, strict=True)
     ]
-    errors = pooled_errors(runs.poses, judged.outcome.track.pose, spans)
-    values = {"ate_aligned_rmse": _rmse(errors.aligned), "rpe_rmse": _rmse(errors.step)}
-    return values | ({"rpe_deg_rmse": _rmse(errors.step_deg)} if headed else {})
+    aligned, step, step_deg = pooled_errors(runs.poses, judged.outcome.track.pose, spans)
+    values = {"ate_aligned_rmse": _rmse(aligned), "rpe_rmse": _rmse(step)}
+    return values | ({"rpe_deg_rmse": _rmse(step_deg)} if headed else {})
 
 
 def table(found: Mapping[str, Judged], data: LocalizationData) -> list[dict[str, str]]:

@@ -41,7 +41,6 @@ from sextant.localization.likelihood import Likelihood
 from sextant.localization.metric_pose import DrivePoses, MetricErrors, pose_volume
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Camera, Observer
-from sextant.localization.place_kernel import discriminative_kernel
 from sextant.localization.pose_kernel import PoseKernel, Spatial
 from sextant.reporter import SILENT, Progress
 from sextant.training.schedules import OptimizerFactory, Schedule, optimizers
@@ -86,8 +85,7 @@ class Localization(pl.LightningModule):
         sharper: arguments of :meth:`PoseKernel.sharpened` for the trained kernel; None uses it as it is.
         observation: makes the observation model, which is then fitted.
         calibration: what is fitted after training.
-        objective: what training maximizes: the likelihood of all images, or Vecchia's; with ``places``, after the
-            first, the probability of their places (:mod:`sextant.localization.place_kernel`).
+        objective: what training maximizes: the likelihood of all images, or Vecchia's.
         neighbours: number of neighbours of each image, for ``vecchia``.
         metric: locates frames by correspondences; None for descriptors alone. How located poses err is fitted to the
             validation drives.
@@ -100,7 +98,6 @@ class Localization(pl.LightningModule):
     fitted: Tensor
     region_scale: Tensor
     metric_errors: Tensor
-    discriminative: Tensor
 
     def __init__(
         self,
@@ -111,7 +108,7 @@ class Localization(pl.LightningModule):
         calibration: Calibration,
         *,
         sharper: tuple[float, float, float] | None = None,
-        objective: Literal["joint", "vecchia", "places"] = "joint",
+        objective: Literal["joint", "vecchia"] = "joint",
         neighbours: int = 20,
         metric: Callable[[LocalizationDataModule], MetricMap] | None = None,
         weighs: bool = False,
@@ -133,8 +130,6 @@ class Localization(pl.LightningModule):
         self.register_buffer("whitener", torch.eye(dimension if calibration.whitening else 0, dtype=torch.float64))
         self.register_buffer("region_scale", torch.tensor(1.0, dtype=torch.float64))
         self.register_buffer("fitted", torch.tensor([1.0, 0.0], dtype=torch.float64))  # tempering, appearance noise
-        if objective == "places":
-            self.register_buffer("discriminative", torch.tensor([1.0, 0.0], dtype=torch.float64))  # length, noise
         self._conditioning: tuple[DescriptorMap, Conditioning] | None = None
         self._fitted_map: tuple[Drive, PoseKernel, ObservationModel] | None = None
         self._fit_s = 0.0
@@ -155,7 +150,7 @@ class Localization(pl.LightningModule):
 
     def training_step(self, rows: Tensor, batch_idx: int) -> Tensor:
         """The negative log-likelihood per value of a descriptor, in nats."""
-        if self.objective != "vecchia":
+        if self.objective == "joint":
             seen = self._map_of(self._data.drives.fitted, rows)
             value = joint_log_likelihood(self.kernel, seen.poses, seen.descriptors, seen.mean)
             count = seen.descriptors.numel()
@@ -203,11 +198,6 @@ class Localization(pl.LightningModule):
         """Fit appearance noise and tempering to validation images, then tempering and regions along those drives."""
         wanted = self.calibration
         self.region_scale.fill_(1.0)  # discards the scale of a resumed run
-        if self.objective == "places":
-            trained = self.kernel.frozen()
-            kernel = discriminative_kernel(trained, self._map_of(data.drives.fitted))
-            self.discriminative[0] = kernel.length[0] / trained.length[0]
-            self.discriminative[1] = kernel.noise_variance / kernel.signal_variance
         model, queries = self._validation(data)
         likelihood = replace(wanted.likelihood, tempering=1.0)
         if wanted.fit_noise:
@@ -263,10 +253,8 @@ class Localization(pl.LightningModule):
 
     @property
     def used_kernel(self) -> PoseKernel:
-        """The trained kernel, or that which tells places apart, sharpened if requested."""
+        """The trained kernel, sharpened if requested."""
         trained = self.kernel.frozen()
-        if self.objective == "places":
-            trained = trained.sharpened(*self.discriminative.tolist())
         return trained if self.sharper is None else trained.sharpened(*self.sharper)
 
     def whiten(self, descriptors: Float32[Tensor, "n d"]) -> Float32[Tensor, "n d"]:

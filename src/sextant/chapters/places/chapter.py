@@ -16,7 +16,7 @@ from sextant.data.source import MissingDataError
 from sextant.errors import ArgumentError, UserError
 from sextant.evaluation.headline import Headline
 from sextant.kit.assemble import about_headline, build_dataset, build_suite, build_training, is_corrupted
-from sextant.kit.chapter import Chapter, Content, Source, TestRecord
+from sextant.kit.chapter import Chapter, Source, TestRecord
 from sextant.reporter import Reporter
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from sextant.chapters.places.data.images import Split
     from sextant.chapters.places.task import PlaceRecognition
     from sextant.kit.measure import RunValues, SharedSet
-    from sextant.kit.offers import Exportable, PhotoPredictor
     from sextant.models import PlaceNet
 
 
@@ -288,18 +287,6 @@ class PlacesChapter(Chapter[PlacesConfig]):
         from sextant.chapters.places.network import place_network
 
         return place_network(config.plain, spec, partial(build, config.plain))
-
-    def exportable(self, content: Content, checkpoint: Path, *, trust: bool) -> "Exportable":
-        """Images to descriptors."""
-        from sextant.chapters.places.serving import exportable
-
-        return exportable(content, checkpoint, trust=trust)
-
-    def photo_predictor(self, content: Content, checkpoint: Path, *, trust: bool) -> "PhotoPredictor":
-        """The descriptor of each photo."""
-        from sextant.chapters.places.serving import photo_predictor
-
-        return photo_predictor(content, checkpoint, trust=trust)
 
 
 CHAPTER = PlacesChapter

@@ -17,7 +17,7 @@ from sextant.chapters.places.described_map import DESCRIPTOR, DescribedMap, fail
 from sextant.chapters.places.describing import describe
 from sextant.chapters.places.given_descriptors import GivenDescriptors, given_rows
 from sextant.chapters.places.looked_up import LookedUp, looked_up
-from sextant.chapters.places.match_confidence import CANDIDATES, RERANKED
+from sextant.chapters.places.match_confidence import CANDIDATES, RERANKED, deviations
 from sextant.chapters.places.matching import Matches
 from sextant.chapters.places.photo_features import (
     Kind,
@@ -384,7 +384,7 @@ class PlaceMap(DescribedMap):
         usual = self._features is not None and self._features.extractor.model == XFeatures().model
         if not usual or told.compared < min(CANDIDATES, len(self)):
             return np.full(len(matches.margin), np.nan)
-        return RERANKED.probability(told.inliers, told.rival)
+        return RERANKED.probability(deviations(told.inliers, told.rival))
 
     def _look_up(
         self,

@@ -51,6 +51,7 @@ class Sweep(Node):
             then the replicate: its seeds are averaged, and intervals are over worlds.
         seeds_of: largest number of seeds of the settings with a value of a factor, by that value.
         block: ``k/n``: run only the k-th of n blocks, which are cut between settings and seeds; None runs all.
+        interval: kind of the intervals of contrasts: Student's t.
         quick: overrides of its small form for ``preset=quick``; empty if it is already small.
     """
 
@@ -65,7 +66,7 @@ class Sweep(Node):
     contrasts: dict[str, Contrast] = Field(default_factory=dict)
     noise_floor: str | None = None
     published: dict[str, dict[str, dict[str, float]]] = Field(default_factory=dict)
-    interval: Literal["t", "bootstrap"] = "t"
+    interval: Literal["t", "bootstrap"] = "t"  # all are t; runs of 0.1 may hold the other
     metrics: list[str] = Field(default_factory=list)
     quick: list[str] | None = None
     search: Search | None = None

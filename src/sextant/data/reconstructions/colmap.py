@@ -18,7 +18,6 @@ from sextant.data.reconstructions.reconstruction import (
     inverted,
     reconstruction_of,
     rotation_of,
-    unusable,
 )
 from sextant.errors import UserError
 from sextant.user_files import absent, read_lines, read_text
@@ -40,8 +39,7 @@ def read_colmap_text(path: Path) -> Reconstruction:
     """
     cameras = path.with_name("cameras.txt")
     lenses = _lenses(cameras) if cameras.is_file() else {}
-    images: list[PosedImage] = []
-    problems: list[str] = []
+    found: list[PosedImage | str] = []
     follows = False  # an image, whose points may come
     for number, line in enumerate(read_text(path, FIX).splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
@@ -53,15 +51,13 @@ def read_colmap_text(path: Path) -> Reconstruction:
         words = line.split(maxsplit=9)
         values = finite(words[1:8], 7) if len(words) == 10 and words[0].isdecimal() else None
         if values is None:
-            problems.append(f"line {number}: not IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME: {line[:40]}")
+            found.append(f"line {number}: not IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME: {line[:40]}")
         elif (rotation := rotation_of(values[:4])) is None:
-            problems.append(f"line {number}: the quaternion has not length 1")
+            found.append(f"line {number}: the quaternion has not length 1")
         else:
             pose = inverted(rotation, values[4:])
-            images.append(PosedImage(words[9].strip(), pose, lenses.get(words[8])))
-    if problems:
-        raise unusable(path, problems, FIX)
-    return reconstruction_of(path, images)
+            found.append(PosedImage(words[9].strip(), pose, lenses.get(words[8])))
+    return reconstruction_of(path, found, fix=FIX)
 
 
 def _lenses(path: Path) -> dict[str, Lens]:
@@ -141,8 +137,7 @@ def read_colmap_binary(path: Path) -> Reconstruction:
     cameras = path.with_name("cameras.bin")
     lenses = _binary_lenses(cameras) if cameras.is_file() else {}
     file = _Bytes(path)
-    images: list[PosedImage] = []
-    problems: list[str] = []
+    found: list[PosedImage | str] = []
     for _ in range(int(file.take("Q")[0])):
         _, *values, camera = file.take("I7dI")
         name = file.text()
@@ -150,12 +145,10 @@ def read_colmap_binary(path: Path) -> Reconstruction:
         numbers = finite(values, 7)
         rotation = None if numbers is None else rotation_of(numbers[:4])
         if numbers is None or rotation is None:
-            problems.append(f"{name}: {np.round(values, 3).tolist()} is not a pose")
+            found.append(f"{name}: {np.round(values, 3).tolist()} is not a pose")
         else:
-            images.append(PosedImage(name, inverted(rotation, numbers[4:]), lenses.get(int(camera))))
-    if problems:
-        raise unusable(path, problems, BINARY_FIX)
-    return reconstruction_of(path, images)
+            found.append(PosedImage(name, inverted(rotation, numbers[4:]), lenses.get(int(camera))))
+    return reconstruction_of(path, found, fix=BINARY_FIX)
 
 
 def _binary_lenses(path: Path) -> dict[int, Lens]:

@@ -21,14 +21,13 @@ from sextant.data.reconstructions.reconstruction import (
     Reconstruction,
     finite,
     reconstruction_of,
-    unusable,
 )
 from sextant.errors import UserError
 
 FIX = "It is the transforms.json that ns-process-data or instant-ngp's colmap2nerf.py wrote."
-#: camera of OpenGL -> camera here
 #: camera models that OpenCV has with the same parameters
 SHARED = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE")
+#: camera of OpenGL -> camera here
 DOWN_FORWARD = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -42,17 +41,11 @@ def read_nerfstudio(path: Path) -> Reconstruction:
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list):
         raise UserError(f'{path}: a list of "frames" is expected', FIX)
-    images: list[PosedImage] = []
-    problems: list[str] = []
+    found: list[PosedImage | str] = []
     for number, frame in enumerate(frames, start=1):
         image = _image(frame, content) if isinstance(frame, dict) and isinstance(frame.get("file_path"), str) else None
-        if image is None:
-            problems.append(f"frame {number}: its file_path or its 4x4 transform_matrix is missing or not a pose")
-        else:
-            images.append(image)
-    if problems:
-        raise unusable(path, problems, FIX)
-    return reconstruction_of(path, images)
+        found.append(image or f"frame {number}: its file_path or its 4x4 transform_matrix is missing or not a pose")
+    return reconstruction_of(path, found, fix=FIX)
 
 
 def _image(frame: Mapping[str, Any], common: Mapping[str, Any]) -> PosedImage | None:

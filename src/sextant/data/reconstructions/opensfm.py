@@ -20,7 +20,6 @@ from sextant.data.reconstructions.reconstruction import (
     finite,
     inverted,
     reconstruction_of,
-    unusable,
 )
 from sextant.errors import UserError
 from sextant.tables import counted
@@ -48,23 +47,15 @@ def read_opensfm(path: Path) -> Reconstruction:
             f"the largest of {len(shots)} reconstructions; "
             f"{counted(others, 'image of the others is', 'images of the others are')} in other frames"
         )
-    images: list[PosedImage] = []
-    problems: list[str] = []
-    for name, shot in shots[largest].items():
-        image = _image(name, shot if isinstance(shot, dict) else {}, lenses if isinstance(lenses, dict) else {})
-        if image is None:
-            problems.append(f"{name}: its rotation and translation are not three finite numbers each")
-        else:
-            images.append(image)
-    if problems:
-        raise unusable(path, problems, FIX)
-    return reconstruction_of(path, images, remarks)
+    known = lenses if isinstance(lenses, dict) else {}
+    found = [_image(name, shot if isinstance(shot, dict) else {}, known) for name, shot in shots[largest].items()]
+    return reconstruction_of(path, found, remarks, FIX)
 
 
-def _image(name: str, shot: Mapping[str, Any], lenses: Mapping[str, Any]) -> PosedImage | None:
+def _image(name: str, shot: Mapping[str, Any], lenses: Mapping[str, Any]) -> PosedImage | str:
     turn, translation = finite(shot.get("rotation"), 3), finite(shot.get("translation"), 3)
     if turn is None or translation is None:
-        return None
+        return f"{name}: its rotation and translation are not three finite numbers each"
     rotation = np.asarray(Rotation.from_rotvec(turn).as_matrix())
     return PosedImage(name, inverted(rotation, translation), _lens(lenses.get(str(shot.get("camera")))))
 

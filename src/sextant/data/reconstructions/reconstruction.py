@@ -1,7 +1,7 @@
 """Posed images, from whichever program."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -83,25 +83,36 @@ class Reconstruction:
         return match_names(files, self.names)
 
 
-def reconstruction_of(path: Path, images: Iterable[PosedImage], remarks: Sequence[str] = ()) -> Reconstruction:
+def reconstruction_of(
+    path: Path, found: Sequence[PosedImage | str], remarks: Sequence[str] = (), fix: str = ""
+) -> Reconstruction:
     """The reconstruction of a file's images, in order.
 
+    Args:
+        path: the file.
+        found: its images; of one that cannot be used, the reason.
+        remarks: remarks on the file for the user.
+        fix: what to do if an image cannot be used.
+
     Raises:
-        UserError: there are no images, two have the same name, or one is implausibly far away.
+        UserError: an image cannot be used, there are none, two have the same name, or one is implausibly far away.
     """
-    found = sorted(images, key=lambda image: natural_key(image.name))
-    if not found:
+    problems = [each for each in found if isinstance(each, str)]
+    if problems:
+        raise unusable(path, problems, fix)
+    images = sorted((each for each in found if isinstance(each, PosedImage)), key=lambda image: natural_key(image.name))
+    if not images:
         raise UserError(f"{path}: it has no posed image", "Was the reconstruction successful? Export it again.")
-    twice = [one.name for one, other in pairwise(found) if one.name == other.name]
+    twice = [one.name for one, other in pairwise(images) if one.name == other.name]
     if twice:
         raise UserError(
             f"{path}: {counted(len(twice), 'image has', 'images have')} two poses\n{problem_list(twice)}",
             "Export it again.",
         )
-    far = [f"{each.name}: {why}" for each in found if (why := too_far(each.world_from_camera[:3, 3].tolist()))]
+    far = [f"{each.name}: {why}" for each in images if (why := too_far(each.world_from_camera[:3, 3].tolist()))]
     if far:
         raise unusable(path, far, "Correct these images, or remove them.")
-    return Reconstruction(tuple(found), tuple(remarks))
+    return Reconstruction(tuple(images), tuple(remarks))
 
 
 def inverted(rotation: Float64[ndarray, "3 3"], translation: Float64[ndarray, "3"]) -> Float64[ndarray, "4 4"]:

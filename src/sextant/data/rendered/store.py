@@ -35,18 +35,11 @@ def chosen_items(indices: Indices, count: int) -> ndarray:
     Raises:
         IndexError: an index is out of range or not an integer.
     """
-    if isinstance(indices, slice):
-        return np.arange(count)[indices]
-    chosen = np.asarray(indices)
-    if chosen.size == 0:
-        return np.zeros(chosen.shape, dtype=np.int64)
-    if chosen.dtype == bool:
-        return np.flatnonzero(chosen) if chosen.shape == (count,) else np.arange(count)[chosen]
-    if not np.issubdtype(chosen.dtype, np.integer):
-        raise IndexError(f"an index must be a whole number, got {chosen.dtype}")
-    if chosen.min() < -count or chosen.max() >= count:
-        raise IndexError(f"index {chosen.min()} to {chosen.max()} is out of range for {count} items")
-    return np.where(chosen < 0, chosen + count, chosen)
+    if not isinstance(indices, slice):
+        indices = np.asarray(indices)
+        if indices.size == 0:  # an empty list becomes floating-point
+            indices = indices.astype(np.int64)
+    return np.asarray(np.arange(count)[indices])
 
 
 def create_store(directory: Path, plan: RenderPlan, notify: Notify) -> None:

@@ -15,9 +15,7 @@ it is 0 for random features.
 Source: C. E. Rasmussen and C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, sections 2.1 and 8.
 """
 
-import math
 from abc import abstractmethod
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float64
@@ -27,21 +25,6 @@ from sextant.localization.observation.model import ObservationModel, Prediction
 
 #: Feature values that are held at a time: 32 MiB.
 ENTRIES = 2**22
-
-
-@dataclass(frozen=True)
-class Moments:
-    """The moments of a map that regression on features needs.
-
-    Attributes:
-        gram: :math:`\\Phi^\\top \\Phi`.
-        cross: :math:`\\Phi^\\top \\bar Y`.
-        energy: :math:`\\|\\bar Y\\|^2` over all outputs.
-    """
-
-    gram: Float64[Tensor, "f f"]
-    cross: Float64[Tensor, "f d"]
-    energy: Float64[Tensor, ""]
 
 
 class FeatureRegression(ObservationModel):
@@ -69,18 +52,17 @@ class FeatureRegression(ObservationModel):
         variance = left_out + (features @ self.root).square().sum(1) + self.kernel.noise_variance
         return Prediction(self.map.mean.double() + features @ self.weights, variance)
 
-    def moments(self) -> Moments:
-        """The moments of the whole map, computed in blocks."""
+    def regress(self) -> None:
+        """Set ``weights`` and ``root`` from the whole map, read in blocks."""
         gram = torch.zeros(self.size, self.size, dtype=torch.float64)
         cross = torch.zeros(self.size, self.map.dimension, dtype=torch.float64)
-        energy = torch.zeros((), dtype=torch.float64)
         rows = max(1, ENTRIES // max(self.size, self.map.dimension))
         for poses, descriptors in zip(self.map.poses.split(rows), self.map.descriptors.split(rows), strict=True):
-            features, residuals = self.features_at(poses), (descriptors - self.map.mean).double()
+            features = self.features_at(poses)
             gram += features.T @ features
-            cross += features.T @ residuals
-            energy += residuals.square().sum()
-        return Moments(gram, cross, energy)
+            cross += features.T @ (descriptors - self.map.mean).double()
+        noise = self.kernel.noise_variance
+        self.solve(torch.eye(self.size, dtype=torch.float64) + gram / noise, cross / noise)
 
     def solve(self, precision: Float64[Tensor, "f f"], linear: Float64[Tensor, "f d"]) -> None:
         """Set ``weights`` and ``root`` from the posterior's :math:`\\Lambda` and :math:`\\Lambda W`."""
@@ -88,11 +70,3 @@ class FeatureRegression(ObservationModel):
         eye = torch.eye(self.size, dtype=torch.float64)
         self.root = torch.linalg.solve_triangular(factor.T, eye, upper=True).contiguous()
         self.weights = (self.root @ (self.root.T @ linear)).contiguous()
-
-    def log_evidence(self, moments: Moments) -> float:
-        r"""The log of :math:`N(\bar Y; 0, \Phi\Phi^\top + s_n^2 I)`, the map's density under the features alone."""
-        n, outputs, noise = len(self.map), self.map.dimension, self.kernel.noise_variance
-        log_determinant = -2 * self.root.diagonal().log().sum() + n * math.log(noise)
-        explained = (self.root.T @ moments.cross).square().sum() / noise
-        squared = (moments.energy - explained) / noise
-        return float(-0.5 * (outputs * (log_determinant + n * math.log(2 * math.pi)) + squared))

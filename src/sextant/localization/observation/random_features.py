@@ -68,8 +68,7 @@ class RandomFeatures(FeatureRegression):
         check_noise(self.kernel, type(self).__name__)
         generator = torch.Generator().manual_seed(self.seed)
         self.frequencies = spectral_frequencies(self.kernel, self.features // 2, generator)
-        moments, noise = self.moments(), self.kernel.noise_variance
-        self.solve(torch.eye(self.size, dtype=torch.float64) + moments.gram / noise, moments.cross / noise)
+        self.regress()
 
     def features_at(self, poses: Float64[Tensor, "n 3"]) -> Float64[Tensor, "n f"]:
         """See the module's equation."""

@@ -31,10 +31,10 @@ def _overview(claims: Sequence[DecidedClaim]) -> Spec:
         first = claim.deciding
         if first.matters:
             tip = {
-                "claim": claim.sentence,
+                "claim": claim.stated.sentence,
                 "verdict": claim.verdict,
                 **_tip(first, len(claim.counting)),
-                "published": claim.published,
+                "published": claim.stated.published,
             }
             rows.append(_row(first, claim.name, claim.verdict, tip, 1 / first.matters, f"#{claim.name}"))
     axis = "effect in favour of the claim, in units of the smallest that matters"

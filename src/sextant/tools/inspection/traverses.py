@@ -1,5 +1,7 @@
 """Sibling folders of images: traverses of the same places, or classes."""
 
+import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +40,7 @@ class ImageFolders:
 def image_folders(seen: Seen) -> ImageFolders:
     """Whether sibling folders are traverses or classes, by their names and those of their images."""
     files = list(seen.headers)
-    base = _common(files)
+    base = Path(os.path.commonpath([file.parent for file in files] or [Path()]))
     by_child: dict[Path, list[Path]] = {}
     for file in files:
         if len(file.relative_to(base).parts) > 1:
@@ -65,24 +67,10 @@ def image_folders(seen: Seen) -> ImageFolders:
     return ImageFolders(base, (), "none", classes)
 
 
-def _common(files: Sequence[Path]) -> Path:
-    """The deepest folder around all images."""
-    parts = [file.parent.parts for file in files]
-    shared: list[str] = []
-    for level in zip(*parts, strict=False):
-        if len(set(level)) > 1:
-            break
-        shared.append(level[0])
-    return Path(*shared)
-
-
-def _children(files: Sequence[Path], base: Path) -> dict[str, int]:
-    found: dict[str, int] = {}
-    for file in files:
-        parts = file.relative_to(base).parts
-        if len(parts) > 1:
-            found[parts[0]] = found.get(parts[0], 0) + 1
-    return found
+def _children(files: Sequence[Path], base: Path) -> Counter[str]:
+    """Number of ``files`` by the folder within ``base``."""
+    parts = [file.relative_to(base).parts for file in files]
+    return Counter(each[0] for each in parts if len(each) > 1)
 
 
 def _places(seen: Seen, by_child: dict[Path, list[Path]]) -> KnownBy:

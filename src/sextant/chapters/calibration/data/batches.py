@@ -15,6 +15,7 @@ from torch.utils.data import Dataset
 
 from sextant.chapters.calibration.data.camera_distributions import CameraDistribution
 from sextant.chapters.calibration.data.crops import crop_batch
+from sextant.data.batches import StoredImages
 from sextant.data.counters import uniforms
 from sextant.geometry import CameraParameters
 from sextant.geometry.canvas import on_canvas
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class CropBatch:
+class CropBatch(StoredImages):
     """Crops with the cameras that they were taken with.
 
     Attributes:
@@ -42,25 +43,6 @@ class CropBatch:
     panoramas: Int64[Tensor, "b"]
     indices: Int64[Tensor, "b"]
     weight: float = 1.0
-
-    def to(self, device: torch.device, non_blocking: bool = False) -> "CropBatch":
-        """The batch on another device."""
-
-        def moved(tensor: Tensor) -> Tensor:
-            return tensor.to(device, non_blocking=non_blocking)
-
-        return CropBatch(
-            moved(self.images),
-            CameraParameters(*map(moved, self.cameras)),
-            moved(self.aspect),
-            moved(self.panoramas),
-            moved(self.indices),
-            self.weight,
-        )
-
-    def images_in_unit_range(self) -> Tensor:
-        """Images as float32 in [0, 1]."""
-        return self.images.float() / 255
 
 
 #: standard deviation, in widths of a line, of the Gaussian that attenuates the finest wave to a tenth

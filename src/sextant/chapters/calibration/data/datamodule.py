@@ -7,8 +7,8 @@ from torch.utils.data import DataLoader
 from sextant.chapters.calibration.data.batches import CropBatch, Crops
 from sextant.chapters.calibration.data.camera_distributions import CameraDistribution
 from sextant.chapters.calibration.data.panoramas import PanoramaSource
-from sextant.data.batches import EpochBatches
-from sextant.data.share import WHOLE, Share, SharedBatches
+from sextant.data.batches import EpochBatches, epoch_of, loader
+from sextant.data.share import Share, SharedBatches
 from sextant.geometry import CameraParameters
 
 #: seeds of the draws of validation and test: the same for every run
@@ -96,24 +96,13 @@ class CalibrationData(pl.LightningDataModule):
     def train_dataloader(self) -> DataLoader[CropBatch]:
         """New crops every epoch, a function of (seed, epoch)."""
         batches = EpochBatches(self.count("train"), self.batch_size, self.seed, numbered=True)
-        if self.trainer is not None:
-            # On resuming, Lightning takes the first iterator before it sets the sampler's epoch.
-            batches.set_epoch(self.trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
-        return self._loader("train", batches, Share.of_trainer(self.trainer))
+        batches.set_epoch(epoch_of(self.trainer))
+        return loader(SharedBatches(self._splits["train"], Share.of_trainer(self.trainer)), batches, self.workers)
 
     def val_dataloader(self) -> DataLoader[CropBatch]:
         """The same validation crops in every epoch."""
-        return self._loader("val", EpochBatches(self.count("val"), self.eval_batch_size))
+        return loader(self._splits["val"], EpochBatches(self.count("val"), self.eval_batch_size))
 
     def test_dataloader(self) -> DataLoader[CropBatch]:
         """Test crops in order."""
-        return self._loader("test", EpochBatches(self.count("test"), self.eval_batch_size))
-
-    def _loader(self, name: str, batches: EpochBatches, share: Share = WHOLE) -> DataLoader[CropBatch]:
-        return DataLoader(
-            SharedBatches(self._splits[name], share),
-            sampler=batches,
-            batch_size=None,
-            num_workers=self.workers if name == "train" else 0,
-            persistent_workers=self.workers > 0 and name == "train",
-        )
+        return loader(self._splits["test"], EpochBatches(self.count("test"), self.eval_batch_size))

@@ -14,6 +14,7 @@ from torch.utils.data import Dataset, Sampler
 from sextant.chapters.places.data.augmentation import PlaceAugmentation
 from sextant.chapters.places.data.images import PlaceImages, pairs_of
 from sextant.chapters.places.data.tolerance import PlaceTolerance
+from sextant.data.batches import StoredImages
 from sextant.data.share import WHOLE, Share
 from sextant.errors import ArgumentError
 from sextant.retrieval import Places
@@ -23,7 +24,7 @@ LOOKAHEAD = 16
 
 
 @dataclass(frozen=True)
-class PlaceBatch:
+class PlaceBatch(StoredImages):
     """A batch of images with the place of each.
 
     Attributes:
@@ -43,18 +44,6 @@ class PlaceBatch:
     condition: Int64[Tensor, "b"]
     rows: Int64[Tensor, "b"]
     indices: Int64[Tensor, "b"]
-
-    def to(self, device: torch.device, non_blocking: bool = False) -> "PlaceBatch":
-        """The batch on another device."""
-
-        def moved(tensor: Tensor | None) -> Tensor | None:
-            return None if tensor is None else tensor.to(device, non_blocking=non_blocking)
-
-        return PlaceBatch(*(moved(getattr(self, name)) for name in self.__dataclass_fields__))  # type: ignore[arg-type]
-
-    def images_in_unit_range(self) -> Tensor:
-        """Images as float32 in [0, 1]."""
-        return self.images.float() / 255
 
 
 class PlaceBatchImages(Dataset[PlaceBatch]):

@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytorch_lightning as pl
-from torch import Tensor
-from torch.utils.data import DataLoader, Sampler
+from torch.utils.data import DataLoader
 
 from sextant.chapters.places.data.augmentation import PlaceAugmentation
 from sextant.chapters.places.data.batches import PlaceBatch, PlaceBatches, PlaceBatchImages
 from sextant.chapters.places.data.images import PlaceImages, Split
 from sextant.chapters.places.data.source import PlaceSource
 from sextant.chapters.places.data.tolerance import PlaceTolerance
-from sextant.data.batches import EpochBatches
+from sextant.data.batches import EpochBatches, epoch_of, loader
 from sextant.data.share import Share
 from sextant.errors import ArgumentError, problem_list
 
@@ -174,11 +173,9 @@ class PlaceData(pl.LightningDataModule):
     def train_dataloader(self) -> DataLoader[PlaceBatch]:
         """New batches of places in every epoch, a function of (seed, epoch)."""
         places, batches, trainer = self._splits["train"], self._training_batches(), self.trainer
-        if trainer is not None:
-            # On resuming, Lightning creates the first iterator before it sets the sampler's epoch.
-            batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
+        batches.set_epoch(epoch_of(trainer))
         images = PlaceBatchImages(places, self.augmentation, self.seed, Share.of_trainer(trainer))
-        return self._loader(images, batches, self.workers)
+        return loader(images, batches, self.workers)
 
     def val_dataloader(self) -> DataLoader[PlaceBatch]:
         """Validation images in order."""
@@ -191,8 +188,4 @@ class PlaceData(pl.LightningDataModule):
     def in_order(self, name: str) -> DataLoader[PlaceBatch]:
         """All images of a split in order, unchanged; for training images, used in fitting and mining."""
         places = self._splits[name]
-        return self._loader(PlaceBatchImages(places), EpochBatches(len(places), self.eval_batch_size), 0)
-
-    @staticmethod
-    def _loader(images: PlaceBatchImages, batches: Sampler[Tensor], workers: int) -> DataLoader[PlaceBatch]:
-        return DataLoader(images, sampler=batches, batch_size=None, num_workers=workers, persistent_workers=workers > 0)
+        return loader(PlaceBatchImages(places), EpochBatches(len(places), self.eval_batch_size))

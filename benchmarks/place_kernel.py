@@ -49,14 +49,6 @@ def discriminative_kernel(kernel: PoseKernel, found: DescriptorMap) -> PoseKerne
     Args:
         kernel: the likeliest kernel of the map.
         found: the map.
-
-    Example:
-        >>> line = torch.tensor([[2.0 * x, 0.0, 0.0] for x in range(40)], dtype=torch.float64)
-        >>> images = torch.randn(41, 16, generator=torch.Generator().manual_seed(0))
-        >>> seen = images[:-1] + images[1:]  # half of what an image shows is in the next, 2 m ahead
-        >>> likeliest = PoseKernel("rbf", (8.0, 8.0), 0.7, 1.6, 0.4)
-        >>> discriminative_kernel(likeliest, DescriptorMap.of(line, seen)).length[0] < 2.0
-        True
     """
     near = _compact(found)
     if len(near) < 3:
@@ -78,14 +70,6 @@ def log_place_probability(
         kernel: the kernel with its noise.
         poses: poses of the images.
         residuals: their descriptors less the mean.
-
-    Example:
-        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
-        >>> images = torch.stack([(line[:, 0] / 3).sin(), (line[:, 0] / 3).cos()], 1)  # as one turns in a circle
-        >>> for length in (0.3, 2.0):  # with the shorter one, nothing is known between images
-        ...     print(round(log_place_probability(PoseKernel("rbf", (length,) * 2, 1.0, 1.0, 1e-3), line, images), 1))
-        -2.7
-        -0.1
     """
     apart = squared_errors(kernel, poses, residuals)
     if apart is None:
@@ -98,15 +82,7 @@ def log_place_probability(
 def squared_errors(
     kernel: PoseKernel, poses: Float64[Tensor, "n 3"], residuals: Float64[Tensor, "n d"]
 ) -> Float64[Tensor, "n n"] | None:
-    r""":math:`\lVert y_i - \mu_{-i}(x_j) \rVert^2` for images i and poses j; None if the covariance is singular.
-
-    Example:
-        >>> line = torch.tensor([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], dtype=torch.float64)
-        >>> shown = torch.tensor([[1.0], [3.0]], dtype=torch.float64)
-        >>> kernel = PoseKernel("rbf", (0.1, 0.1), 1.0, 1.0, 1e-9)
-        >>> squared_errors(kernel, line, shown)[0].round().tolist()  # 0 is predicted without the image, and 3 beside it
-        [1.0, 4.0]
-    """
+    r""":math:`\lVert y_i - \mu_{-i}(x_j) \rVert^2` for images i and poses j; None if the covariance is singular."""
     noise, eye = kernel.noise_variance, torch.eye(len(poses), dtype=torch.float64)
     factor, failed = torch.linalg.cholesky_ex(kernel(poses, poses) + noise * eye)
     if failed:
