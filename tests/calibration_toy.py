@@ -1,6 +1,7 @@
 """Panoramas in which tilt, roll and field of view can be seen: a sky, a ground, and posts at even headings."""
 
 import numpy as np
+from PIL import Image
 
 from sextant.chapters.calibration.data import CameraDistribution
 from sextant.chapters.calibration.data.panoramas import Panoramas
@@ -29,6 +30,24 @@ def panorama(rng, height=64):
     posts = (columns // 4 + rng.integers(8)) % 8 == 0
     image[posts & (abs(rows - height / 2) < height / 5)] = rng.integers(0, 255, 3)
     return np.clip(image + rng.normal(0, 4, image.shape), 0, 255).astype(np.uint8)
+
+
+def panorama_files(folder, count=10):
+    """A folder of panoramas."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(0)
+    for i in range(count):
+        Image.fromarray(panorama(rng)).save(folder / f"scene{i}.png")
+    return folder
+
+
+def panorama_words(folder, outputs, *overrides):
+    """What is typed for a run on such a folder."""
+    return [
+        "task=calibration", "dataset=panorama_folder", f"dataset.folder={folder}", "dataset.height=64",
+        "dataset.fractions={train: 0.4, val: 0.4, test: 0.2}", "task.width=64", "task.height=48",
+        "task.crops_per_panorama={train: 8, val: 8, test: 3}", f"paths.outputs={outputs}", *overrides,
+    ]  # fmt: skip
 
 
 def distribution():

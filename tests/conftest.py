@@ -61,8 +61,11 @@ def pytest_runtest_call(item):
 
 @pytest.fixture(scope="session", autouse=True)
 def cache_of_the_tests(tmp_path_factory):
-    """Converted weights and MLflow's empty tables are kept here, not in the folder of whoever runs the tests."""
-    os.environ["SEXTANT_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+    """Converted weights, MLflow's empty tables and rendered offices are made once for all workers of pytest-xdist, and
+    not in the folder of whoever runs the tests.
+    """
+    own = tmp_path_factory.getbasetemp()
+    os.environ["SEXTANT_CACHE"] = str((own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own) / "cache")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,11 +1,9 @@
-"""What runs of a second or two spend most of their time on otherwise: reading config files, and laying out figures."""
+"""What runs of a second or two spend most of their time on otherwise: laying out figures."""
 
 from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
-
-from sextant.composing.compose import composing_many
 
 
 def draw(figure: Figure, folder: Path, name: str) -> list[Path]:
@@ -18,7 +16,11 @@ def draw(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 @pytest.fixture(scope="module", autouse=True)
 def quick_runs():
-    """Config files are read once for each choice of options, as in a sweep; ``draw`` draws the figures of runs."""
-    with composing_many(), pytest.MonkeyPatch.context() as patch:
+    """``draw`` draws the figures of runs in this process.
+
+    As they are for users, tests/docs/test_run_commands.py has them for three tasks, tests/cli/test_calibration.py and
+    tests/cli/test_place_factors.py for the others.
+    """
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sextant.lifecycle.training.save_figure", draw)
         yield

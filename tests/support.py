@@ -9,9 +9,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 import torch
 
 from sextant.composing.compose import compose, to_plain
+from sextant.console.console import reporting_mistakes
+from sextant.lifecycle.checks import preflight
+from sextant.lifecycle.evaluation import evaluate_run
+from sextant.lifecycle.execute import execute
+from sextant.lifecycle.run_reporter import RunReporter
+from sextant.runs.directory import RunDirectory
 
 #: A run of a second or two: two epochs of the digit scans, three test conditions.
 QUICK = (
@@ -43,6 +50,24 @@ def wait_for(outputs, pattern, ended):
         time.sleep(0.01)
 
 
+def told_before_training(task, words, monkeypatch, capsys):
+    """What ``train.py`` says of a mistake, which it finds without a step of training."""
+
+    def forbidden(self, batch, batch_idx):
+        raise AssertionError("it was trained")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(task, "training_step", forbidden)
+        with pytest.raises(SystemExit) as caught, reporting_mistakes():
+            execute(preflight(words))
+    said = capsys.readouterr().err
+    assert caught.value.code == 2
+    assert said.count("Error: ") == 1
+    assert said.startswith("Error: ")
+    assert "Traceback" not in said
+    return said
+
+
 def fill_disk(monkeypatch, name):
     """The disk is full when a file of this name is to be written."""
     replace = Path.replace
@@ -53,6 +78,32 @@ def fill_disk(monkeypatch, name):
         return replace(path, target)
 
     monkeypatch.setattr(Path, "replace", refusing)
+
+
+class Hears(RunReporter):
+    """Keeps what is said."""
+
+    def __init__(self):
+        self.said = []
+
+    def say(self, text):
+        self.said.append(text)
+
+
+class Payload:
+    """Unpickling it creates a file."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+def evaluated(outputs, run, *overrides):
+    """The directory of a test of a run."""
+    outcome = evaluate_run(str(run.path), [*overrides, f"paths.outputs={outputs}", "tracking=none"])
+    return RunDirectory(outcome.directory)
 
 
 @contextmanager

@@ -1,12 +1,12 @@
 """Small offices, rendered once for all tests of a session: quick runs by day and by night, and a finished one."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from sextant.cache_folder import cache_folder
 from sextant.chapters.localization.data import as_localization_source
 from sextant.chapters.localization.data.drive import Drive
 from sextant.composing.compose import compose, to_plain
@@ -35,10 +35,9 @@ SHARP = (
 )  # fmt: skip
 
 
-def office_cache(tmp_path_factory) -> Path:
+def office_cache() -> Path:
     """The folder that the office is rendered into, and descriptors are kept in, by all workers of pytest-xdist."""
-    own = tmp_path_factory.getbasetemp()
-    return (own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own) / "tiny_office"
+    return cache_folder() / "tiny_office"
 
 
 def office_arguments(cache: Path, outputs: Path, *overrides: str) -> list[str]:
@@ -87,7 +86,7 @@ class OfficeRun:
 def office_run(tmp_path_factory):
     """Train the run."""
     root = tmp_path_factory.mktemp("office")
-    raw = office_config(office_cache(tmp_path_factory), root / "outputs", *SHARP)
+    raw = office_config(office_cache(), root / "outputs", *SHARP)
     folder = execute(raw).directory
     data = as_localization_source(build_dataset(validate(raw))).read()
     return OfficeRun(folder, root / "outputs", data.test[0], min(40, len(data.test[0])))

@@ -30,6 +30,18 @@ def ride(folder, numbers, night=False, name="{k:03d}.png"):
     return folder
 
 
+def place_words(folder, outputs, *overrides, conditions=("day", "night")):
+    """What is typed for a run on folders <split>/<condition> of pictures of the same places in the same order."""
+    shown = {split: ", ".join(f"{c}: {split}/{c}" for c in conditions) for split in ("train", "val", "test")}
+    ends = ("positive=0", "negative=1")
+    return [
+        "task=place_recognition", "dataset=place_folders", f"dataset.folder={folder}", "dataset.places=order",
+        *(f"dataset.{split}={{{folders}}}" for split, folders in shown.items()), "dataset.height=16",
+        "dataset.width=24", *(f"task.{kind}.frames.{end}" for kind in ("tolerance", "test_tolerance") for end in ends),
+        "trainer.progress=false", "tracking=none", f"paths.outputs={outputs}", *overrides,
+    ]  # fmt: skip
+
+
 class Pixels:
     """Describes photos by their pixels, so that what is right is known."""
 

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,21 +13,10 @@ from models.published_cameras import anycalib
 from PIL import Image
 from tiny_calibration import tiny_checkpoint
 
-from sextant import cli
-
 
 @pytest.fixture
-def benchmark(capsys):
-    def run(*arguments):
-        status = 0
-        try:
-            cli.run("benchmark", list(arguments))
-        except SystemExit as ended:
-            status = ended.code
-        said = capsys.readouterr()
-        return status, said.out + said.err
-
-    return run
+def benchmark(run_verb):
+    return partial(run_verb, "benchmark")
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from calibration_toy import panorama
+from calibration_toy import panorama_files, panorama_words
 from PIL import Image
+from support import evaluated
 
 from sextant.cli import evaluate, predict
 from sextant.composing.compose import compose, to_plain
@@ -16,33 +17,16 @@ from sextant.runs.directory import RunDirectory
 
 def config(folder, outputs, *overrides):
     quick = [
-        "task=calibration",
-        "dataset=panorama_folder",
-        f"dataset.folder={folder}",
-        "dataset.height=64",
-        "dataset.fractions={train: 0.4, val: 0.4, test: 0.2}",
-        "task.width=64",
-        "task.height=48",
-        "task.crops_per_panorama={train: 16, val: 8, test: 3}",
-        "backbone=strided_cnn",
-        "backbone.widths=[8,16,24]",
-        "trainer.max_epochs=2",
-        "trainer.workers=0",
-        "trainer.progress=false",
-        "tracking=none",
-        f"paths.outputs={outputs}",
+        "task.crops_per_panorama.train=16", "backbone=strided_cnn", "backbone.widths=[8,16,24]",
+        "trainer.max_epochs=2", "trainer.workers=0", "trainer.progress=false", "tracking=none",
         f"paths.cache={outputs}/data",
-    ]
-    return to_plain(compose([*quick, *overrides]))
+    ]  # fmt: skip
+    return to_plain(compose(panorama_words(folder, outputs, *quick, *overrides)))
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    path = tmp_path_factory.mktemp("panoramas")
-    rng = np.random.default_rng(0)
-    for i in range(10):
-        Image.fromarray(panorama(rng)).save(path / f"scene{i}.png")
-    return path
+    return panorama_files(tmp_path_factory.mktemp("panoramas"))
 
 
 @pytest.fixture(scope="module")
@@ -82,18 +66,15 @@ def test_evaluation_repeats_the_test_of_training(trained):
 @pytest.mark.slow
 def test_an_evaluation_may_leave_out_the_geometric_methods_but_not_change_the_network(trained):
     outputs, run = trained
-    again = [f"run={run.path}", "tracking=none", f"paths.outputs={outputs}", f"paths.cache={outputs}/data"]
-    before = set(outputs.glob("runs/evaluation/*"))
-    evaluate.main([*again, "task.geometric_baselines=false"])
-    (directory,) = set(outputs.glob("runs/evaluation/*")) - before
-    methods = {row["method"] for row in json.loads((directory / "metrics.json").read_text())["table"]}
+    words = ("task.geometric_baselines=false", f"paths.cache={outputs}/data")
+    tested = evaluated(outputs, run, *words)
+    methods = {row["method"] for row in tested.results()["table"]}
     assert "network" in methods
     assert "vanishing points" not in methods
-    evaluate.main([*again, "task.geometric_baselines=false", "sampling@test_sampling=uniform"])
-    assert len(set(outputs.glob("runs/evaluation/*")) - before) == 2
+    assert evaluated(outputs, run, *words, "sampling@test_sampling=uniform").path != tested.path
     for wrong in ("task.width=48", "sampling=uniform"):
         with pytest.raises(UserError, match="belongs to the trained weights"):
-            evaluate.main([*again, wrong])
+            evaluated(outputs, run, wrong)
 
 
 @pytest.mark.slow

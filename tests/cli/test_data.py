@@ -6,13 +6,13 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 from rendered_toy import ToyPlan, contents
 from support import heeds_signals
 
-from sextant import cli
 from sextant.data.rendered import open_store
 
 ROOT = Path(__file__).parents[2]
@@ -20,20 +20,10 @@ TOY = ["dataset=digits", "dataset._target_=rendered_toy.ToyWorld", "dataset.size
 
 
 @pytest.fixture
-def data(monkeypatch, capsys, tmp_path):
-    """Run the verb with outputs in a folder of the test's own; returns exit status and what was said."""
+def data(run_verb, monkeypatch, tmp_path):
+    """The verb, with outputs in a folder of the test's own."""
     monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path))
-
-    def run(*arguments):
-        status = 0
-        try:
-            cli.run("data", list(arguments))
-        except SystemExit as ended:
-            status = ended.code
-        said = capsys.readouterr()
-        return status, said.out + said.err
-
-    return run
+    return partial(run_verb, "data")
 
 
 def test_render_then_list_then_verify(data, tmp_path):

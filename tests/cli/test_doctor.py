@@ -1,27 +1,16 @@
 """``sextant doctor calibration``."""
 
 import re
+from functools import partial
 
 import pytest
 
-from sextant import cli
 from sextant.chapters.calibration.metrics import doctor as calibration_doctor
 
 
 @pytest.fixture
-def doctor(capsys):
-    """Run the verb; returns exit status and what was said."""
-
-    def run(*arguments):
-        status = 0
-        try:
-            cli.run("doctor", list(arguments))
-        except SystemExit as ended:
-            status = ended.code
-        said = capsys.readouterr()
-        return status, said.out + said.err
-
-    return run
+def doctor(run_verb):
+    return partial(run_verb, "doctor")
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from quick_runs import quick_runs  # noqa: F401
 from safetensors.torch import save_file
 
 from sextant.cli import evaluate

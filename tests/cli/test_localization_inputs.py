@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from data.places.place_pictures import picture
 from PIL import Image
-from support import quick_config
+from quick_runs import quick_runs  # noqa: F401
+from support import quick_config, told_before_training
 from tiny_office import office_arguments, office_cache
 
 from sextant.chapters.localization.task import Localization
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
-from sextant.console.console import reporting_mistakes
-from sextant.lifecycle.checks import preflight
 from sextant.lifecycle.execute import execute, run_digest
 from sextant.runs.directory import RunDirectory
 
@@ -40,8 +39,8 @@ def folder(tmp_path):
 
 
 @pytest.fixture(scope="session")
-def cache(tmp_path_factory):
-    return office_cache(tmp_path_factory)
+def cache():
+    return office_cache()
 
 
 def arguments(folder, *overrides):
@@ -66,29 +65,7 @@ def run(chosen):
 
 @pytest.fixture
 def told(monkeypatch, capsys):
-    """What train.py says of a mistake, which it finds without a step of training."""
-
-    def forbidden(self, rows, batch_idx):
-        raise AssertionError("it was trained")
-
-    def whole(chosen):
-        with reporting_mistakes():
-            preflight(chosen)
-            execute(to_plain(compose(chosen)))
-
-    def tell(chosen):
-        with monkeypatch.context() as patch:
-            patch.setattr(Localization, "training_step", forbidden)
-            with pytest.raises(SystemExit) as caught:
-                whole(chosen)
-        said = capsys.readouterr().err
-        assert caught.value.code == 2
-        assert said.count("Error: ") == 1
-        assert said.startswith("Error: ")
-        assert "Traceback" not in said
-        return said
-
-    return tell
+    return lambda words: told_before_training(Localization, words, monkeypatch, capsys)
 
 
 def change(folder, name, table, edit):

@@ -13,10 +13,10 @@ from itertools import product
 import docs_commands
 import numpy as np
 import pytest
-from calibration_toy import panorama
+from calibration_toy import panorama_files
 from docs_commands import Command, check
 from PIL import Image
-from quick_runs import draw
+from quick_runs import quick_runs  # noqa: F401
 from support import QUICK as QUICK_CLASSIFIER
 from tiny_digits import PLAIN
 from tiny_office import OFFICE
@@ -25,7 +25,7 @@ from tiny_places import ride
 
 from sextant import cli
 from sextant.cli.next_commands import next_commands
-from sextant.composing.compose import compose, composing_many, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import own_configs, without_folder
 from sextant.errors import UserError, command
 from sextant.lifecycle.checks import checked, preflight
@@ -62,12 +62,6 @@ QUICK = ("nothing", "a key of the other option", "one's own images", "another fo
 def quick(cases, names):
     """The cases as parameters, of which only those with these names are run by the suite without its slow tests."""
     return [pytest.param(case, id=n, marks=[] if n in names else pytest.mark.slow) for n, case in cases.items()]
-
-
-@pytest.fixture(autouse=True, scope="module")
-def fast():
-    with composing_many():
-        yield
 
 
 @pytest.fixture
@@ -187,9 +181,7 @@ def test_what_is_printed_after_a_run_runs_as_it_is_printed(name, tmp_path, monke
         Image.fromarray(picture).save(tmp_path / "photos" / f"{k}.png")
     (tmp_path / "odometry.csv").write_text("x,y,theta\n" + "".join(f"{k / 10},0,0\n" for k in range(3)))
     if name == "a camera":
-        (tmp_path / "panoramas").mkdir()
-        for k in range(10):
-            Image.fromarray(panorama(np.random.default_rng(k))).save(tmp_path / "panoramas" / f"{k}.png")
+        panorama_files(tmp_path / "panoramas")
     if name == "places":
         for first, (split, light) in enumerate(product(("train", "val", "test"), ("day", "night"))):
             places = range(1000 * (first // 2), 1000 * (first // 2) + (6 if split == "test" else 12))
@@ -199,7 +191,6 @@ def test_what_is_printed_after_a_run_runs_as_it_is_printed(name, tmp_path, monke
             rows = "\n".join(f"{k:03d}.png,{100 * k},0,0" for k in range(6))
             (tmp_path / "asked" / name_of / "poses.csv").write_text(f"file,x,y,heading\n{rows}\n")
     monkeypatch.setattr(sys, "argv", ["train.py"])
-    monkeypatch.setattr("sextant.lifecycle.training.save_figure", draw)
     cli.run("train", typed)
     lines = re.findall(r"^(evaluate|predict|sweep) +sextant (.*)$", capsys.readouterr().out, re.MULTILINE)
     assert [what for what, _ in lines] == ["evaluate", *(["predict"] if answered else []), "sweep"]

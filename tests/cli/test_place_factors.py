@@ -1,14 +1,12 @@
 """A trained descriptor beside a layer of another network, and against factors of appearance, from end to end."""
 
-import json
-
 import numpy as np
 import pytest
 import torch
 from PIL import Image
-from support import as_published
+from support import as_published, evaluated
+from tiny_places import place_words
 
-from sextant.cli import evaluate
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
@@ -51,15 +49,8 @@ def shelf(tmp_path_factory):
 
 
 def config(folder, outputs, *overrides):
-    splits = (f"dataset.{s}={{day: {s}/day, half: {s}/half}}" for s in PLACES)
-    return to_plain(compose([
-        "task=place_recognition", "dataset=place_folders", f"dataset.folder={folder}", "dataset.places=order",
-        "dataset.height=16", "dataset.width=24", *splits, "pooling.grid=null", "task.batch_places=12",
-        "task.whitening=null",
-        "task.tolerance.frames={positive: 0, negative: 1, heading_deg: null}",
-        "task.test_tolerance.frames={positive: 0, negative: 1, heading_deg: null}",
-        "trainer.max_epochs=1", "trainer.progress=false", "tracking=none", f"paths.outputs={outputs}", *overrides,
-    ]))  # fmt: skip
+    chosen = ("pooling.grid=null", "task.batch_places=12", "task.whitening=null", "trainer.max_epochs=1", *overrides)
+    return to_plain(compose(place_words(folder, outputs, *chosen, conditions=("day", "half"))))
 
 
 @pytest.fixture(scope="module")
@@ -67,12 +58,6 @@ def trained(folder, shelf, tmp_path_factory):
     outputs = tmp_path_factory.mktemp("outputs")
     chosen = f"task.off_the_shelf={{weights: {shelf}, layer: layer1, dimension: 8}}"
     return outputs, RunDirectory(execute(config(folder, outputs, chosen)).directory)
-
-
-def evaluated(outputs, run, *overrides):
-    evaluate.main([f"run={run.path}", f"paths.outputs={outputs}", "tracking=none", *overrides])
-    newest = max(outputs.glob("runs/evaluation/*/metrics.json"), key=lambda path: path.stat().st_mtime_ns)
-    return RunDirectory(newest.parent), json.loads(newest.read_text())
 
 
 @pytest.mark.slow
@@ -93,7 +78,7 @@ def test_the_layer_is_a_row_of_the_table(trained):
 def test_a_whitening_that_cannot_be_learnt_is_named(trained, shelf):
     outputs, run = trained
     wish = f"task.off_the_shelf={{weights: {shelf}, layer: layer1, dimension: 100}}"
-    _, results = evaluated(outputs, run, wish)
+    results = evaluated(outputs, run, wish).results()
     assert SHELF not in {row["method"] for row in results["table"]}
     assert "needs more reference images" in results["baselines_left_out"]["half"][SHELF]
 
@@ -101,10 +86,9 @@ def test_a_whitening_that_cannot_be_learnt_is_named(trained, shelf):
 @pytest.mark.slow
 def test_conditions_named_by_factors_become_curves(trained):
     outputs, run = trained
-    directory, results = evaluated(
-        outputs, run, r"dataset.test={day: test/day, fog\=0.5: test/half, fog\=0.9: test/dense}"
-    )
-    assert {path.stem for path in directory.figures.glob("*.png")} == {"invariance_curves"}
+    tested = evaluated(outputs, run, r"dataset.test={day: test/day, fog\=0.5: test/half, fog\=0.9: test/dense}")
+    assert {path.stem for path in tested.figures.glob("*.png")} == {"invariance_curves"}
+    results = tested.results()
     curves = results["invariance"]["factors"]["fog"]
     assert {"pixels", "HOG", "untrained network", "network", SHELF} <= set(curves)
     assert curves["pixels"]["values"] == [0.5, 0.9]
@@ -119,7 +103,8 @@ def test_conditions_named_by_factors_become_curves(trained):
 def test_curves_need_no_validation_split(trained):
     outputs, run = trained
     test = r"dataset.test={day: test/day, fog\=+0.5: test/half}"
-    _, results = evaluated(outputs, run, test, "dataset.val=null", "dataset.train=null", "task.baselines=false")
+    words = (test, "dataset.val=null", "dataset.train=null", "task.baselines=false")
+    results = evaluated(outputs, run, *words).results()
     assert set(results["invariance"]["factors"]["fog"]) == {"network"}
     assert "test/R_at_1_pm0f_fog__0.5_to_day" in results["metrics"]  # MLflow takes no +
 
@@ -127,8 +112,9 @@ def test_curves_need_no_validation_split(trained):
 @pytest.mark.slow
 def test_the_town_is_rendered_and_curves_are_drawn(trained):
     outputs, run = trained
-    directory, results = evaluated(outputs, run, *TOWN, f"paths.cache={outputs / 'cache'}")
-    assert (directory.figures / "invariance_curves.png").is_file()
+    tested = evaluated(outputs, run, *TOWN, f"paths.cache={outputs / 'cache'}")
+    assert (tested.figures / "invariance_curves.png").is_file()
+    results = tested.results()
     found = results["invariance"]
     assert found["value_in_map"] == {"fog_per_m": 0.0, "exposure_ev": 0.0}
     assert found["factors"]["fog_per_m"]["HOG"]["values"] == [0, 0.05, 0.3]

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 from data.places.place_pictures import write_pictures
+from quick_runs import quick_runs  # noqa: F401
+from support import told_before_training
+from tiny_places import place_words
 
 from sextant.chapters.places.task import PlaceRecognition
 from sextant.cli import evaluate
@@ -28,25 +31,9 @@ def folder(tmp_path):
 
 
 def arguments(folder, *overrides):
-    chosen = [
-        "task=place_recognition",
-        "dataset=place_folders",
-        f"dataset.folder={folder}",
-        "dataset.height=16",
-        "dataset.width=24",
-        *[f"dataset.{split}={{day: {split}/day, night: {split}/night}}" for split in SPLITS],
-        "pooling.grid=null",
-        "task.batch_places=3",
-        "task.baselines=false",
-        "task.whitening=null",
-        "task.tolerance.frames={positive: 0, negative: 1, heading_deg: null}",
-        "task.test_tolerance.frames={positive: 0, negative: 1, heading_deg: null}",
-        "trainer.max_epochs=1",
-        "trainer.progress=false",
-        "tracking=none",
-        f"paths.outputs={folder.parent / 'outputs'}",
-        f"paths.cache={folder.parent / 'cache'}",
-    ]
+    short = ("pooling.grid=null", "task.batch_places=3", "task.baselines=false", "task.whitening=null")
+    root = folder.parent
+    chosen = place_words(folder, root / "outputs", *short, "trainer.max_epochs=1", f"paths.cache={root / 'cache'}")
     given = {override.partition("=")[0] for override in overrides}
     return [*(each for each in chosen if each.partition("=")[0] not in given), *overrides]
 
@@ -59,26 +46,8 @@ def trained(folder, *overrides):
 
 @pytest.fixture
 def told(folder, monkeypatch, capsys):
-    """What train.py says of a mistake, which it finds without a step of training."""
-
-    def forbidden(self, batch, batch_idx):
-        raise AssertionError("it was trained")
-
-    def run(chosen):
-        with reporting_mistakes():
-            preflight(chosen)
-            execute(to_plain(compose(chosen)))
-
     def tell(*overrides):
-        with monkeypatch.context() as patch:
-            patch.setattr(PlaceRecognition, "training_step", forbidden)
-            with pytest.raises(SystemExit) as caught:
-                run(arguments(folder, *overrides))
-        said = capsys.readouterr().err
-        assert caught.value.code == 2
-        assert said.count("Error: ") == 1
-        assert said.startswith("Error: ")
-        assert "Traceback" not in said
+        said = told_before_training(PlaceRecognition, arguments(folder, *overrides), monkeypatch, capsys)
         assert len(said.strip().splitlines()) > 1 or "must be" in said  # what to do
         return said
 

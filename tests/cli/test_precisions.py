@@ -6,13 +6,13 @@ from typing import get_args
 import numpy as np
 import pytest
 import torch
-from calibration_toy import panorama
+from calibration_toy import panorama_files
 from cli.test_calibration import config as calibration_config
-from cli.test_predict_places import ride
-from PIL import Image
+from quick_runs import quick_runs  # noqa: F401
 from support import quick_config
 from tiny_digits import digits_config
 from tiny_office import office_cache, office_config
+from tiny_places import place_words, ride
 
 from sextant.composing.compose import compose, to_plain
 from sextant.config.schema.training import Trainer
@@ -32,9 +32,7 @@ def classification(root, cache, *overrides):
 
 
 def calibration(root, cache, *overrides):
-    rng = np.random.default_rng(0)
-    for i in range(5):
-        Image.fromarray(panorama(rng)).save(root / f"scene{i}.png")
+    panorama_files(root, 5)
     short = ["trainer.max_epochs=1", "task.geometric_baselines=false", "task.crops_per_panorama.train=4",
              "trainer.batch_size=8"]  # fmt: skip
     return calibration_config(root, root / "outputs", *short, *overrides)
@@ -44,16 +42,9 @@ def place_recognition(root, cache, *overrides):
     for number, split in enumerate(("train", "val", "test")):
         for light in ("day", "night"):
             ride(root / split / light, range(100 * number, 100 * number + 8), light == "night")
-    ends = ("positive=0", "negative=1")
-    chosen = [
-        "task=place_recognition", "dataset=place_folders", f"dataset.folder={root}", "dataset.places=order",
-        "dataset.height=16", "dataset.width=24", "pooling.grid=null", "task.batch_places=4",
-        "task.dimension=16", "task.whitening=null", "trainer.max_epochs=1", "trainer.progress=false", "tracking=none",
-        *(f"dataset.{split}={{day: {split}/day, night: {split}/night}}" for split in ("train", "val", "test")),
-        *(f"task.{kind}.frames.{end}" for kind in ("tolerance", "test_tolerance") for end in ends),
-        f"paths.outputs={root / 'outputs'}",
-    ]  # fmt: skip
-    return to_plain(compose([*chosen, *overrides]))
+    short = ["pooling.grid=null", "task.batch_places=4", "task.dimension=16", "task.whitening=null",
+             "trainer.max_epochs=1"]  # fmt: skip
+    return to_plain(compose(place_words(root, root / "outputs", *short, *overrides)))
 
 
 def localization(root, cache, *overrides):
@@ -70,8 +61,8 @@ TASKS = (classification, calibration, place_recognition, localization, cosfire)
 
 
 @pytest.fixture
-def cache(tmp_path_factory):
-    return office_cache(tmp_path_factory)
+def cache():
+    return office_cache()
 
 
 @pytest.mark.parametrize("precision", ON_CPU)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from quick_runs import quick_runs  # noqa: F401
 from tiny_digits import arrays, usual_run
 
 from sextant.chapters.cosfire import serving

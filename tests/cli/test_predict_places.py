@@ -4,8 +4,6 @@ import csv
 import json
 import shlex
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -13,8 +11,9 @@ from data.places.gps_pictures import add_gps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from quick_runs import quick_runs  # noqa: F401
 from support import fill_disk
-from tiny_places import Pixels, ride, scene
+from tiny_places import Pixels, place_words, ride, scene
 
 from sextant.atomic_files import write_sealed_json
 from sextant.chapters.places import describing, matching, written_matches
@@ -37,7 +36,6 @@ from sextant.runs.directory import RunDirectory
 from sextant.runs.resolve import FoundRun
 
 PLACES = {"train": 32, "val": 16, "test": 20}
-ENDS = ("positive=0", "negative=1")
 
 
 def look_up(reference, queries, output, network=None, temperature=0.1, tolerances=TOLERANCES, **given):
@@ -70,14 +68,8 @@ def trained(tmp_path_factory):
     for number, (split, count) in enumerate(PLACES.items()):
         for light in ("day", "night"):
             ride(root / split / light, range(1000 * number, 1000 * number + count), light == "night")
-    chosen = [
-        "task=place_recognition", "dataset=place_folders", f"dataset.folder={root}", "dataset.places=order",
-        "dataset.height=16", "dataset.width=24", "pooling.grid=null", "task.batch_places=8",
-        "task.dimension=32", "task.baselines=false",
-        *(f"dataset.{split}={{day: {split}/day, night: {split}/night}}" for split in PLACES),
-        *(f"task.{kind}.frames.{end}" for kind in ("tolerance", "test_tolerance") for end in ENDS),
-        "trainer.max_epochs=2", "trainer.progress=false", "tracking=none", f"paths.outputs={root / 'outputs'}",
-    ]  # fmt: skip
+    short = ("pooling.grid=null", "task.batch_places=8", "task.dimension=32", "task.baselines=false")
+    chosen = place_words(root, root / "outputs", *short, "trainer.max_epochs=2")
     return root, RunDirectory(execute(to_plain(compose(chosen))).directory)
 
 
@@ -253,27 +245,15 @@ def test_neither_depends_on_the_block(monkeypatch):
 # --- what is looked up, and how the truth is known -------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_places_of_several_images_share_their_probability(rides, tmp_path):
-    day, night = rides
-    alone, _ = look_up(day, night, tmp_path / "a", temperature=1.0, matches=6)
-    ride_, told = look_up(day, night, tmp_path / "b", temperature=1.0, matches=6, tolerance=1)
-    for first, second in zip(alone, ride_, strict=True):
-        one = {each["match"]: each["confidence"] for each in first["matches"]}
-        for each in second["matches"]:
-            k = int(each["match"][:3])
-            near = sum(one[f"{j:03d}.png"] for j in (k - 1, k, k + 1) if 0 <= j < 6)
-            assert each["confidence"] == pytest.approx(near, abs=1e-5)
-    assert told["tolerance"] == "pm1f"
-    assert not any("a place of its own" in remark for remark in told["remarks"])
-
-
 def test_rides_of_two_folders_are_not_neighbours(tmp_path):
     ride(tmp_path / "map" / "one", [0, 1])
     ride(tmp_path / "map" / "two", [2, 3])
-    rows, _ = look_up(tmp_path / "map", ride(tmp_path / "night", [1], True), tmp_path / "out", tolerance=1, matches=4)
+    night = ride(tmp_path / "night", [1], True)
+    rows, told = look_up(tmp_path / "map", night, tmp_path / "out", tolerance=1, matches=4)
     by_name = {each["match"]: each["confidence"] for each in rows[0]["matches"]}
     assert by_name["one/000.png"] == by_name["one/001.png"] > 0.5 > by_name["two/000.png"]
+    assert told["tolerance"] == "pm1f"
+    assert not any("a place of its own" in remark for remark in told["remarks"])
 
 
 @pytest.mark.parametrize("known", ["csv", "csv around", "utm", "gps", "name", "order"])
@@ -493,18 +473,6 @@ def test_mistakes_are_told_before_the_run_is_looked_for(rides, tmp_path, argumen
     chosen = {"run": "x", "map": str(rides[0]), "queries": str(rides[1]), "output": str(tmp_path / "out")} | arguments
     with pytest.raises(UserError, match=says):
         predict.main([f"{k}={v.format(tmp=tmp_path)}" for k, v in chosen.items() if v is not None])
-
-
-def test_nothing_heavy_is_imported_for_a_mistake(rides, tmp_path):
-    probe = (
-        "import sys\nfrom sextant.cli import run\ntry:\n    run('predict', sys.argv[1:])\nfinally:\n"
-        "    print('imported:', [n for n in ('torch', 'mlflow', 'matplotlib', 'scipy') if n in sys.modules])"
-    )
-    command = [sys.executable, "-c", probe, "run=x", f"map={rides[0]}", f"queries={rides[0]}", f"output={tmp_path}/o"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path, check=False)
-    assert done.returncode == 2
-    assert "are the same folder" in done.stderr
-    assert done.stdout.endswith("imported: []\n")
 
 
 @pytest.mark.parametrize(

@@ -115,9 +115,9 @@ def test_a_broken_file_that_nobody_asked_for_is_not_blamed(own_configs, content,
 @pytest.mark.parametrize(
     ("override", "remedy"),
     [
-        ("logger=wandb", "tracking=sqlite"), ("logger=mlflow", "tracking=sqlite"),
-        ("logger.wandb.project=x", "tracking=sqlite"), ("wandb.project=x", "tracking=sqlite"),
-        ("tensorboard=true", "tracking=sqlite"), ("model=lenet", "backbone="), ("model=resnet18", "backbone="),
+        ("logger=wandb", "tracking.also=[tensorboard,csv,wandb]"), ("logger=mlflow", "tracking=sqlite"),
+        ("logger.wandb.project=x", "tracking.also="), ("wandb.project=x", "tracking.also="),
+        ("tensorboard=true", "tracking.also="), ("model=lenet", "backbone="), ("model=resnet18", "backbone="),
         ("model.net.lin1_size=64", "backbone="), ("net=resnet", "backbone="), ("network=resnet", "backbone="),
         ("data=mnist", "dataset="), ("data.batch_size=64", "trainer.batch_size"), ("datamodule=cifar", "dataset="),
         ("ckpt_path=last.ckpt", "init_from=last.ckpt"), ("callbacks=default", "trainer.patience"),

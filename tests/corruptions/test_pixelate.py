@@ -1,12 +1,9 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 
 from sextant.corruptions import cifar10_c, imagenet_c, to_bytes
-from sextant.corruptions.digital import box_resize
 
 
 def noise(height, width, channels=3):
@@ -15,14 +12,6 @@ def noise(height, width, channels=3):
 
 def as_batch(pixels):
     return torch.from_numpy(pixels).permute(2, 0, 1)[None]
-
-
-@given(st.integers(1, 70), st.integers(1, 70), st.integers(1, 90), st.integers(1, 90))
-def test_a_box_filter_gives_pillows_bytes(height, width, to_height, to_width):
-    pixels = noise(height, width)
-    expected = np.asarray(Image.fromarray(pixels).resize((to_width, to_height), Image.Resampling.BOX))
-    found = box_resize(as_batch(pixels).float(), to_height, to_width)[0].permute(1, 2, 0)
-    np.testing.assert_array_equal(found.numpy(), expected)
 
 
 @pytest.mark.parametrize("build", [cifar10_c, imagenet_c])

@@ -1,24 +1,14 @@
 import hashlib
 import pickle
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support import Payload
 
 from sextant.data import cifar10
 from sextant.data.cifar10 import CIFAR10, CIFAR100
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
-
-
-class Payload:
-    """Unpickling it creates a file."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return Path.touch, (self.path,)
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from figures.written import legend_of, texts, tick_labels
 from matplotlib.colors import to_hex
 
 from sextant.chapters.classification.figures import (
@@ -22,18 +23,6 @@ BARS = [
     DifferenceBar("stripe", 0.03, 0.01, 0.05),
     DifferenceBar("snow", 0.0, 0.0, 0.0),
 ]
-
-
-def tick_labels(axis):
-    return [label.get_text() for label in axis.get_ticklabels()]
-
-
-def texts(axes):
-    return [text.get_text() for text in axes.texts]
-
-
-def legend_of(figure):
-    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_corruptions_are_sorted_into_families_and_the_others_come_last():

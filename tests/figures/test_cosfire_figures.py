@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from figures.written import legend_of
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, Rectangle
 
@@ -38,10 +39,6 @@ def discs(axes):
 
 def circles(axes):
     return sorted({patch.radius for patch in axes.patches if isinstance(patch, Circle) and not patch.get_fill()})
-
-
-def legend_of(figure):
-    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_parts_of_a_gabor_filter_are_bars_where_the_example_has_bars(tmp_path):

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from figures.written import legend_of
 from matplotlib.colors import to_hex
 
 from sextant.figures.factor_curves import FactorCurve, factor_curves
@@ -14,7 +15,7 @@ def test_lines_have_bands_and_the_one_that_ends_highest_is_first_in_the_legend()
     levels = np.array([1.0, 5, 20])
     figure = factor_curves("examples", levels, {"test": {"svm": WORSE, "cosfire": BETTER}}, quantity="accuracy (%)")
     (axes,) = figure.axes
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["cosfire", "svm"]
+    assert legend_of(figure) == ["cosfire", "svm"]
     cosfire, svm = axes.lines
     np.testing.assert_allclose(svm.get_xydata(), [[1, 50], [5, 60], [20, 70]])
     np.testing.assert_allclose(cosfire.get_xydata(), [[1, 40], [5, 75], [20, np.nan]])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from figures.written import legend_of, tick_labels
 from matplotlib.colors import to_hex
 from PIL import Image
 from torch import nn
@@ -47,10 +48,6 @@ def some_kernels():
 
 def a_gallery():
     return gallery([np.full((8, 8), 20 * i, np.uint8) for i in range(10)], [f"image {i}" for i in range(10)])
-
-
-def tick_labels(axis):
-    return [label.get_text() for label in axis.get_ticklabels()]
 
 
 @pytest.mark.parametrize(
@@ -120,7 +117,7 @@ def test_severity_curves_have_a_panel_for_each_corruption_and_a_line_for_each_mo
     assert tick_labels(poisson.xaxis) == ["clean", "0.4"]
     drawn = {line.get_label(): line.get_ydata() for line in gaussian.lines}
     assert drawn == {"plain": pytest.approx([99, 90, 60]), "inhibited": pytest.approx([98, 95, 80])}
-    assert [text.get_text() for text in gaussian.get_legend().get_texts()] == ["plain", "inhibited"]
+    assert legend_of(gaussian) == ["plain", "inhibited"]
     assert not gaussian.collections
 
 

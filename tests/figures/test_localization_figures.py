@@ -8,6 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from figures.written import legend_of
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from PIL import Image
@@ -48,11 +49,6 @@ def particle_map(positions, frame, unit="m"):
     return figure
 
 
-def texts(holder):
-    legend = holder.get_legend() if hasattr(holder, "get_legend") else holder.legends[0]
-    return [text.get_text() for text in legend.get_texts()]
-
-
 def test_particles_are_coloured_by_weight_and_drawn_heaviest_last():
     frame = ParticleFrame(np.array([[1.0, 2, 0], [3, 4, 0], [5, 6, 0]]), np.array([0.0, -2.0, -900.0]))
     figure = particle_map(MAP, frame)
@@ -60,7 +56,7 @@ def test_particles_are_coloured_by_weight_and_drawn_heaviest_last():
     dots = axes.collections[1]
     assert dots.get_offsets().tolist() == [[5, 6], [3, 4], [1, 2]]
     np.testing.assert_allclose(dots.get_array(), [1e-4, np.exp(-2), 1])
-    assert texts(figure) == ["map", "particles (dark: heavy)", "estimate"]
+    assert legend_of(figure) == ["map", "particles (dark: heavy)", "estimate"]
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -70,13 +66,13 @@ def test_only_a_drive_with_true_poses_has_truth_in_its_legend(known):
     assert not view._figure.legends
     view.draw(frame)
     view.draw(replace(frame, truth=None))
-    assert ("truth" in texts(view._figure)) is known
+    assert ("truth" in legend_of(view._figure)) is known
     assert len(view._figure.legends) == 1
 
 
 def test_truth_and_estimate_point_along_their_headings():
     frame = moment()
-    assert "truth" in texts(particle_map(MAP, frame))
+    assert "truth" in legend_of(particle_map(MAP, frame))
     (axes,) = particle_map(MAP, frame).axes
     assert axes.get_title() == "frame 0"
     assert axes.get_xlabel() == "x (m)"
@@ -288,7 +284,7 @@ def test_errors_have_a_panel_each_with_convergence_and_kidnaps():
     assert kidnap.get_xdata() == [10, 10]
     assert other.get_color() != curve.get_color() == dot.get_color() == kidnap.get_color()
     assert position.patches[0].get_y() + position.patches[0].get_height() == 0.5
-    assert texts(position) == ["gp", "laser"]
+    assert legend_of(position) == ["gp", "laser"]
 
 
 def test_a_railway_has_no_heading_panel():
@@ -308,7 +304,7 @@ def test_success_curves_say_how_many_particles_each_method_needs():
     good = SuccessCurve(counts, rates, rates - 0.1, np.minimum(rates + 0.1, 1))
     bad = SuccessCurve(counts, rates / 2, rates / 4, rates)
     (axes,) = success_curves({"gp": good, "laser": bad}, "success_0.5m_10deg_10f").axes
-    assert texts(axes) == ["gp  100", "laser  > 1,000"]
+    assert legend_of(axes) == ["gp  100", "laser  > 1,000"]
     assert axes.get_xscale() == "log"
     assert [label.get_text() for label in axes.get_xticklabels()] == ["25", "100", "1,000"]
     lower, upper = axes.collections[0].get_segments()[0][:, 1]

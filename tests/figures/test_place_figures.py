@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from figures.written import legend_of, tick_labels
 from matplotlib.colors import to_hex
 
 from sextant.chapters.places.figures import (
@@ -23,15 +24,6 @@ from sextant.figures.style import save_figure
 GOOD = precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, True, False]), 4)
 BAD = precision_recall(np.array([0.9, 0.8, 0.7]), np.array([False, True, False]), 4)
 IMAGE = np.zeros((4, 8, 1), np.uint8)
-
-
-def legend_of(holder):
-    legend = holder.get_legend() if hasattr(holder, "get_legend") else holder.legends[0]
-    return [text.get_text() for text in legend.get_texts()]
-
-
-def tick_labels(axis):
-    return [label.get_text() for label in axis.get_ticklabels()]
 
 
 def test_curves_are_named_with_their_area_best_first():

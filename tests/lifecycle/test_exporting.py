@@ -164,25 +164,25 @@ def test_a_model_without_a_network_says_so(tmp_path):
         (OSError(errno.ENOSPC, "no space"), "output=.*: the disk is full"),
     ],
 )
-def test_a_missing_extra_or_a_full_disk_is_no_fault_of_the_network(cause, said, places, tmp_path, monkeypatch):
+def test_a_missing_extra_or_a_full_disk_is_no_fault_of_the_network(cause, said, digits, tmp_path, monkeypatch):
     def fail(program, found, path):
         path.write_text("half")
         raise cause
 
     monkeypatch.setattr(export_formats, "_onnx", fail)
     with pytest.raises(UserError, match=said):
-        export_run(str(places), "onnx", tmp_path)
+        export_run(str(digits), "onnx", tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
-def test_an_exporter_that_says_nothing_is_named(places, tmp_path, monkeypatch):
+def test_an_exporter_that_says_nothing_is_named(digits, tmp_path, monkeypatch):
     def fail(*_):
         raise AssertionError
 
     monkeypatch.setattr(export_formats, "_onnx", fail)
     with pytest.raises(UserError, match="cannot be exported as onnx: AssertionError\n"):
-        export_run(str(places), "onnx", tmp_path)
+        export_run(str(digits), "onnx", tmp_path)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from made_up_search import MadeUpRuns, arguments, made_up_search
-from support import quick_config
+from support import Hears, quick_config
 
 from sextant import cli
 from sextant.atomic_files import write_json
@@ -22,7 +22,7 @@ from sextant.lease import take
 from sextant.lifecycle import launchers
 from sextant.lifecycle.launchers import CellTask, launch, processes, require_launcher
 from sextant.lifecycle.launchers.slurm_queue import cancel_all, read_queue, submissions
-from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
+from sextant.lifecycle.run_reporter import SILENT_RUN
 from sextant.lifecycle.search.run import sweep_or_search
 from sextant.lifecycle.sweep import dry_run, run_sweep
 from sextant.lifecycle.sweep_plan import sweep_words
@@ -52,16 +52,6 @@ def slurm(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
     monkeypatch.setattr("sextant.lifecycle.launchers.slurm.POLL_S", 0.02)
     return folder
-
-
-class Listening(RunReporter):
-    """Keeps the remarks that it hears."""
-
-    def __init__(self):
-        self.heard = []
-
-    def say(self, text):
-        self.heard.append(text)
 
 
 def config(tmp_path, *overrides):
@@ -187,10 +177,10 @@ def test_what_waits_in_the_queue_is_not_submitted_again_and_what_is_cancelled_en
 
 
 def test_whoever_waits_for_tasks_and_is_interrupted_says_what_became_of_them(tmp_path, slurm, monkeypatch):
-    (cell,), folder, listening = cells(tmp_path, 1), tmp_path / "sweeps" / "one", Listening()
+    (cell,), folder, listening = cells(tmp_path, 1), tmp_path / "sweeps" / "one", Hears()
 
     def interrupted(*_):
-        if listening.heard:
+        if listening.said:
             cancel_all(folder)
         raise KeyboardInterrupt
 
@@ -198,7 +188,7 @@ def test_whoever_waits_for_tasks_and_is_interrupted_says_what_became_of_them(tmp
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
             launch([cell], config(tmp_path, *SLURM), folder, listening)
-    assert listening.heard == [
+    assert listening.said == [
         f"the jobs go on; {attach_command(folder)} waits for them, {attach_command(folder, 'cancel')} ends them",
         f"the jobs were cancelled; {attach_command(folder)}",
     ]
@@ -238,11 +228,11 @@ def test_a_search_that_is_cancelled_submits_nothing_more_and_the_same_command_go
 
 @pytest.mark.parametrize("wait", [True, False])
 def test_a_search_that_is_not_to_wait_says_that_it_does(tmp_path, slurm, wait):
-    listening = Listening()
+    listening = Hears()
     words = arguments(tmp_path, *SLURM, f"launcher.wait={wait}", trials=1)
     sweep_or_search(words, listening, run_cells=MadeUpRuns())
     said = "launcher.wait=false: a search waits nevertheless"
-    assert any(remark.startswith(said) for remark in listening.heard) != wait
+    assert any(remark.startswith(said) for remark in listening.said) != wait
 
 
 NO_SQUEUE, NO_CONTROLLER = "squeue: No such file or directory", "squeue: no controller answers"

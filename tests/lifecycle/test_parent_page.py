@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from made_up_search import code_and_data
 from made_up_sweep import MadeUpRun, made_up_sweep
+from support import Hears
 
 from sextant.atomic_files import read_json, write_json
 from sextant.cli.dashboard import PAGE
 from sextant.lifecycle.parent_page import ParentPage, fill_store, write_page
-from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
+from sextant.lifecycle.run_reporter import SILENT_RUN
 from sextant.lifecycle.sweep import run_sweep
 from sextant.reports.sweep_page import MOST_EFFECTS, Progress, sweep_page
 from sextant.runs.directory import RunDirectory, RunKey
@@ -35,16 +36,6 @@ def sweep_in(folder, **definition):
     }
     contrasts = {"effect": {"treatment": "push_pull", "control": "conv"}}
     return made_up_sweep(folder, arms, question=QUESTION, contrasts=contrasts, **definition)
-
-
-class Hears(RunReporter):
-    """Keeps what is said."""
-
-    def __init__(self):
-        self.said = []
-
-    def say(self, message):
-        self.said.append(message)
 
 
 @pytest.fixture(scope="module")
@@ -121,10 +112,10 @@ def test_an_experiment_is_one_of_models_that_are_trained_and_says_what_it_holds(
 
 def test_a_page_before_the_first_run_has_ended_says_so_and_failures_are_told(tmp_path):
     plan = sweep_in(tmp_path).plan
-    page = sweep_page(plan, Progress(3, 16, {"runs/a/b": "out of memory"}, 780.0), None, tmp_path)
-    assert "3 of 16 runs have ended, 0 of them diverged; about 13 minutes left" in page.text
-    assert "- `runs/a/b`: out of memory" in page.text
-    assert page.metrics == {
+    page, metrics = sweep_page(plan, Progress(3, 16, {"runs/a/b": "out of memory"}, 780.0), None, tmp_path)
+    assert "3 of 16 runs have ended, 0 of them diverged; about 13 minutes left" in page
+    assert "- `runs/a/b`: out of memory" in page
+    assert metrics == {
         "runs/done": 3,
         "runs/planned": 16,
         "runs/failed": 1,
@@ -137,7 +128,7 @@ def test_metrics_of_a_page_are_few_and_have_names_that_mlflow_takes(tmp_path):
     conditions = {f"R@1 (deg) {k}": k % 5 for k in range(30)}
     arms = {arm: [MadeUpRun(conditions, protocol=None) for _ in range(3)] for arm in ("a", "b")}
     results = made_up_sweep(tmp_path, arms, contrasts={"x": {"treatment": "a", "control": "b"}})
-    metrics = sweep_page(results.plan, Progress(6, 6), results, tmp_path).metrics
+    _, metrics = sweep_page(results.plan, Progress(6, 6), results, tmp_path)
     assert len([name for name in metrics if name.startswith("effect/")]) == MOST_EFFECTS
     assert not any(set(name) & set("@()") for name in metrics)
 

@@ -14,7 +14,7 @@ import pytest
 import tiny_calibration
 import tiny_places
 from support import quick_config
-from tiny_digits import digits_run
+from tiny_digits import PLAIN, digits_run
 
 import sextant
 from sextant import cli
@@ -133,7 +133,7 @@ def test_cameras_have_their_intervals(tmp_path):
 
 @pytest.mark.slow
 def test_filters_answer_by_their_first_method(tmp_path):
-    run = digits_run(tmp_path)
+    run = digits_run(tmp_path, *PLAIN[3:], "task.prices=[10]")
     rows = answered(photo_predictor(run.last_checkpoint), PHOTOS)
     assert {row["label"] for row in rows[:2]} <= {str(digit) for digit in range(10)}
     assert all(isinstance(row["score"], float) for row in rows[:2])

@@ -103,6 +103,16 @@ def test_two_processes_find_what_one_finds(tmp_path, task):
     assert found["metrics"] == pytest.approx(expected["metrics"], abs=0.03, rel=0.03)
 
 
+#: with :data:`QUICK`, a run of four epochs in two processes
+FOUR_EPOCHS = (TWO, "trainer.max_epochs=4", "trainer.batch_size=32", "tracking=none")
+
+
+@pytest.fixture(scope="module")
+def expected(outputs):
+    """What such a run finds if nothing disturbs it."""
+    return execute(quick_config(outputs, *FOUR_EPOCHS)).metrics
+
+
 def begin(raw):
     os.setsid()
     execute(raw, wait=True)
@@ -110,11 +120,9 @@ def begin(raw):
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_killed_it_ends_as_if_it_had_not_been_and_leaves_nothing_behind(tmp_path):
+def test_killed_it_ends_as_if_it_had_not_been_and_leaves_nothing_behind(tmp_path, expected):
     """Killed once: that a run survives ten kills, tests/system/test_kill.py shows of one process."""
-    words = [TWO, "trainer.max_epochs=4", "trainer.batch_size=32", "tracking=none"]
-    expected = RunDirectory(execute(quick_config(tmp_path / "whole", *words)).directory).results()
-    killed = quick_config(tmp_path / "killed", *words)
+    killed = quick_config(tmp_path / "killed", *FOUR_EPOCHS)
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["sextant.lifecycle.training", "sextant.chapters.classification.chapter"])
     process = context.Process(target=begin, args=(killed,))
@@ -125,7 +133,7 @@ def test_killed_it_ends_as_if_it_had_not_been_and_leaves_nothing_behind(tmp_path
     os.kill(process.pid, signal.SIGKILL)
     process.join()
     assert not psutil.wait_procs(others, timeout=30)[1]  # they notice
-    assert RunDirectory(execute(killed).directory).results()["metrics"] == expected["metrics"]
+    assert execute(killed).metrics == expected
     assert len(all_runs(tmp_path / "killed")) == 1
 
 
@@ -194,13 +202,11 @@ def test_gradients_of_several_batches_make_one_step(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_a_sweep_gives_each_run_of_several_processes_one_of_its_own(tmp_path):
-    words = [*QUICK, TWO, "tracking=none"]
-    alone = execute(to_plain(compose([*words, f"paths.outputs={tmp_path / 'alone'}"])))
-    joblib = ["seed=0,1", "launcher=joblib", "launcher.workers=1", f"paths.outputs={tmp_path / 'sweep'}"]
-    swept = run_sweep([*words, *joblib])
+def test_a_sweep_gives_each_run_of_several_processes_one_of_its_own(tmp_path, expected):
+    joblib = ["seed=0,1", "launcher=joblib", "launcher.workers=1", f"paths.outputs={tmp_path}"]
+    swept = run_sweep([*QUICK, *FOUR_EPOCHS, *joblib])
     assert swept.count("failed") == 0
-    assert swept.outcomes[0].metrics == alone.metrics
+    assert swept.outcomes[0].metrics == expected
 
 
 def test_runs_of_before_are_the_same_experiment():

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import pytest
 from hydra.core.global_hydra import GlobalHydra
+from support import Hears
 
 from sextant.errors import UserError
 from sextant.lifecycle.sweep_plan import make_plan, sweep_words
@@ -48,6 +49,31 @@ def test_an_arm_may_belong_to_some_settings_and_a_setting_may_have_fewer_seeds(o
     assert [entry.cell.seed for entry in planned][8:12] == [100, 101, 102, 103]
     _, fewer, _ = make_plan([*own, "sweep.seeds=[7,9]"])
     assert [entry.cell.seed for entry in fewer if entry.cell.setting == "lenet_b"] == [7, 9] * 2
+
+
+def test_intervals_of_an_earlier_version_are_still_read(own):
+    _, _, config = make_plan([*own, "+sweep.interval=bootstrap"], hears := Hears())
+    assert config.sweep.interval == "bootstrap"
+    assert hears.said == ["sweep.interval=bootstrap has no effect: all intervals of reports are Student's t."]
+
+
+def planned_of_the_demo(outputs, *words):
+    GlobalHydra.instance().clear()
+    return [entry.cell for entry in make_plan(["sweep=demo", *words, f"paths.outputs='{outputs}'"])[1]]
+
+
+def test_the_command_line_fixes_a_factor_and_the_seed(tmp_path):
+    found = planned_of_the_demo(tmp_path, "backbone=lenet_c", "seed=5")
+    assert {(cell.setting, cell.seed) for cell in found} == {("lenet_c", 5), ("lenet_c", 1005)}
+
+
+def test_arms_shift_their_seeds(tmp_path):
+    found = planned_of_the_demo(tmp_path, "sweep.seeds=1")
+    assert {(cell.arm, cell.pair, cell.seed) for cell in found} == {
+        ("conv", 0, 0),
+        ("push_pull", 0, 0),
+        ("twin", 0, 1000),
+    }
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7])

@@ -7,12 +7,15 @@ import pytest
 from scipy import stats
 
 from sextant.atomic_files import write_json
+from sextant.cli.report import _show
+from sextant.config.schema.claims import ClaimPart
 from sextant.config.schema.sweeps import Sweep
 from sextant.errors import UserError
 from sextant.lifecycle.results import load_results, sweep_results
 from sextant.lifecycle.sweep_plan import make_plan, read_design
 from sextant.reports.claim_evidence import evidence
 from sextant.reports.contrasts import contrasts
+from sextant.reports.sweep_page import Progress, sweep_page
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan
@@ -91,7 +94,7 @@ def finished(folder, values, worlds, seeds, images=20, started=1.8e9):
 RIGHT = ([[18, 16], [12, 14], [19, 17]], [[14, 14], [11, 13], [13, 13]])
 
 
-def test_seeds_are_averaged_within_a_world_and_intervals_are_over_worlds(tmp_path):
+def test_seeds_are_averaged_within_a_world_and_intervals_are_over_worlds(tmp_path, capsys):
     results = finished(tmp_path, RIGHT, worlds=3, seeds=2)
     (row,) = contrasts(results)
     differences = 100 * (np.mean(RIGHT[0], axis=1) - np.mean(RIGHT[1], axis=1)) / 20
@@ -110,8 +113,12 @@ def test_seeds_are_averaged_within_a_world_and_intervals_are_over_worlds(tmp_pat
     assert report["dates.csv"].read_text() == (
         "first_run,last_run\n2027-01-15T08:00:00+00:00,2027-01-15T08:00:05+00:00\n"
     )
-    (found,) = evidence(report["contrasts.csv"], ["effect"], conditions=["clean"])
+    part = ClaimPart(sweep="demo", stored="demo", names=["effect"], conditions=["clean"])
+    (found,) = evidence(report["contrasts.csv"], part)
     assert (found.estimate.replicate, found.estimate.seeds) == ("worlds", 3)
+    assert "95 % over worlds" in sweep_page(results.plan, Progress(12, 12), results, tmp_path)[0]
+    _show(results)
+    assert "worlds" in capsys.readouterr().out
 
 
 def test_as_many_seeds_as_there_are_make_no_world_count_more(tmp_path):

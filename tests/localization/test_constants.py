@@ -25,7 +25,6 @@ LIMITS = {
     "innovation_test": {"LOOKED_AT ASKED": [4096, 128]},
     "map_prior": {"LEAST_SPACING": [1e-6]},
     "map_support": {"LOOKED_AT NEIGHBOURS": [4096, 24]},
-    "place_kernel": {"IMAGES": [600], "TRIED np": [8, 9], "RANGE STEPS": [10.0, 16]},
     "pose_kernel": {"_falling": [5]},
     "recognition": {"MOST": [256], "BLOCK": [24], "of": [1e-12]},
     "recovery.bayes_restart": {"share": [0.1], "window": [1000]},  # of the particles; a range
@@ -69,10 +68,6 @@ ALTERNATIVES = {
     "recovery.metric_proposal": {"share": [0.1], "log_prior": [1.5]},
     "recovery.recovery": {"share": [0.05]},
     "recovery.top_k": {"share": [0.05], "top": [10]},
-    "topological_filter": {
-        "LEAST_RANGE": [1e-12], "FURTHEST": [1e150], "jump": [1e-3], "of": [1e-3],
-        "likelihood_rate": [5.0, 0.025, 0.975],
-    },
 }  # fmt: skip
 #: observation models are approximations of one posterior, and lasers another sensor
 ELSEWHERE = {"observation", "laser"}

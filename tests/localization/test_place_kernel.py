@@ -3,8 +3,8 @@
 import pytest
 import torch
 
+from benchmarks.place_kernel import IMAGES, discriminative_kernel, log_place_probability, squared_errors
 from sextant.localization.descriptor_map import DescriptorMap
-from sextant.localization.place_kernel import IMAGES, discriminative_kernel, log_place_probability, squared_errors
 from sextant.localization.pose_kernel import PoseKernel
 
 KERNEL = PoseKernel("rbf", (1.5, 1.5), 1.0, 1.0, 0.2)

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from sextant.errors import UserError
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, PerspectiveCamera, vfov_from_focal
 from sextant.losses import BearingLoss
 from sextant.losses.camera_losses import (
@@ -296,16 +295,3 @@ def test_vfov_at_fixed_rho_moves_the_tilt_as_well():
     camera_wider = HORIZON.decode(wider)
     assert camera_wider.tilt.item() > TRUTH.tilt.item() + 0.01
     assert vfov_from_focal(camera_wider.focal).item() == pytest.approx(vfov_from_focal(TRUTH.focal).item() + 0.1)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        ({"mode": "apart"}, "mode='apart' must be one of joint, disentangled, harmonic"),
-        ({"grid": 1}, "grid=1"),
-    ],
-)
-def test_mistakes_are_told(arguments, says):
-    with pytest.raises(UserError, match=says) as error:
-        BearingLoss(paper_space(HORIZON), **arguments)
-    assert error.value.fix

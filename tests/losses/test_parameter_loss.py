@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 
-from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
 from sextant.losses import ParameterLoss
 
@@ -116,18 +115,3 @@ def test_learned_variances_start_even_and_are_kept_with_the_loss():
     assert loss.log_variance.exp().tolist() == pytest.approx([1 / 12] * 4)
     assert list(loss.state_dict()) == ["paced"]
     assert ParameterLoss(space(), units="range").log_variance.tolist() == [0.0] * 4
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        ({"units": "px"}, "units='px' must be one of raw, range, natural, learned"),
-        ({"penalty": "l1"}, "penalty='l1' must be one of l2, huber"),
-        ({"delta": 0.0}, "delta=0.0 must be above 0"),
-        ({"delta": math.nan}, "delta=nan"),
-    ],
-)
-def test_mistakes_are_told(arguments, says):
-    with pytest.raises(UserError, match=says) as error:
-        ParameterLoss(space(), **arguments)
-    assert error.value.fix

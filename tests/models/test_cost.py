@@ -1,6 +1,5 @@
 import copy
 
-import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
@@ -23,6 +22,10 @@ PUBLISHED = [
 ]
 
 
+def per_cent_of_the_pull(cost):
+    return 100 * cost.pull_macs / (cost.macs - cost.pull_macs)
+
+
 @pytest.mark.parametrize(("make", "millions", "direct", "factorised"), PUBLISHED)
 def test_networks_cost_what_was_counted_by_hand(make, millions, direct, factorised):
     plain = network_cost(network := make(), (32, 32), 3)
@@ -31,10 +34,10 @@ def test_networks_cost_what_was_counted_by_hand(make, millions, direct, factoris
     inhibited = PushPullInhibition(scale=2.0, alpha=1.0)(network)
     cost = network_cost(inhibited, (32, 32), 3)
     assert cost.parameters == plain.parameters
-    assert 100 * cost.pull_share == pytest.approx(direct, abs=0.05)
+    assert per_cent_of_the_pull(cost) == pytest.approx(direct, abs=0.05)
     if factorised is not None:
-        share = network_cost(inhibited, (32, 32), 3, pull="factorised").pull_share
-        assert 100 * share == pytest.approx(factorised, abs=0.05)
+        cost = network_cost(inhibited, (32, 32), 3, pull="factorised")
+        assert per_cent_of_the_pull(cost) == pytest.approx(factorised, abs=0.05)
 
 
 @pytest.mark.parametrize("depth", [20, 56])
@@ -48,7 +51,7 @@ def test_residual_networks_cost_exactly_what_their_table_of_layers_says(depth):
 @pytest.mark.parametrize(("variant", "share"), [("A", 136), ("B", 225), ("C", 127), ("D", 219)])
 def test_inhibition_more_than_doubles_the_cost_of_lenet(variant, share):
     network = PushPullInhibition()(LeNet(variant, 1, (28, 28), 10))
-    assert 100 * network_cost(network, (28, 28), 1).pull_share == pytest.approx(share, abs=0.5)
+    assert per_cent_of_the_pull(network_cost(network, (28, 28), 1)) == pytest.approx(share, abs=0.5)
 
 
 @pytest.mark.parametrize(
@@ -135,4 +138,3 @@ def test_frozen_parameters_are_no_parameters_of_training():
     network.requires_grad_(False)
     cost = network_cost(network, (3, 3), 1)
     assert (cost.parameters, cost.macs) == (0, 18)
-    assert np.isnan(network_cost(nn.Identity(), (3, 3), 1).pull_share)

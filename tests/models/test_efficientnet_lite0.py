@@ -125,17 +125,9 @@ def test_inhibition_is_put_into_it():
     assert network(torch.rand(1, 3, 48, 64)).shape == (1, 4)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"stages": 9}, "stages=9"),
-        ({"stages": 2, "frozen_stages": 3}, "frozen_stages=3"),
-        ({"rate_decay": 0}, "rate_decay=0"),
-    ],
-)
-def test_an_argument_out_of_range_is_named(wrong, said):
-    with pytest.raises(UserError, match=said):
-        EfficientNetLite0(3, (64, 64), 2, **wrong)
+def test_more_frozen_stages_than_stages_are_refused():
+    with pytest.raises(UserError, match="frozen_stages=3"):
+        EfficientNetLite0(3, (64, 64), 2, stages=2, frozen_stages=3)
 
 
 @pytest.fixture

@@ -1,26 +1,15 @@
 import pickle
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from support import as_published
+from support import Payload, as_published
 from torch.nn.functional import cross_entropy
 
 from sextant.data.cifar10 import CIFAR10
 from sextant.errors import UserError
 from sextant.layers import PushPullConv2d, PushPullInhibition
 from sextant.models import DenseNetCifar, ResNetCifar, load_published
-
-
-class Payload:
-    """Unpickling it creates a file."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return Path.touch, (self.path,)
 
 
 def a_resnet(**changes):

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from sextant.config.schema.claims import ClaimPart
 from sextant.errors import UserError
 from sextant.reports.claim_evidence import NOT_RUN, evidence
 
@@ -28,8 +29,12 @@ def table(tmp_path):
     return stored(tmp_path, ["old,-,clean,3,1.0,0.5,nan,nan"], "contrasts.csv", head)
 
 
+def told(path, names, arms=None, **more):
+    return list(evidence(path, ClaimPart(sweep="demo", stored="-", table=path.stem, names=names, **more), arms))
+
+
 def found(path, names=("new",), conditions=("clean",), arms=ARMS, **more):
-    return [each.estimate for each in evidence(path, names, conditions=conditions, arms=arms, **more)]
+    return [each.estimate for each in told(path, list(names), arms, conditions=list(conditions), **more)]
 
 
 @pytest.mark.parametrize("down", [False, True])
@@ -39,7 +44,7 @@ def test_a_contrast_that_was_not_stored_follows_from_the_seeds(table, count, dow
     rng = np.random.default_rng(count)
     a, b = rng.normal(5, 1, count), rng.normal(4, 1, count)
     stored(table.parent, [*reversed(seeds("a", a)), *seeds("b", b), *seeds("a", a + 9, condition="fog")])
-    (estimate,) = found(table, down=down)
+    (estimate,) = found(table, direction="down" if down else "up")
     pairs = (b - a) if down else (a - b)
     assert estimate.mean == pytest.approx(pairs.mean())
     assert estimate.error == pytest.approx(pairs.std(ddof=1) / math.sqrt(count))
@@ -81,31 +86,29 @@ def test_figures_of_a_command_say_what_their_replicates_are_and_wait_for_their_r
     table = tmp_path / "recorded.csv"
     head = "name,seeds,replicate,mean,low,high,against"
     table.write_text(f"{head}\nx,4,worlds,80,70,90,0\ny,counted,,0,,,0\nz,4,days,1,0,2,0\n")
-    worlds, exact = (each.estimate for each in evidence(table, ["x", "y"]))
+    worlds, exact = (each.estimate for each in told(table, ["x", "y"]))
     assert (worlds.replicate, worlds.seeds, worlds.interval()) == ("worlds", 4, (70, 90))
     assert exact.counted
     with pytest.raises(UserError, match="replicate=days must be seeds, worlds"):
-        list(evidence(table, ["z"]))
-    (waiting,) = evidence(tmp_path / "not_run" / "recorded.csv", ["x"])
+        told(table, ["z"])
+    (waiting,) = told(tmp_path / "not_run" / "recorded.csv", ["x"])
     assert waiting.estimate is NOT_RUN
 
 
 @pytest.mark.parametrize("name", ["contrasts.csv", "differences.csv", "cells.csv", "cost.csv", "pooled.csv"])
 def test_without_a_stored_report_every_comparison_is_not_run(tmp_path, name):
-    told = list(
-        evidence(
-            tmp_path / "gone" / name, ["x", "y"], conditions=["clean", "fog"], quantity="q", against="z", arms=ARMS
-        )
-    )
-    assert all(each.estimate is NOT_RUN for each in told)
-    assert [each.label for each in told] == (
+    against = 1.0 if name == "cells.csv" else "z"
+    path, conditions = tmp_path / "gone" / name, ["clean", "fog"]
+    waiting = told(path, ["x", "y"], ARMS, conditions=conditions, quantity="q", against=against)
+    assert all(each.estimate is NOT_RUN for each in waiting)
+    assert [each.label for each in waiting] == (
         ["x", "y"] if name == "cost.csv" else ["x, clean", "x, fog", "y, clean", "y, fog"]
     )
 
 
 def test_what_is_recorded_is_never_missing_in_silence(tmp_path):
     with pytest.raises(UserError, match=r"recorded\.csv is not there"):
-        list(evidence(tmp_path / "recorded.csv", ["x"]))
+        told(tmp_path / "recorded.csv", ["x"])
 
 
 def test_a_condition_that_was_not_tested_is_an_error_and_so_are_seeds_that_are_lost(table):
@@ -130,7 +133,7 @@ def test_a_difference_is_of_the_metric_that_is_named(tmp_path):
     head = "contrast,setting,condition,metric,seeds,mean,spread,low,high,replicate"
     rows = [f"new,-,clean,{metric},8,{mean},0.1,0,0,worlds" for metric, mean in (("error", -0.2), ("nll", 3.0))]
     path = stored(tmp_path, rows, "differences.csv", head).with_name("differences.csv")
-    (estimate,) = found(path, arms=None, quantity="error", down=True)
+    (estimate,) = found(path, arms=None, quantity="error", direction="down")
     assert (estimate.mean, estimate.seeds, estimate.replicate) == (0.2, 8, "worlds")
     with pytest.raises(UserError, match="has no row contrast=new setting=- condition=clean metric=gone"):
         found(path, arms=None, quantity="gone")

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from made_up_sweep import IMAGES, PROTOCOL, MadeUpRun, made_up_sweep, predictions
 from scipy import stats
 
+from sextant.chapters.classification.report import baseline_of
 from sextant.evaluation import ALEXNET_CIFAR10_C, ALL_19, BENCHMARK_15
 from sextant.kit.measure import SharedSet, classified, shared_set
 from sextant.reports.contrasts import contrasts
-from sextant.reports.corruption_contrasts import OverSeeds, arm_errors, baseline_of, corruption_contrasts
+from sextant.reports.corruption_contrasts import OverSeeds, arm_errors, corruption_contrasts
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.corruption_tables import difference_table, overview_table, score_table
 from sextant.reports.sweep_report import write_report
@@ -127,7 +128,7 @@ def test_corruption_errors_are_relative_to_the_sets_baseline(tmp_path):
     wrong = {"clean": 2} | {f"fog/{severity}": severity for severity in range(1, 6)}  # clean 10 %, fog 15 %
     other = {"clean": 2} | {f"fog/{severity}": severity + 1 for severity in range(1, 6)}  # fog 20 %
     results = made_up_sweep(tmp_path, {"a": [MadeUpRun(wrong), MadeUpRun(other)]})
-    baseline = baseline_of(results.shared)
+    baseline = baseline_of(results.shared.key, results.shared.severities)
     assert baseline == ALEXNET_CIFAR10_C  # fog 30.31 %, clean 13.87 %
     (row,) = score_table(arm_errors(results), baseline, {"of 1": ("fog",)}).rows
     setting, arm, seeds, clean, mce, relative = row
@@ -141,12 +142,12 @@ def test_corruption_errors_are_relative_to_the_sets_baseline(tmp_path):
 
 
 def test_there_is_no_score_without_a_baseline_or_with_missing_severities(sweep):
-    assert baseline_of(sweep.shared) is None
+    assert baseline_of(sweep.shared.key, sweep.shared.severities) is None
     whole = {"fog": (1, 2, 3, 4, 5)}
-    assert baseline_of(SharedSet((("cifar10_c", ""),), whole)) is not None
-    assert baseline_of(SharedSet((("mnist_c", ""),), whole)) is None
-    assert baseline_of(SharedSet((("cifar10_c", ""), ("imagenet_c", "")), whole)) is None
-    assert baseline_of(SharedSet((("cifar10_c", ""),), {**whole, "stripe": (1, 2, 3, 4, 5)})) is None
+    assert baseline_of("cifar10_c", whole) is not None
+    assert baseline_of("mnist_c", whole) is None
+    assert baseline_of(SharedSet((("cifar10_c", ""), ("imagenet_c", "")), whole).key, whole) is None
+    assert baseline_of("cifar10_c", {**whole, "stripe": (1, 2, 3, 4, 5)}) is None
 
 
 def test_what_only_some_runs_were_tested_under_is_left_out_and_told():

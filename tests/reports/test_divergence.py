@@ -33,9 +33,9 @@ def test_a_sweep_of_which_no_run_learnt_says_why_and_shows_what_was_reached(tmp_
     assert "–" not in text.partition("## Cost")[0]
     assert not list((results.directory / "report").glob("*.png"))
     assert "data-chart=" not in write_report_page(results, tmp_path).read_text(encoding="utf-8")
-    page = sweep_page(results.plan, Progress(4, 4), results, tmp_path)
-    assert "None of the runs learnt" in page.text
-    assert (page.metrics["runs/diverged"], outcomes_told(results)) == (4.0, "4 diverged")
+    page, metrics = sweep_page(results.plan, Progress(4, 4), results, tmp_path)
+    assert "None of the runs learnt" in page
+    assert (metrics["runs/diverged"], outcomes_told(results)) == (4.0, "4 diverged")
 
 
 def test_one_arm_of_which_no_run_learnt_is_in_no_table_but_that_of_runs(tmp_path):
@@ -52,7 +52,7 @@ def test_a_dash_where_few_pairs_learnt_is_explained(tmp_path, capsys, none, push
     """Boundaries: two pairs, which have an interval; one, where its partner diverged; none."""
     arms = {"none": [GOOD] * none + [BAD] * (2 - none), "push_pull": [GOOD] * push_pull + [BAD] * (2 - push_pull)}
     results = made_up_sweep(tmp_path, arms)
-    page = sweep_page(results.plan, Progress(4, 4), results, tmp_path).text
+    page, _ = sweep_page(results.plan, Progress(4, 4), results, tmp_path)
     _show(results)
     for text in (reported(results), page, capsys.readouterr().out):
         contrast = text.partition("push_pull - none")[2].partition("\n## ")[0]

@@ -9,18 +9,17 @@ from hypothesis import strategies as st
 
 from sextant.atomic_files import write_json
 from sextant.chapters.localization.measure import SUCCESS, localized
+from sextant.evaluation.particle_counts import needed_ratio, particles_needed
 from sextant.evaluation.success import share_of
 from sextant.lifecycle.results import sweep_results
 from sextant.reports.cell_tables import cells_table
 from sextant.reports.contrasts import contrasts
 from sextant.reports.particles_report import (
     POOLED,
-    Curve,
     arm_curves,
     particle_ratios,
     particles_section,
     ratio_table,
-    seed_ratio,
 )
 from sextant.reports.section import summarise
 from sextant.reports.sweep_report import write_report
@@ -162,24 +161,21 @@ def test_arms_may_try_other_numbers(tmp_path):
     assert "–" in particles_section(results).text
 
 
-def curve(successes, counts=(10, 100)):
-    return Curve("-", "arm", "day", np.array(counts), np.asarray(successes, bool))
-
-
 def test_runs_of_a_seed_are_drawn_together():
     """Of two seeds one fails wholly at 10: half of the resamples of single runs would never say so."""
-    mixed = curve([[[True] * 50, [False] * 50], [[True] * 50, [True] * 50]])
-    always = curve(np.ones((2, 2, 50)))
-    ratio = seed_ratio(mixed, always)
+    mixed = np.array([[[True] * 50, [False] * 50], [[True] * 50, [True] * 50]])
+    counts, always = np.array([10, 100]), np.ones((2, 2, 50), bool)
+    ratio = needed_ratio((counts, mixed), (counts, always))
     assert (ratio.least, ratio.low, ratio.high) == (10, 1, 10)  # (seed 0, seed 0) is a quarter of the resamples
 
 
 @given(st.integers(0, 2**20), st.integers(1, 4))
 def test_a_ratio_is_within_its_interval_and_one_to_itself(bits, seeds):
     rng = np.random.default_rng(bits)
-    curves = [curve(rng.random((3, seeds, 5)) < rng.random(), (10, 30, 90)) for _ in range(2)]
-    ratio = seed_ratio(*curves, resamples=50)
+    counts = np.array([10, 30, 90])
+    methods = [(counts, rng.random((3, seeds, 5)) < rng.random()) for _ in range(2)]
+    ratio = needed_ratio(*methods, resamples=50)
     assert ratio.least <= ratio.most
     assert ratio.low <= ratio.high
-    same = seed_ratio(curves[0], curves[0], resamples=20)
-    assert same.least == same.most == 1 or np.isinf(curves[0].needed)
+    same = needed_ratio(methods[0], methods[0], resamples=20)
+    assert same.least == same.most == 1 or np.isinf(particles_needed(counts, methods[0][1].reshape(3, -1)))

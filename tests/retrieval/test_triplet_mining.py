@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sextant.chapters.places.data import PlaceTolerance
-from sextant.errors import UserError
 from sextant.retrieval import (
     BatchHardMining,
     CachedHardMining,
@@ -196,18 +195,3 @@ def test_descriptors_that_are_not_finite_are_refused():
         CachedHardMining()(broken, Places(torch.arange(4)[:, None]), PlaceTolerance("frames", 1.0, 2.0))
     with pytest.raises(ValueError, match="4 cached"):
         CachedHardMining()(broken, Places(torch.arange(5)[:, None]), PlaceTolerance("frames", 1.0, 2.0))
-
-
-@pytest.mark.parametrize(
-    ("make", "key"),
-    [
-        (lambda: RandomMining(0), "per_anchor"),
-        (lambda: SemiHardMining(0.0), "margin"),
-        (lambda: CachedHardMining(negatives=0), "negatives"),
-        (lambda: CachedHardMining(refresh=-1), "refresh"),
-        (lambda: CachedHardMining(positive="best"), "positive"),
-    ],
-)
-def test_settings_out_of_range_are_named(make, key):
-    with pytest.raises(UserError, match=key):
-        make()

@@ -1,4 +1,3 @@
-import builtins
 import os
 import pickle
 import resource
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from support import Payload
 
 from sextant.errors import UserError
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
@@ -15,14 +15,6 @@ from sextant.runs.checkpoint_io import AtomicCheckpointIO
 from sextant.torch_file import _Sealing
 
 GOOD = {KEY: {"schema_version": SCHEMA_VERSION, "task": "classification"}, "state_dict": {"w": torch.ones(3)}}
-
-
-class Payload:
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return builtins.open, (str(self.path), "w")
 
 
 def test_round_trip(tmp_path):

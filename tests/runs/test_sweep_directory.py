@@ -1,18 +1,8 @@
 import pytest
+from support import Hears
 
 from sextant.errors import UserError
-from sextant.reporter import Reporter
 from sextant.runs.sweep_directory import Cell, SweepPlan, find_sweep, read_plan, report_command
-
-
-class Hears(Reporter):
-    """Keeps what is said."""
-
-    def __init__(self):
-        self.heard = []
-
-    def say(self, text):
-        self.heard.append(text)
 
 
 def plan(name="demo", digest="d1"):
@@ -57,7 +47,7 @@ def test_a_damaged_plan_is_passed_over_for_one_that_can_be_read(tmp_path, conten
             read_plan(find_sweep(reference, tmp_path))
     directory, said = plan().write(tmp_path), Hears()
     assert find_sweep("demo", tmp_path, said) == directory
-    assert said.heard == [f"{damaged}/cells.json is missing or damaged, and is skipped"]
+    assert said.said == [f"{damaged}/cells.json is missing or damaged, and is skipped"]
     assert plan(digest="d2").resumed(tmp_path) == plan(digest="d2")
 
 

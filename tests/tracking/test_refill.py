@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from support import quick_config
+from support import Hears, quick_config
 
 from sextant import cli
 from sextant.atomic_files import write_json
@@ -11,7 +11,6 @@ from sextant.chapters.classification.task import Classification
 from sextant.errors import UserError
 from sextant.lifecycle import execute as life
 from sextant.lifecycle.execute import execute
-from sextant.reporter import Reporter
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, find_sweep, read_plan
 from sextant.tracking.mirror import finish_mirror, open_mirror
@@ -117,16 +116,6 @@ def test_a_store_that_does_not_answer_is_no_store_without_the_run(tmp_path, monk
     assert len(runs_in(store)) == 1
 
 
-class Listener(Reporter):
-    """Keeps what it hears."""
-
-    def __init__(self):
-        self.heard = []
-
-    def say(self, text):
-        self.heard.append(text)
-
-
 def test_a_run_that_the_store_refuses_is_named_and_the_others_get_there(tmp_path, monkeypatch):
     from mlflow import MlflowClient
 
@@ -140,10 +129,10 @@ def test_a_run_that_the_store_refuses_is_named_and_the_others_get_there(tmp_path
         return log_batch(self, run_id, metrics=metrics, params=params, **others)
 
     monkeypatch.setattr(MlflowClient, "log_batch", refusing)
-    listener = Listener()
+    listener = Hears()
     with pytest.raises(UserError, match="refused classification/12345678-s0"):
         refill(open_store("sqlite", None, tmp_path), tmp_path, reporter=listener)
-    assert any("not this one" in text for text in listener.heard)
+    assert any("not this one" in text for text in listener.said)
     store = open_store("sqlite", None, tmp_path)
     assert sorted(run.info.status for run in runs_in(store)) == ["FINISHED", "RUNNING"]
 
@@ -202,12 +191,12 @@ def test_a_damaged_sweep_keeps_no_other_from_its_parent(tmp_path):
     cell = Cell({}, "run", 0, 0, "12345678", "runs/classification/12345678-s0")
     for name in ("a", "s"):
         SweepPlan(name, {}, [], [cell]).write(tmp_path)
-    damaged, store, said = find_sweep("a", tmp_path) / "cells.json", open_store("sqlite", None, tmp_path), Listener()
+    damaged, store, said = find_sweep("a", tmp_path) / "cells.json", open_store("sqlite", None, tmp_path), Hears()
     damaged.write_text("{")
     assert refill(store, tmp_path, reporter=said) == 2
     (name,) = [run.info.run_name for run in runs_in(store) if "sextant.sweep" in run.data.tags]
     assert name == find_sweep("s", tmp_path).name.replace("-", " ")
-    assert f"{damaged} is missing or damaged, and is skipped" in said.heard
+    assert f"{damaged} is missing or damaged, and is skipped" in said.said
 
 
 def killed(outputs, monkeypatch, *overrides):

@@ -25,7 +25,6 @@ from sextant.chapters.calibration.jointly import (
     by_method,
     network_belief,
 )
-from sextant.errors import UserError
 
 #: a camera whose picture has lines in all three directions, and a network that is wrong about it
 CAMERA = list(cameras(8, k1=(-0.01, 0.0)))[1]
@@ -130,11 +129,6 @@ def test_what_is_no_photo_is_told():
     assert (blank.verdict, long.verdict) == ("not trustworthy", "not trustworthy")
     assert "a blank wall" in " ".join(blank.reasons)
     assert "a strip of 20:1" in " ".join(long.reasons)
-
-
-def test_a_method_that_is_none_is_refused():
-    with pytest.raises(UserError, match="method='best' must be one of joint, lines, network"):
-        PhotoCalibrator(Fake(), "best")
 
 
 @pytest.fixture(scope="module")

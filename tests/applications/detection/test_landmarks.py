@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cli.cosfire_detection.drawn import drawn
 from PIL import Image
+from quick_runs import quick_runs  # noqa: F401
 from tiny_office import office_cache, office_config
 from tiny_places import tiny_checkpoint
 
@@ -110,8 +111,8 @@ def test_landmarks_come_before_the_filters(example, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_run_of_localization_by_three_clicks_in_a_rendered_office(tmp_path, tmp_path_factory):
-    cache, photo = office_cache(tmp_path_factory), tmp_path / "photo.png"
+def test_a_run_of_localization_by_three_clicks_in_a_rendered_office(tmp_path):
+    cache, photo = office_cache(), tmp_path / "photo.png"
     size = ("dataset.width=48", "dataset.height=36", "dataset.metres=[8.0,3.0,4.0]", "dataset.conditions=[summer_noon]")
     rng = np.random.default_rng(0)
     Image.fromarray(rng.integers(0, 255, (9, 12, 3), np.uint8)).resize((96, 72), Image.Resampling.NEAREST).save(photo)

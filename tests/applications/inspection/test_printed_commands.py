@@ -7,15 +7,15 @@ import cv2
 import numpy as np
 import pytest
 from applications.inspection.folders import FOLDERS, classes, panorama
+from applications.walks.test_walking import shoot
 from made_up_bags import Bags
-from PIL import Image
 
 from sextant import cli
-from sextant.geometry import PerspectiveCamera, level_camera_pose
+from sextant.geometry import PerspectiveCamera
 from sextant.lifecycle.checks import checked, preflight, require_possible
 from sextant.registry import chapter_of
 from sextant.tools.inspection import inspect
-from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
+from sextant.worlds import Town, condition, drive, irregular_streets, random_walk
 
 SIZE = (112, 84)
 FEW = ["one camera", "classes", "two rides", "two trajectories", "known cameras", "names with UTM"]
@@ -87,28 +87,16 @@ def test_commands_for_photos_places_and_trajectories_run(name, tmp_path, capsys)
         assert "output" not in values or any((tmp_path / "work" / values["output"]).rglob("*.json")), command
 
 
-def shoot(folder, town, poses, look):
-    at = np.stack([level_camera_pose(x, y, 1.6, turn, 0.0, 0.0).numpy() for x, y, turn in poses])
-    folder.mkdir(parents=True)
-    rays = Rays.of_camera(PerspectiveCamera.from_vfov(1.0, *SIZE), 1)
-    images = list(town.renderer(look).pictures(rays, at, look))
-    for k, image in enumerate(images):
-        Image.fromarray(image).save(folder / f"{k:03d}.png")
-    rows = [f"{k:03d}.png,{x},{y},{np.degrees(turn)}" for k, (x, y, turn) in enumerate(poses)]
-    (folder / "poses.csv").write_text("\n".join(["file,x,y,heading", *rows]))
-    return images
-
-
 @pytest.mark.slow
 def test_commands_for_drives_a_metre_apart_run_and_find_the_robot(tmp_path, capsys):
     """A map with images 1 m apart, a second drive, a third one without poses but with odometry, a video and a bag."""
     streets = irregular_streets(size_m=200, block_m=80, seed=3)
     town, way = Town(streets, seed=3), random_walk(streets, 150, seed=1)
     mapped, second = (drive(streets, way, seed=seed).sample_by_distance(1).poses for seed in (2, 5))
-    files = tmp_path / "files"
-    shoot(files / "map", town, mapped[:50], condition("summer_noon"))
-    images = shoot(files / "second", town, second[10:40], condition("autumn_morning"))
-    shoot(files / "third", town, second[10:22], condition("autumn_morning"))
+    files, camera, autumn = tmp_path / "files", PerspectiveCamera.from_vfov(1.0, *SIZE), condition("autumn_morning")
+    shoot(files / "map", town, condition("summer_noon"), mapped[:50], camera)
+    images = shoot(files / "second", town, autumn, second[10:40], camera)
+    shoot(files / "third", town, autumn, second[10:22], camera)
     (files / "third" / "poses.csv").unlink()
     rows = [f"{k:03d}.png,{x},{y},{turn}" for k, (x, y, turn) in enumerate(second[10:22])]
     (files / "third" / "odometry.csv").write_text("\n".join(["file,x,y,theta", *rows]))

@@ -20,9 +20,8 @@ from sextant.chapters.localization.localized_pose import LocalizedPose
 from sextant.chapters.localization.saved_filter import filter_of, filter_values, fitted_kernel
 from sextant.chapters.localization.written_poses import Row
 from sextant.errors import UserError
-from sextant.localization.constants import RECOGNISED, SHARPER
+from sextant.localization.constants import NOISE, RECOGNISED, SHARPER
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.place_kernel import NOISE
 
 
 class Street:

@@ -5,6 +5,7 @@ import pytest
 import torch
 from models.published_places import FILES
 from safetensors.torch import save_file
+from support import Payload
 from tiny_places import ride
 
 from sextant import Localizer, PhotoCalibrator, PlaceMap
@@ -92,16 +93,8 @@ def test_other_tasks_and_sizes_say_what_it_is(file, tmp_path):
     assert "dataset.height=320" in raised.value.fix
 
 
-class Trap:
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return open, (str(self.path), "w")
-
-
 def test_wrong_files_are_refused(file, tmp_path):
-    torch.save({"state_dict": Trap(tmp_path / "trap")}, tmp_path / "their.pth")
+    torch.save({"state_dict": Payload(tmp_path / "trap")}, tmp_path / "their.pth")
     with pytest.raises(UserError, match="it would call"):
         PlaceMap.load(tmp_path / "their.pth")
     assert not (tmp_path / "trap").exists()

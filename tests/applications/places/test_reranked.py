@@ -14,7 +14,7 @@ from tiny_places import Pixels, ride, scene
 from sextant import PlaceMap
 from sextant.chapters.places import written_matches
 from sextant.chapters.places.looked_up import LookedUp
-from sextant.chapters.places.match_confidence import UNSEEN, RerankedConfidence
+from sextant.chapters.places.match_confidence import UNSEEN, MatchConfidence, deviations
 from sextant.chapters.places.options import read_inputs
 from sextant.chapters.places.photo_features import PhotoFeatures
 from sextant.chapters.places.predict import predict_places
@@ -256,11 +256,11 @@ def test_the_verdict_follows_from_inliers_in_photos_that_are_large_enough(rides,
     monkeypatch.setattr("sextant.chapters.places.place_map.fitted_confidence", lambda facts: UNSEEN)
     assert places.look_up(query, rerank=PLACES).found is None  # of 64 pixels
     monkeypatch.setattr("sextant.chapters.places.reranked_matches.LEAST_SIDE", 1)
-    fitted = RerankedConfidence(slope=1.0, offset=-1.0)
+    fitted = MatchConfidence(slope=1.0, offset=-1.0)
     monkeypatch.setattr("sextant.chapters.places.place_map.RERANKED", fitted)
     seen = places.look_up(query, k=PLACES, rerank=PLACES)
     assert (seen.best.photo.name, seen.verdict) == ("002.png", "in the map")
-    assert seen.found == pytest.approx(fitted.probability([300], [0])[0])
+    assert seen.found == pytest.approx(fitted.probability(deviations([300], [0]))[0])
     inliers.clear()
     lost = places.look_up(scene(77), k=PLACES, rerank=PLACES)
     assert lost.found < 0.5

@@ -41,12 +41,15 @@ def world(tmp_path_factory):
 
 
 def shoot(folder, town, look, poses, camera, tilt=0.0, roll=0.0):
+    """Pictures of a town with their poses; returns the pictures."""
     at = np.stack([level_camera_pose(x, y, 1.6, turn, tilt, roll).numpy() for x, y, turn in poses])
-    folder.mkdir()
-    for k, image in enumerate(town.renderer(look).pictures(Rays.of_camera(camera, 1), at, look)):
+    folder.mkdir(parents=True)
+    images = list(town.renderer(look).pictures(Rays.of_camera(camera, 1), at, look))
+    for k, image in enumerate(images):
         Image.fromarray(image).save(folder / f"{k:03d}.png")
     rows = [f"{k:03d}.png,{x},{y},{np.degrees(turn)}" for k, (x, y, turn) in enumerate(poses)]
     (folder / "poses.csv").write_text("\n".join(["file,x,y,heading", *rows]))
+    return images
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,14 @@ from scipy.optimize import approx_fprime, minimize
 from sextant.baselines.calibration import CameraPrior
 from sextant.baselines.calibration.manhattan import (
     BELIEFS,
-    _Problem,
+    AlignedSegments,
+    Normal,
     camera_axes,
     fit_manhattan,
     nearest_axis,
     sines,
 )
+from sextant.baselines.calibration.robust_fit import RobustFit
 
 WIDE = CameraPrior(sigma=(10.0, 10.0, 10.0, 10.0))
 
@@ -49,14 +51,11 @@ def test_the_fit_is_the_minimum_that_another_optimizer_finds():
     prior = CameraPrior(focal=1.2, sigma=(0.2, 0.1, 0.1, 0.1))
     start = vector(*camera)
     axis, near = nearest_axis(start, ends)
-    problem = _Problem(ends[near], axis[near], prior, np.arange(5), start)
-
-    def cost(x):
-        return 0.5 * problem.loss(np.square(problem.residuals(x[None])[0]))[0].sum()
-
-    ours = problem.solve(start)
-    assert cost(ours) <= minimize(cost, start, method="Nelder-Mead", options={"maxiter": 4000}).fun + 1e-4
-    np.testing.assert_allclose(approx_fprime(ours, cost, 1e-6), 0, atol=0.2)
+    terms = [AlignedSegments(ends[near], axis[near], 0.5), Normal(prior)]
+    fit = RobustFit(terms, np.arange(5), start, tolerance=1e-6, evaluations=20)
+    ours = fit.solve(start)
+    assert fit.cost(ours) <= minimize(fit.cost, start, method="Nelder-Mead", options={"maxiter": 4000}).fun + 1e-4
+    np.testing.assert_allclose(approx_fprime(ours, fit.cost, 1e-6), 0, atol=0.2)
 
 
 def test_without_segments_the_fit_is_the_prior_and_its_covariance():

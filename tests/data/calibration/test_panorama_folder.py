@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from data.photos.pictures import scene
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -14,78 +15,11 @@ from sextant.errors import UserError
 SPLITS = ("train", "val", "test")
 
 
-def ramp(width=128, height=64):
-    """A picture that tells its sides apart: red to the right, green down, blue 40."""
-    x = np.broadcast_to(np.linspace(0, 250, width), (height, width))
-    y = np.broadcast_to(np.linspace(0, 250, height)[:, None], (height, width))
-    return np.stack([x, y, np.full_like(x, 40)], -1).astype(np.uint8)
-
-
-def close(image, expected, limit=6):
-    return np.abs(image.astype(int) - expected).mean() < limit
-
-
 # -- decoding ----------------------------------------------------------------------------------------------------------
 
 
-def test_an_ordinary_file_keeps_its_pixels(tmp_path):
-    Image.fromarray(ramp()).save(tmp_path / "a.png")
-    assert np.array_equal(decode_panorama(tmp_path / "a.png", 64), ramp())
-
-
-def test_a_large_jpeg_is_scaled(tmp_path):
-    Image.fromarray(ramp(2048, 1024)).save(tmp_path / "a.jpg", quality=95)
-    assert close(decode_panorama(tmp_path / "a.jpg", 64), ramp(), 3)
-
-
-@pytest.mark.parametrize("orientation", range(1, 9))
-def test_every_exif_orientation_is_turned_upright(tmp_path, orientation):
-    turned = {
-        1: lambda a: a, 2: lambda a: a[:, ::-1], 3: lambda a: a[::-1, ::-1], 4: lambda a: a[::-1],
-        5: lambda a: a.transpose(1, 0, 2), 6: lambda a: np.rot90(a, 1), 7: lambda a: np.rot90(a, 2).transpose(1, 0, 2),
-        8: lambda a: np.rot90(a, -1),
-    }  # fmt: skip
-    exif = Image.Exif()
-    exif[0x0112] = orientation
-    for name, size in (("small.jpg", (128, 64)), ("large.jpg", (1024, 512))):
-        stored = Image.fromarray(np.ascontiguousarray(turned[orientation](ramp(*size))))
-        stored.save(tmp_path / name, exif=exif, quality=95)
-        assert close(decode_panorama(tmp_path / name, 64), ramp(), 3)
-
-
-@pytest.mark.parametrize("mode", ["L", "LA", "RGBA", "CMYK", "P", "1", "I;16"])
-def test_every_kind_of_pixel_becomes_rgb(tmp_path, mode):
-    grey = ramp()[..., 0]
-    deep = Image.fromarray(grey.astype(np.uint16) * 257)
-    image = deep if mode == "I;16" else Image.fromarray(ramp()).convert(mode)
-    path = tmp_path / ("a.tif" if mode in ("CMYK", "I;16") else "a.png")
-    image.save(path)
-    decoded = decode_panorama(path, 64)
-    assert decoded.shape == (64, 128, 3)
-    assert decoded.dtype == np.uint8
-    if mode == "I;16":
-        assert close(decoded, grey[..., None], 2)
-    elif mode not in ("L", "LA", "1"):
-        assert close(decoded, ramp(), 20 if mode == "P" else 4)
-
-
-def test_sixteen_bit_png_is_not_clipped(tmp_path):
-    grey = ramp()[..., 0]
-    Image.fromarray(grey.astype(np.uint16) * 257).save(tmp_path / "a.png")
-    assert close(decode_panorama(tmp_path / "a.png", 64), grey[..., None], 2)
-
-
-def test_what_is_transparent_is_black(tmp_path):
-    pixels = np.dstack([ramp(), np.full((64, 128), 255, np.uint8)])
-    pixels[:, :64, 3] = 0
-    Image.fromarray(pixels, "RGBA").save(tmp_path / "a.png")
-    decoded = decode_panorama(tmp_path / "a.png", 64)
-    assert decoded[:, :64].max() == 0
-    assert np.array_equal(decoded[:, 64:], ramp()[:, 64:])
-
-
 def bad_files(folder):
-    Image.fromarray(ramp()).save(folder / "good.jpg")
+    Image.fromarray(scene(128, 64)).save(folder / "good.jpg")
     whole = (folder / "good.jpg").read_bytes()
     (folder / "truncated.jpg").write_bytes(whole[: len(whole) // 2])
     (folder / "empty.jpg").write_bytes(b"")
@@ -93,7 +27,7 @@ def bad_files(folder):
     Image.new("RGB", (128, 96)).save(folder / "photo.jpg")
     Image.new("RGB", (1, 1)).save(folder / "dot.png")
     Image.new("RGB", (16, 8)).save(folder / "tiny.png")
-    Image.fromarray(ramp()[..., 0].astype(np.float32) / 32).save(folder / "float.tif")
+    Image.fromarray(scene(128, 64)[..., 0].astype(np.float32) / 32).save(folder / "float.tif")
     (folder / "huge.ppm").write_bytes(b"P6 40000 20000 255\n" + bytes(100))
     return {
         "truncated.jpg": "cannot be decoded", "empty.jpg": "is empty", "text.png": "cannot be decoded",

@@ -13,7 +13,6 @@ from pydantic import TypeAdapter, ValidationError
 from sextant.chapters.localization.config import Fault as FaultSchema
 from sextant.chapters.localization.data import LocalizationData, faults
 from sextant.chapters.localization.data.drive import motions_along
-from sextant.config.building import build
 from sextant.config.schema.parts import Choice
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir
@@ -118,28 +117,6 @@ def test_a_second_kidnap_keeps_the_first():
 def test_a_drive_that_is_too_short_is_told(fault, told):
     with pytest.raises(UserError, match=told):
         fault.drive(circle(40), generator())
-
-
-@pytest.mark.parametrize(
-    ("fault", "wrong", "allowed"),
-    [
-        ("Kidnap", {"frame": 0.0}, "above 0"),
-        ("Kidnap", {"distance": -1.0}, "at least 0"),
-        ("Kidnap", {"after": 0}, "at least 1, or None"),
-        ("DroppedFrames", {"share": 1.5}, "at least 0 and at most 1"),
-        ("OdometryScale", {"factor": 0.0}, "above 0"),
-        ("OdometryScale", {"turn": -1.0}, "above 0"),
-        ("NoisyMapPoses", {"position": -1.0}, "at least 0"),
-        ("NoisyMapPoses", {"heading_deg": -1.0}, "at least 0"),
-        ("ThinnedMap", {"keep": 0.0}, "above 0 and at most 1"),
-        ("WrongStart", {"distance": -1.0}, "at least 0"),
-        ("WrongStart", {"heading_deg": 200.0}, "at least 0 and at most 180"),
-    ],
-)
-def test_values_out_of_range_are_refused_with_their_key(fault, wrong, allowed):
-    (name, value), target = next(iter(wrong.items())), f"{faults.__name__}.{fault}"
-    with pytest.raises(UserError, match=rf"^fault\.{name}={value} must be {allowed}"):
-        build({"fault": {"_target_": target, **wrong}}, "fault")
 
 
 # -- camera and wheels -------------------------------------------------------------------------------------------------

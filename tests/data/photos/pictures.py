@@ -6,6 +6,17 @@ from PIL import Image
 from sextant.data.photos import exif as exif_tags
 
 ORIENTATION, EXIF_BLOCK = 0x0112, 0x8769
+#: for each EXIF orientation, what turns an array of stored pixels upright
+UPRIGHT = {
+    1: lambda a: a,
+    2: lambda a: a[:, ::-1],
+    3: lambda a: a[::-1, ::-1],
+    4: lambda a: a[::-1],
+    5: lambda a: a.swapaxes(0, 1),
+    6: lambda a: np.rot90(a, -1),
+    7: lambda a: a.swapaxes(0, 1)[::-1, ::-1],
+    8: lambda a: np.rot90(a, 1),
+}
 
 
 def scene(width=96, height=64, channels=3):

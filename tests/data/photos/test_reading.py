@@ -7,60 +7,25 @@ import zlib
 import cv2
 import numpy as np
 import pytest
-from data.photos.pictures import exif_with, save, scene
+from data.photos.pictures import UPRIGHT, exif_with, save, scene
 from PIL import Image
 
 from sextant.data.photos import read_photo
 from sextant.errors import UserError
 
-UPRIGHT = {
-    1: lambda a: a,
-    2: lambda a: a[:, ::-1],
-    3: lambda a: a[::-1, ::-1],
-    4: lambda a: a[::-1],
-    5: lambda a: a.swapaxes(0, 1),
-    6: lambda a: np.rot90(a, -1),
-    7: lambda a: a.swapaxes(0, 1)[::-1, ::-1],
-    8: lambda a: np.rot90(a, 1),
-}
-
 
 @pytest.mark.parametrize("kind", ["png", "jpg", "tif", "webp"])
 @pytest.mark.parametrize("orientation", UPRIGHT)
-def test_a_photo_is_turned_upright(tmp_path, kind, orientation):
-    pixels = scene()
-    options = {"webp": {"lossless": True}, "jpg": {"quality": 100, "subsampling": 0}}.get(kind, {})
-    photo = read_photo(save(tmp_path / f"p.{kind}", pixels, exif=exif_with(orientation), **options))
-    upright = UPRIGHT[orientation](pixels)
-    assert (photo.height, photo.width) == upright.shape[:2] == photo.image.shape[:2]
-    assert np.abs(photo.image.astype(int) - upright).max() <= (4 if kind == "jpg" else 0)
-    assert photo.orientation == orientation
-    assert photo.scale == 1
+def test_a_photo_has_the_size_of_its_upright_picture(tmp_path, kind, orientation):
+    photo = read_photo(save(tmp_path / f"p.{kind}", scene(), exif=exif_with(orientation)))
+    assert (photo.height, photo.width) == UPRIGHT[orientation](scene()).shape[:2] == photo.image.shape[:2]
+    assert (photo.orientation, photo.scale) == (orientation, 1)
 
 
 @pytest.mark.parametrize("orientation", [0, 9, 65535])
 def test_an_orientation_that_does_not_exist_is_ignored(tmp_path, orientation):
     photo = read_photo(save(tmp_path / "p.png", scene(), exif=exif_with(orientation)))
     np.testing.assert_array_equal(photo.image, scene())
-
-
-def test_grey_has_three_equal_channels(tmp_path):
-    photo = read_photo(save(tmp_path / "p.png", scene()[..., 0]))
-    np.testing.assert_array_equal(photo.image, np.repeat(scene()[..., :1], 3, 2))
-
-
-@pytest.mark.parametrize("bits", [10, 12, 14, 16])
-@pytest.mark.parametrize("kind", ["png", "tif"])
-def test_more_than_eight_bits_become_eight(tmp_path, kind, bits):
-    grey = np.linspace(0, (1 << bits) - 1, 64 * 96).round().astype(np.uint16).reshape(64, 96)
-    photo = read_photo(save(tmp_path / f"p.{kind}", grey))
-    np.testing.assert_array_equal(photo.image[..., 0], grey >> (bits - 8))
-
-
-def test_sixteen_bit_colour_keeps_its_high_bytes(tmp_path):
-    colour = scene().astype(np.uint16) * 257
-    assert cv2.imwrite(str(tmp_path / "p.png"), colour[..., ::-1])
-    np.testing.assert_array_equal(read_photo(tmp_path / "p.png").image, scene())
 
 
 @pytest.mark.parametrize(("top", "white"), [(1.0, 1), (255.0, 255), (1023.0, 1023), (4000.0, 4095)])
@@ -71,34 +36,15 @@ def test_floating_point_is_scaled_to_bytes(tmp_path, top, white):
     assert np.abs(image[..., 0] - np.nan_to_num(values) * 255 / white).max() <= 0.51
 
 
-def test_what_is_transparent_becomes_mid_grey(tmp_path):
-    rgba = scene(channels=4)
-    rgba[:32, :, 3] = 0
-    rgba[32:, :48, 3] = 128
-    image = read_photo(save(tmp_path / "p.png", rgba)).image.astype(float)
-    assert (image[:32] == 128).all()
-    np.testing.assert_array_equal(image[32:, 48:], scene()[32:, 48:])
-    np.testing.assert_allclose(image[32:, :48], (scene()[32:, :48].astype(float) + 128) / 2, atol=1.1)
-
-
-def test_grey_with_alpha_and_palettes_with_a_transparent_colour(tmp_path):
-    grey = Image.merge("LA", [Image.new("L", (40, 40), 200), Image.new("L", (40, 40), 0)])
-    assert (read_photo(save(tmp_path / "a.png", grey)).image == 128).all()
+def test_the_transparent_colour_of_a_palette_becomes_mid_grey(tmp_path):
     palette = Image.fromarray(scene()).quantize(16)
-    colours = np.asarray(palette.convert("RGB"))
-    np.testing.assert_array_equal(read_photo(save(tmp_path / "b.png", palette)).image, colours)
-    hidden = np.asarray(palette) == 3
-    image = read_photo(save(tmp_path / "c.png", palette, transparency=3)).image
+    colours, hidden = np.asarray(palette.convert("RGB")), np.asarray(palette) == 3
+    image = read_photo(save(tmp_path / "p.png", palette, transparency=3)).image
     assert (image[hidden] == 128).all()
     np.testing.assert_array_equal(image[~hidden], colours[~hidden])
 
 
-def test_cmyk_black_and_white_and_the_first_of_several_pictures(tmp_path):
-    cmyk = Image.fromarray(scene()).convert("CMYK")
-    image = read_photo(save(tmp_path / "c.jpg", cmyk, quality=100, subsampling=0)).image
-    assert np.abs(image.astype(int) - scene()).max() <= 4
-    bits = Image.fromarray(scene()[..., 0]).convert("1")
-    np.testing.assert_array_equal(read_photo(save(tmp_path / "1.png", bits)).image[..., 0], np.asarray(bits) * 255)
+def test_of_several_pictures_the_first_is_read(tmp_path):
     first, second = Image.new("RGB", (40, 40), (0, 0, 0)), Image.new("RGB", (40, 40), (255, 255, 255))
     first.save(tmp_path / "a.gif", save_all=True, append_images=[second])
     assert (read_photo(tmp_path / "a.gif").image == 0).all()

@@ -365,40 +365,8 @@ def test_a_way_to_know_places_must_exist(folder):
     assert as_place_source(folders(folder)).place_unit == "m"
 
 
-# -- decoding ----------------------------------------------------------------------------------------------------------
-
-
-def ramp(height=48, width=96):
-    """Red to the right, green down."""
-    y, x = np.mgrid[:height, :width]
-    return np.stack([x * 255 // width, y * 255 // height, np.full_like(x, 40)], -1).astype(np.uint8)
-
-
-@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
-def test_images_are_turned_upright_by_exif(tmp_path, orientation):
-    exif = Image.Exif()
-    exif[0x0112] = orientation
-    for scale in (1, 8):
-        stored = np.rot90(ramp(48 * scale, 96 * scale), {1: 0, 3: 2, 6: 1, 8: -1}[orientation])
-        Image.fromarray(np.ascontiguousarray(stored)).save(tmp_path / "a.jpg", exif=exif, quality=95)
-        found = decode_image(tmp_path / "a.jpg", 48, 96, 3)
-        assert np.abs(found.astype(int) - ramp()).mean() < 4
-
-
-@pytest.mark.parametrize("mode", ["L", "LA", "RGBA", "P", "CMYK", "I;16"])
-def test_every_kind_of_pixel_is_read(tmp_path, mode):
-    grey = ramp()[..., 0]
-    image = Image.fromarray(grey.astype(np.uint16) * 257) if mode == "I;16" else Image.fromarray(ramp()).convert(mode)
-    path = tmp_path / ("a.tif" if mode in ("CMYK", "I;16") else "a.png")
-    image.save(path)
-    assert decode_image(path, 24, 48, 3).shape == (24, 48, 3)
-    assert decode_image(path, 24, 48, 1).shape == (24, 48, 1)
-    if mode == "I;16":
-        assert np.array_equal(decode_image(path, 48, 96, 1)[..., 0], grey)
-
-
 def test_bad_files_say_what_is_wrong(tmp_path):
-    Image.fromarray(ramp()).save(tmp_path / "good.jpg")
+    Image.fromarray(picture(0)).save(tmp_path / "good.jpg")
     whole = (tmp_path / "good.jpg").read_bytes()
     for name, content, told in (
         ("cut.jpg", whole[: len(whole) // 2], "cannot be decoded"),

@@ -1,7 +1,10 @@
 """Another number of a world is another world, as sound as the usual one; what is fitted elsewhere stays there."""
 
+from functools import cache
+
 import numpy as np
 import pytest
+from quick_runs import quick_runs  # noqa: F401
 from tiny_office import office_cache, office_config
 
 from sextant.chapters.calibration.data.panoramas import as_panorama_source, rendered_sources
@@ -14,10 +17,9 @@ from sextant.lifecycle.execute import execute
 from sextant.registry import chapter_of
 
 DATASETS = ("office_walk", "town_seasons", "town_city", "town_panoramas", "town_factors", "cold")
-#: worlds that are laid out by default, and those of the slow test: 8 offices, 8 towns, 3 cities
-FEW, ALL = {"office_walk": (3,), "town_seasons": (5,)}, {"office_walk": range(1, 9), "town_seasons": range(1, 9)}
-EACH = [(name, world) for name, worlds in FEW.items() for world in worlds]
-SLOW = [(name, world) for name, worlds in (ALL | {"town_city": range(1, 4)}).items() for world in worlds]
+#: worlds that are laid out, of which the suite without its slow tests takes two
+WORLDS = {"office_walk": range(1, 9), "town_seasons": range(1, 9), "town_city": range(1, 4)}
+QUICK = (("office_walk", 3), ("town_seasons", 5))
 
 
 def plain(*overrides):
@@ -28,8 +30,21 @@ def plan_of(*overrides):
     return build_dataset(validate(to_plain(compose(list(overrides))))).plan()
 
 
-def check(name, world):
-    plan, usual = (plan_of(f"dataset={name}", f"dataset.world={number}") for number in (world, 0))
+@cache
+def usual_plan(name):
+    return plan_of(f"dataset={name}", "dataset.world=0")
+
+
+@pytest.mark.parametrize(
+    ("name", "world"),
+    [
+        pytest.param(name, world, marks=[] if (name, world) in QUICK else pytest.mark.slow)
+        for name, worlds in WORLDS.items()
+        for world in worlds
+    ],
+)
+def test_another_world_is_laid_out_soundly(name, world):
+    plan, usual = plan_of(f"dataset={name}", f"dataset.world={world}"), usual_plan(name)
     shots = plan.shots
     assert plan.digest != usual.digest
     assert len(shots) > 0.95 * len(usual.shots)  # the drives are there, and as long
@@ -44,17 +59,6 @@ def check(name, world):
     for scene in np.unique(shots.scene):
         graph = plan.graph(scene)
         assert np.bincount(graph.edges.ravel(), minlength=len(graph.nodes)).min() >= 2  # no dead ends
-
-
-@pytest.mark.parametrize(("name", "world"), EACH)
-def test_another_world_is_laid_out_soundly(name, world):
-    check(name, world)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "world"), SLOW)
-def test_eight_offices_eight_towns_and_three_cities_are_laid_out_soundly(name, world):
-    check(name, world)
 
 
 @pytest.mark.slow
@@ -121,10 +125,9 @@ def test_a_task_without_fits_elsewhere_refuses_them():
 
 
 @pytest.mark.slow
-def test_everything_is_fitted_in_the_other_world(tmp_path, tmp_path_factory):
+def test_everything_is_fitted_in_the_other_world(tmp_path):
     """The tested world lends its map and its test drives; a run of the life cycle gives finite results."""
-    cache = office_cache(tmp_path_factory)
-    raw = office_config(cache, tmp_path, "dataset.world=1", "dataset.fit_world=0")
+    raw = office_config(office_cache(), tmp_path, "dataset.world=1", "dataset.fit_world=0")
     config = validate(raw)
     chapter = chapter_of("localization")
     source = chapter.source(config)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import stats
 
-from sextant.evaluation.particle_counts import CountRatio, needed_ratio, particles_needed
+from sextant.evaluation.particle_counts import needed_ratio, particles_needed
 from sextant.evaluation.protocols import (
     NORDLAND_LOCALIZATION,
     OFFICE_LOCALIZATION,
@@ -147,7 +147,6 @@ def test_a_ratio_that_is_reached_by_both():
     ratio = needed_ratio((COUNTS, seeds(0, 0, 0.5, 1)), (COUNTS, seeds(0.2, 1, 1, 1)))
     assert (ratio.least, ratio.most, ratio.censored) == (4, 4, 0)
     assert ratio.low == ratio.high == 4  # at 200 and at 50 no seed fails, whichever are drawn
-    assert str(ratio) == "4 [4, 4]"
 
 
 def test_a_censored_ratio_is_an_interval():
@@ -156,9 +155,6 @@ def test_a_censored_ratio_is_an_interval():
     assert (above.least, above.most, above.low, above.high, above.censored) == (4, math.inf, 4, math.inf, 1)
     assert (below.least, below.most, below.low, below.high) == (0, 0.25, 0, 0.25)
     assert (unknown.least, unknown.most) == (0, math.inf)
-    assert [str(ratio).split(" [")[0] for ratio in (above, below, unknown)] == [
-        "at least 4", "at most 0.25", "unknown: neither method succeeds often enough",
-    ]  # fmt: skip
 
 
 def test_the_interval_holds_the_true_ratio_about_as_often_as_it_says():
@@ -176,9 +172,7 @@ def test_the_interval_holds_the_true_ratio_about_as_often_as_it_says():
 def test_pairing_uses_the_same_seeds():
     """A method against itself: with the same seeds drawn for both the ratio is 1 in every resample."""
     method = (COUNTS, seeds(0.3, 0.8, 0.95, 1))
-    same, apart = (needed_ratio(method, method, paired=paired) for paired in (True, False))
+    same = needed_ratio(method, method)
     assert (same.low, same.high) == (1, 1)
-    assert apart.low < 1 < apart.high
     with pytest.raises(ValueError, match="same seeds"):
         needed_ratio(method, (COUNTS, seeds(0, 0, 0, 1, number=7)))
-    assert isinstance(needed_ratio(method, (COUNTS, seeds(0, 0, 0, 1, number=7)), paired=False), CountRatio)

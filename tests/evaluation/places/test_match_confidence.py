@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from sextant.chapters.places.match_confidence import (
-    MatchConfidence,
-    RerankedConfidence,
-    fit_match_confidence,
-    fit_reranked_confidence,
-    verdict,
-)
+from benchmarks.match_confidence_fit import fit_match_confidence
+from sextant.chapters.places.match_confidence import MatchConfidence, deviations, verdict
 
 
 def drawn(model, seed, count=20_000):
@@ -51,31 +46,22 @@ def test_matches_that_a_margin_parts_are_refused(right):
 
 def drawn_after_re_ranking(model, seed, count=20_000):
     rng = np.random.default_rng(seed)
-    inliers, rival = rng.integers(0, 100, count), rng.integers(0, 60, count)
-    return inliers, rival, rng.random(count) < model.probability(inliers, rival)
+    apart = deviations(rng.integers(0, 100, count), rng.integers(0, 60, count))
+    return apart, rng.random(count) < model.probability(apart)
 
 
 def test_what_was_drawn_after_re_ranking_is_fitted():
-    model = RerankedConfidence(slope=0.8, offset=-1.2)
-    found = fit_reranked_confidence([drawn_after_re_ranking(model, 0), drawn_after_re_ranking(model, 1)])
+    model = MatchConfidence(slope=0.8, offset=-1.2)
+    found = fit_match_confidence([drawn_after_re_ranking(model, 0), drawn_after_re_ranking(model, 1)])
     assert (found.slope, found.offset) == (pytest.approx(0.8, rel=0.1), pytest.approx(-1.2, abs=0.15))
-    inliers, rival, right = drawn_after_re_ranking(model, 2)
-    assert found.probability(inliers, rival).mean() == pytest.approx(right.mean(), abs=0.02)
+    apart, right = drawn_after_re_ranking(model, 2)
+    assert found.probability(apart).mean() == pytest.approx(right.mean(), abs=0.02)
 
 
 def test_seven_inliers_are_no_evidence():
-    model = RerankedConfidence(slope=0.8, offset=-1.2)
-    few, none = (model.probability([count], [0])[0] for count in (7, 0))
-    assert few == none
-    assert np.isnan(model.probability([50], [np.nan])[0])
-
-
-def test_sets_whose_right_matches_are_separable_are_refused():
-    counts, right = np.array([0.0, 0.0, 90.0, 90.0]), np.array([False, False, True, True])
-    with pytest.raises(ValueError, match="separates the 2 right matches"):
-        fit_reranked_confidence([(counts, np.zeros(4), right)])
-    with pytest.raises(ValueError, match="finite margins"):
-        fit_reranked_confidence([])
+    few, none, alone = deviations([7, 0, 50], [0, 0, np.nan])
+    assert few == none == 0
+    assert np.isnan(alone)
 
 
 @pytest.mark.parametrize(("found", "told"), [(None, None), (0.5, "in the map"), (0.49, "not in the map")])

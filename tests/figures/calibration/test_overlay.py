@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from figures.written import legend_of
 
 from sextant.chapters.calibration.figures.overlay import (
     CalibratedPhoto,
@@ -98,7 +99,7 @@ def test_the_grid_covers_the_picture_with_a_bounded_number_of_lines(p):
 )
 def test_the_legend_says_what_is_drawn(p, text):
     figure = calibration_overlay(p)
-    labels = [label.get_text() for label in figure.axes[0].get_legend().get_texts()]
+    labels = legend_of(figure.axes[0])
     assert text in labels
     assert ("input of the network" in labels) == (p.seen != WHOLE)
     figure.savefig(io.BytesIO())

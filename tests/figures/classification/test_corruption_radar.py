@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from figures.written import legend_of, texts, tick_labels
 
 from sextant.chapters.classification.figures import (
     DifferenceBar,
@@ -18,10 +19,6 @@ ERRORS = {
 }
 
 
-def texts(axes):
-    return [text.get_text() for text in axes.texts]
-
-
 def test_every_model_is_a_closed_outline_in_per_cent_in_the_order_of_the_families():
     figure = corruption_radar(ERRORS, families=CORRUPTION_FAMILIES)
     (axes,) = figure.axes
@@ -30,7 +27,7 @@ def test_every_model_is_a_closed_outline_in_per_cent_in_the_order_of_the_familie
     assert push_pull.get_ydata() == pytest.approx([25, 15, 20, 25])
     turns = np.array([0, 1, 2, 0]) / 3
     assert conv.get_xdata() == pytest.approx(2 * np.pi * turns)
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["conv", "push_pull"]
+    assert legend_of(figure) == ["conv", "push_pull"]
     assert [text for text in texts(axes) if text] == ["noise", "weather", "gaussian noise", "fog", "stripe"]
 
 
@@ -68,7 +65,7 @@ def test_it_can_be_written(tmp_path):
 
 def test_a_heat_map_of_one_severity_has_no_mean_beside():
     (axes,) = corruption_heatmap({"fog": (0.25,), "stripe": (0.5,)}, clean=0.1, levels=["one each"]).axes
-    assert [label.get_text() for label in axes.xaxis.get_ticklabels()] == ["one each"]
+    assert tick_labels(axes.xaxis) == ["one each"]
     assert [text for text in texts(axes) if text] == ["25.0", "50.0"]
     assert axes.get_title() == "clean 10.00 %, mean 37.50 %"
 
@@ -78,4 +75,4 @@ def test_a_diamond_marks_the_noise_floor():
     (axes,) = figure.axes
     diamonds = [line for line in axes.lines if line.get_marker() == "D"]
     assert [float(line.get_xdata()[0]) for line in diamonds] == pytest.approx([-2])
-    assert figure.legends[0].get_texts()[-1].get_text() == "seeds alone (noise floor)"
+    assert legend_of(figure)[-1] == "seeds alone (noise floor)"

@@ -8,7 +8,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.errors import ArgumentError
 from sextant.layers.cosfire import ConcentricCircles
 
 GRID = torch.tensor([[4.0, 0.0], [8.0, 0.0], [4.0, 1.0], [8.0, 1.0]], dtype=torch.float64)
@@ -101,9 +100,3 @@ def test_outside_the_maps_there_is_nothing():
     maps[0, :, 0] = 1
     parts = found(ConcentricCircles((0.0, 10.0)), maps, point=(30, 0))
     assert [(rho, round(degrees)) for _, rho, degrees in parts] == [(0.0, 0), (10.0, 90), (10.0, 270)]
-
-
-@pytest.mark.parametrize("options", [{"radii": ()}, {"radii": (-1.0,)}, {"t2": 1.5}])
-def test_circles_that_cannot_be_are_refused(options):
-    with pytest.raises(ArgumentError, match=f"{next(iter(options))}=.* must be"):
-        ConcentricCircles(**options)

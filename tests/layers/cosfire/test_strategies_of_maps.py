@@ -7,7 +7,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.errors import ArgumentError
 from sextant.layers.cosfire import ChannelPeaks, VectorKeypoints
 from sextant.layers.cosfire.strategies import keep_apart, peaks
 
@@ -101,10 +100,3 @@ def test_what_is_kept_apart_is_the_strongest_first():
     strength, x = torch.tensor([1.0, 3.0, 2.0, 4.0]), torch.tensor([0, 2, 3, 9])
     assert keep_apart(strength, torch.zeros_like(x), x, 2.0, 9) == [3, 1, 0]
     assert keep_apart(strength, torch.zeros_like(x), x, 0.0, 2) == [3, 1]
-
-
-@pytest.mark.parametrize("options", [{"strength": 1.5}, {"window": -1}, {"most": 0}])
-@pytest.mark.parametrize("kind", [ChannelPeaks, VectorKeypoints])
-def test_strategies_that_cannot_be_are_refused(kind, options):
-    with pytest.raises(ArgumentError, match=f"{next(iter(options))}=.* must be"):
-        kind(**options)

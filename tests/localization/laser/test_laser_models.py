@@ -8,7 +8,6 @@ import torch
 from scipy import integrate, stats
 from worlds.casters import Boxes
 
-from sextant.errors import ArgumentError
 from sextant.localization.laser import BeamModel, LikelihoodField
 from sextant.localization.laser.scan_evidence import chosen_beams, chosen_ranges
 from sextant.worlds.laser import LaserScanner, scan
@@ -106,13 +105,6 @@ class TestField:
             took.append(time.perf_counter() - start)
         assert min(took) < 0.02  # 0.3 ms was measured
 
-    @pytest.mark.parametrize(
-        "change", [{"sigma_m": 0.0}, {"z_rand": 0.0}, {"z_hit": -1.0}, {"beams": 0}, {"unknown": "free"}]
-    )
-    def test_impossible_settings_are_refused(self, change):
-        with pytest.raises(ArgumentError, match=f"{next(iter(change))}=.* must be"):
-            LikelihoodField(GRID, SCANNER, **change)
-
 
 class TestBeam:
     def test_the_density_integrates_to_one(self):
@@ -163,11 +155,6 @@ class TestBeam:
         near, behind = 1.05 - 0.3, 3.05 - 0.3
         assert score(field, [near], (0.3, 0.0, 0.0)) == pytest.approx(score(field, [behind], (0.3, 0.0, 0.0)))
         assert score(beam, [near], (0.3, 0.0, 0.0))[0] > score(beam, [behind], (0.3, 0.0, 0.0))[0] + 2
-
-    @pytest.mark.parametrize("change", [{"sigma_hit": 0.0}, {"z_short": -0.1}, {"z_rand": 0.0}, {"tempering": 0.0}])
-    def test_impossible_settings_are_refused(self, change):
-        with pytest.raises(ArgumentError, match=f"{next(iter(change))}=.* must be"):
-            BeamModel(GRID, SCANNER, **change)
 
     def test_beams_need_not_end_before_the_map_nor_weights_sum_to_one(self):
         scans, pose = scans_at((1.0, 1.0, 0.3)), torch.tensor([[[1.0, 1.0, 0.3]]]).double()

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_worlds import generator
 
-from sextant.errors import UserError
 from sextant.geometry import se2_between, se2_compose, se2_exp, se2_log, wrap_angle
 from sextant.localization.motion import ExponentialMotion, IdentityMotion, OdometryMotion, PacedMotion
 
@@ -154,21 +153,6 @@ def test_exponential_motion_composes_the_motion_before_its_noise():
     found = ExponentialMotion((0.1, 0.2, 0.3)).increments(motion, noise)
     expected = se2_compose(motion[:, None], se2_exp(noise * torch.tensor([0.1, 0.2, 0.3]).double()))
     torch.testing.assert_close(found, expected)
-
-
-@pytest.mark.parametrize(
-    ("make", "key"),
-    [
-        (lambda: ExponentialMotion(per_step=(-1.0, 0.0, 0.0)), r"per_step"),
-        (lambda: ExponentialMotion(per_metre=(math.nan, 0.0, 0.0)), r"per_metre"),
-        (lambda: ExponentialMotion(unknown=(1.0, 1.0, math.inf)), r"unknown"),
-        (lambda: OdometryMotion(alphas=(0.1, 0.1, 0.1, -0.1)), r"alphas"),
-        (lambda: OdometryMotion(least_translation=-1.0), r"least_translation"),
-    ],
-)
-def test_noise_that_is_none_is_refused(make, key):
-    with pytest.raises(UserError, match=key):
-        make()
 
 
 def test_where_motion_is_unknown_most_particles_keep_the_pace_and_some_spread_or_turn():

@@ -7,6 +7,7 @@ import torch
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
 from sextant.errors import UserError
+from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.exact_gp import ExactGP
 from sextant.localization.observation.model import ObservationModel
@@ -131,6 +132,25 @@ class ObservationModelBattery:
         told = fitted.observe(images, Likelihood()).log_likelihood(poses_in_room(10, seed=17).expand(2, -1, -1))
         assert told[0].isnan().all()
         assert told[1].isfinite().all()
+
+
+def elbo(model) -> float:
+    """The lower bound on the log marginal likelihood of all outputs in nats."""
+    known, noise = model.map, model.kernel.noise_variance
+    predicted = model.predict(known.poses)
+    squared = float((known.descriptors.double() - predicted.mean).square().sum())
+    left = float((predicted.variance - noise).sum())
+    numbers = known.descriptors.numel()
+    expected = -0.5 * (numbers * math.log(2 * math.pi * noise) + (squared + known.dimension * left) / noise)
+    spread = float(model.root.square().sum()) - model.size - float(2 * model.root.diagonal().log().sum())
+    return expected - 0.5 * (float(model.weights.square().sum()) + known.dimension * spread)
+
+
+def log_density(known: DescriptorMap, kernel: PoseKernel) -> float:
+    """The exact log marginal likelihood of all outputs in nats."""
+    noisy = kernel(known.poses, known.poses) + kernel.noise_variance * torch.eye(len(known), dtype=torch.float64)
+    density = torch.distributions.MultivariateNormal(torch.zeros(len(known), dtype=torch.float64), noisy)
+    return float(density.log_prob((known.descriptors - known.mean).double().T).sum())
 
 
 def _mean_log_density(model, poses, images) -> float:

@@ -3,7 +3,6 @@ import pytest
 import torch
 from localization.observation.battery import GaussianBattery
 from localization.observation.smooth_map import KERNEL, poses_in_room, smooth_map
-from scipy.stats import multivariate_normal
 
 from sextant.errors import UserError
 from sextant.localization.descriptor_map import DescriptorMap
@@ -28,14 +27,6 @@ def test_predictions_are_those_of_the_textbook_with_an_explicit_inverse():
     explained = np.einsum("ij,jk,ik->i", across, inverse, across)
     expected = KERNEL.signal_variance - explained + KERNEL.noise_variance
     np.testing.assert_allclose(predicted.variance, expected, atol=1e-12)
-
-
-def test_joint_log_likelihood_is_the_sum_of_those_of_single_outputs():
-    known = smooth_map(60)
-    covariance = KERNEL(known.poses, known.poses).numpy() + KERNEL.noise_variance * np.eye(60)
-    columns = (known.descriptors - known.mean).double().numpy().T
-    single = [multivariate_normal(np.zeros(60), covariance).logpdf(column) for column in columns]
-    assert ExactGP().fit(known, KERNEL).log_marginal_likelihood() == pytest.approx(sum(single), rel=1e-10)
 
 
 def test_without_noise_it_passes_through_the_map():

@@ -6,7 +6,6 @@ import torch
 from localization.observation.battery import LIKELIHOODS, ObservationModelBattery
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
-from sextant.errors import UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.cached_local_gp import CachedLocalGP
@@ -82,9 +81,3 @@ def test_a_saved_one_is_the_same(tmp_path):
     assert again.headings == [1.0, 3.0]
     told = [each.observe(images, Likelihood()).log_likelihood(poses) for each in (model, again)]
     assert told[0].equal(told[1])
-
-
-@pytest.mark.parametrize("headings", [[], [0.0], [1.0, -2.0], [math.nan], [math.inf]])
-def test_headings_that_are_none_are_refused(headings):
-    with pytest.raises(UserError, match=r"headings=.*must be a list"):
-        KernelMixture(headings=headings)

@@ -113,21 +113,6 @@ def test_a_map_in_which_all_images_are_as_far_tells_nothing():
     assert (told == 0).all()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"neighbours": 0}, r"neighbours=0 must be at least 1"),
-        ({"contrast": 1.0}, r"contrast=1.0 must be above 1"),
-        ({"pose_rate": 0.0}, r"pose_rate=0.0 must be above 0"),
-        ({"heading_weight": math.nan}, r"heading_weight=nan"),
-        ({"appearance_rate": -1.0}, r"appearance_rate=-1.0"),
-    ],
-)
-def test_numbers_out_of_range_are_refused(arguments, message):
-    with pytest.raises(UserError, match=message):
-        KernelSum(**arguments)
-
-
 def test_more_neighbours_than_images_are_refused():
     with pytest.raises(UserError, match=r"neighbours=3.*2 images"):
         KernelSum().fit(smooth_map(2), KERNEL)

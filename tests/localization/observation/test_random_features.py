@@ -3,7 +3,6 @@ import torch
 from localization.observation.battery import GaussianBattery
 from localization.observation.smooth_map import KERNEL, poses_in_room, smooth_map
 
-from sextant.errors import UserError
 from sextant.localization.observation.exact_gp import ExactGP
 from sextant.localization.observation.random_features import RandomFeatures, spectral_frequencies
 from sextant.localization.pose_kernel import PoseKernel
@@ -77,9 +76,3 @@ def test_it_tends_to_the_exact_process():
         for size in (64, 512, 4096)
     ]
     assert errors[0] > 2 * errors[1] > 4 * errors[2]
-
-
-@pytest.mark.parametrize("features", [0, 1, 7])
-def test_an_odd_number_of_features_is_refused(features):
-    with pytest.raises(UserError, match=rf"features={features} must be at least 2 and a multiple of 2"):
-        RandomFeatures(features)

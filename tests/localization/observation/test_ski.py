@@ -150,16 +150,3 @@ def test_a_grid_over_a_city_is_refused_before_memory_is_taken():
     known = DescriptorMap.of(poses, descriptors_at(poses, 2))
     with pytest.raises(UserError, match=r"spacing=0.5 makes a grid of [\d,]+ poses"):
         SKI().fit(known, KERNEL)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"spacing": 0.0}, r"spacing=0.0 must be above 0"),
-        ({"spacing": 1.5}, r"spacing=1.5"),
-        ({"rank": 1}, r"rank=1 must be at least 2"),
-    ],
-)
-def test_sizes_that_make_no_sense_are_refused(arguments, message):
-    with pytest.raises(UserError, match=message):
-        SKI(**arguments)

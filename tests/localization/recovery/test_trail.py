@@ -6,7 +6,6 @@ import pytest
 import torch
 from small_worlds import Told, peaks
 
-from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
 from sextant.localization.belief import Belief
 from sextant.localization.initialisation import GaussianStart
@@ -203,9 +202,3 @@ def test_restarts_weigh_in_the_mean_what_their_sum_over_the_map_is_worth(particl
     ratio = injection.log_weights.exp().sum(1) / (0.01 / 4 * worth)
     assert float(ratio.mean()) == pytest.approx(1, abs=0.1)
     assert float(ratio.mean()) == pytest.approx(1, abs=4 * float(ratio.std()) / runs**0.5)
-
-
-@pytest.mark.parametrize("window", [-1, 2.5, True, "3"])
-def test_a_window_that_is_no_number_of_images_is_refused(window):
-    with pytest.raises(UserError, match=f"window={window!r} must be (a whole number, )?at least 0"):
-        BayesRestart(window=window)

@@ -8,7 +8,7 @@ import pytest
 import torch
 from data.places.place_pictures import picture
 from PIL import Image
-from support import quick_config
+from support import evaluated, quick_config
 from tiny_digits import PLAIN, arrays, digits_config, digits_run, usual_run
 
 from sextant.chapters.cosfire.estimator import CosfireEstimator
@@ -172,9 +172,7 @@ def test_a_finished_run_is_tested_again_with_the_same_answers(usual, tmp_path):
     (path,) = tmp_path.glob("runs/evaluation/*/metrics.json")
     for name, values in arrays(usual).items():
         np.testing.assert_array_equal(values, arrays(RunDirectory(path.parent))[name])
-    evaluate.main([f"run={usual.path}", f"paths.outputs={tmp_path}", "tracking=none", "task.test_every=1"])
-    (other,) = set(tmp_path.glob("runs/evaluation/*/metrics.json")) - {path}
-    for method, found in answers(RunDirectory(other.parent)).items():
+    for method, found in answers(evaluated(tmp_path, usual, "task.test_every=1")).items():
         np.testing.assert_array_equal(found[::4], answers(usual)[method])
 
 
@@ -222,9 +220,7 @@ def test_corrupted_images_are_those_of_the_suite_and_the_same_when_tested_again(
     assert told["headline"] == {
         "name": "accuracy", "unit": "%", "better": "higher", "test": "clean, cifar10_c", "image_size": [28, 28]
     }  # fmt: skip
-    evaluate.main([f"run={clean.path}", f"paths.outputs={tmp_path}", "tracking=none", *under])
-    (path,) = tmp_path.glob("runs/evaluation/*/metrics.json")
-    again = json.loads(path.read_text())["metrics"]
+    again = evaluated(tmp_path, clean, *under).results()["metrics"]
     for name in ("test/accuracy/strongest_filter/contrast/5", "test/accuracy/cosfire_svm/gaussian_noise/1"):
         assert again[name] == metrics[name]
 

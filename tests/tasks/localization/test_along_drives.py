@@ -96,8 +96,8 @@ class Hears(RunReporter):
 
 
 @pytest.mark.slow
-def test_what_a_run_finds_is_a_share_of_what_single_images_ask_for(tmp_path_factory, tmp_path):
-    cache, found, hears = office_cache(tmp_path_factory), {}, Hears()
+def test_what_a_run_finds_is_a_share_of_what_single_images_ask_for(tmp_path):
+    cache, found, hears = office_cache(), {}, Hears()
     for tempering in ("fitted", "along_drives"):
         config = office_config(
             cache, tmp_path, *SHARP, "task.horizon=60", "task.save_map=false", f"likelihood.tempering={tempering}",

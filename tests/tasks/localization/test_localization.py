@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from support import evaluated
 from tiny_office import office_cache, office_config
 
 from sextant.chapters.localization.localizer import Localizer
@@ -19,7 +20,6 @@ from sextant.lifecycle.execute import execute
 from sextant.localization.map_support import MapSupport
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observers import Camera
-from sextant.localization.place_kernel import discriminative_kernel
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
 
@@ -28,8 +28,8 @@ USUAL = ("trainer.max_epochs=4",)
 
 
 @pytest.fixture(scope="session")
-def cache(tmp_path_factory):
-    return office_cache(tmp_path_factory)
+def cache():
+    return office_cache()
 
 
 @pytest.fixture(scope="module")
@@ -144,20 +144,6 @@ def test_vecchias_likelihood_trains_a_like_kernel(run, usual):
 
 
 @pytest.mark.slow
-def test_a_kernel_that_tells_places_apart_is_trained_alike_and_kept(run, usual):
-    found = run("task.objective=places", "task.starts=1", "task.horizon=12", "task.save_map=true", *USUAL)
-    assert logged(found, "train/length_x") == logged(usual, "train/length_x")
-    length, noise = load_checkpoint(found.last_checkpoint)["state_dict"]["discriminative"].tolist()
-    localizer = Localizer.load(found.path / "map")
-    used, trained = localizer.model.kernel, logged(usual, "train/length_x")[-1]
-    assert used.length[0] == pytest.approx(length * trained)
-    assert used.noise_variance == pytest.approx(noise * used.signal_variance)
-    assert used == discriminative_kernel(used.sharpened(1 / length, 1.0), localizer.model.map)  # as without training
-    learnt = used.sharpened(1 / length, 1.0)  # how far an image stands for poses beside it, it was learnt to
-    assert localizer.filter.support.reach == pytest.approx(MapSupport.of(localizer.filter.prior.poses, learnt).reach)
-
-
-@pytest.mark.slow
 def test_a_sharper_kernel_is_trained_alike_and_used_sharpened(run, usual):
     sharper = "kernel.sharper={length: 0.5, noise: 0.001, heading: 1.5}"
     found = run(sharper, "task.starts=1", "task.horizon=12", "task.save_map=true", *USUAL)
@@ -259,11 +245,9 @@ def test_wider_regions_change_nothing_but_what_is_told_of_them(usual, run):
 
 @pytest.mark.slow
 def test_a_test_without_wider_regions_tells_what_the_filter_believes(usual, cache, tmp_path):
-    places = (f"paths.outputs={tmp_path}", f"paths.cache={cache}", "tracking=none")
-    evaluate.main([f"run={usual.path}", "filter.regions=null", *places])
-    (path,) = tmp_path.glob("runs/evaluation/*/metrics.json")
+    tested = evaluated(tmp_path, usual, "filter.regions=null", f"paths.cache={cache}")
     scale = logged(usual, "val/region_scale")[-1]
-    for key, value in json.loads(path.read_text())["metrics"].items():
+    for key, value in metrics(tested).items():
         if "nees_median" in key:
             assert metrics(usual)[key] == pytest.approx(value / scale**2)
 
@@ -337,24 +321,18 @@ def test_training_goes_on_from_the_weights_of_another_run(usual, run):
 
 @pytest.mark.slow
 def test_a_trained_localizer_is_tested_with_another_fault(usual, cache, outputs):
-    places = (f"paths.outputs={outputs}", f"paths.cache={cache}", "tracking=none")
-    before = set(outputs.glob("runs/evaluation/*/metrics.json"))
-    evaluate.main([f"run={usual.path}", "fault=kidnap", "fault.distance=2.0", *places])
-    (path,) = set(outputs.glob("runs/evaluation/*/metrics.json")) - before
-    found = arrays(RunDirectory(path.parent))
+    tested = evaluated(outputs, usual, "fault=kidnap", "fault.distance=2.0", f"paths.cache={cache}")
+    found, told = arrays(tested), metrics(tested)
     assert {key for key in found if key.startswith("success/")} == {
         "success/summer_noon, kidnap",
         "success/night_clear, kidnap",
     }
-    results = json.loads(path.read_text())
-    assert any(key.startswith("test/recovered_") for key in results["metrics"])
+    assert any(key.startswith("test/recovered_") for key in told)
     for name in ("ate_aligned_rmse", "rpe_rmse", "rpe_deg_rmse"):
-        values = [value for key, value in results["metrics"].items() if key.startswith(f"test/{name}_")]
+        values = [value for key, value in told.items() if key.startswith(f"test/{name}_")]
         assert values
         assert all(0 < value < 5 for value in values)  # without the metres and degrees of the kidnapping
-    assert results["metrics"]["test/success"] == pytest.approx(
-        np.mean([found[key] for key in found if key.startswith("success/")])
-    )
+    assert told["test/success"] == pytest.approx(np.mean([found[key] for key in found if key.startswith("success/")]))
 
 
 class Nothing(Evidence):

