@@ -16,6 +16,8 @@ NAMES = (
 
 
 def main(names: list[str]) -> None:
+    if wrong := [name for name in names if name not in NAMES]:
+        raise SystemExit(f"python -m benchmarks {wrong[0]}: must be one of {', '.join(NAMES)}; all if none is named")
     table = Table("benchmark", "measured", "against", "ratio", "aim")
     for name in names or NAMES:
         for row in import_module(f"benchmarks.{name}").run():
