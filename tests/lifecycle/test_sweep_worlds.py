@@ -15,6 +15,7 @@ from sextant.lifecycle.results import load_results, sweep_results
 from sextant.lifecycle.sweep_plan import make_plan, read_design
 from sextant.reports.claim_evidence import evidence
 from sextant.reports.contrasts import contrasts
+from sextant.reports.page.report_page import write_report_page
 from sextant.reports.sweep_page import Progress, sweep_page
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
@@ -107,6 +108,8 @@ def test_seeds_are_averaged_within_a_world_and_intervals_are_over_worlds(tmp_pat
     report = {path.name: path for path in write_report(results)}
     text = report["report.md"].read_text()
     assert all(each in text for each in ("6 in 3 worlds a cell", "paired by world", "95 % over worlds"))
+    assert "over seeds" not in text
+    assert "over seeds" not in write_report_page(results, tmp_path).read_text()
     (stored,) = csv.DictReader(report["contrasts.csv"].open())
     assert (stored["seeds"], stored["replicate"]) == ("3", "worlds")
     assert {line["world"] for line in csv.DictReader(report["seeds.csv"].open())} == {"1", "2", "3"}

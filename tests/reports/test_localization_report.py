@@ -121,7 +121,7 @@ def test_ratios_and_what_is_known_of_censored_ones(sweep):
     assert (day.ratio.least, day.ratio.most, day.ratio.censored) == (0.25, 0.25, 0)
     assert (night.ratio.least, night.ratio.most, night.ratio.censored) == (0, 1, 1)
     assert (day.pairs, day.dropped) == (2, 1)
-    table = ratio_table(list(rows.values()))
+    table = ratio_table(list(rows.values()), "seeds")
     told = {row[2]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
     assert told["summer_noon"]["ratio"] == "0.25"
     assert told["night_clear, kidnap"]["ratio"] == "at most 1.00"
@@ -134,7 +134,7 @@ def test_without_a_converged_pair_nothing_is_said_of_the_ratio(tmp_path):
     results = sweep_of(tmp_path, {"vision": [(runs, "diverged")], "laser": [runs]}, **CONTRAST)
     (row,) = particle_ratios(results)
     assert (row.ratio, row.pairs, row.dropped) == (None, 0, 1)
-    assert ratio_table([row]).rows[0][3:] == ["–", "–", "–", "–", "0", "1"]
+    assert ratio_table([row], "worlds").rows[0][3:] == ["–", "–", "–", "–", "0", "1"]
 
 
 def test_the_report_has_the_section_its_files_and_figures(sweep):

@@ -27,7 +27,7 @@ class ForestRow:
     published: float
 
 
-def contrast_forest(panels: Sequence[tuple[str, Sequence[ForestRow]]], xlabel: str) -> Figure:
+def contrast_forest(panels: Sequence[tuple[str, Sequence[ForestRow]]], xlabel: str, replicate: str = "seeds") -> Figure:
     """One panel per setting, one row per condition.
 
     The grey band is the range in which a *single* pair of runs of the same network falls 95 times in 100: differences
@@ -52,7 +52,8 @@ def contrast_forest(panels: Sequence[tuple[str, Sequence[ForestRow]]], xlabel: s
         panel.set(title=title, xlabel=xlabel)
         plain(panel)
     shown = [entry for _, entries in panels for entry in entries]
-    handles: list[Artist] = [*axes[0].plot([], [], "o-", color=COLOURS[0], label="mean over seeds, 95 % interval")]
+    mean = f"mean over {replicate}, 95 % interval"
+    handles: list[Artist] = [*axes[0].plot([], [], "o-", color=COLOURS[0], label=mean)]
     if any(entry.floor_low == entry.floor_low for entry in shown):
         handles.append(axes[0].fill_betweenx([], [], [], color="0.85", label="one pair of runs, seeds alone (95 %)"))
     if any(entry.published == entry.published for entry in shown):

@@ -34,11 +34,12 @@ def diverged_table(summaries: list[Summary], results: SweepResults) -> TextTable
 
 def cells_legend(results: SweepResults) -> str:
     """The legend of :func:`cells_table`."""
-    text = "Mean ± standard deviation over seeds, and the 95 % interval of the mean"
+    text = f"Mean ± standard deviation over {results.replicate}, and the 95 % interval of the mean"
     if results.measure.is_share:
         return (
-            f"{text}: Korn and Graubard's, for shares, which stays within 0 and 100. Where all seeds agree, it is that "
-            f"of as many independent trials as there were test {results.measure.items}.\n"
+            f"{text}: Korn and Graubard's, for shares, which stays within 0 and 100. Where all "
+            f"{results.replicate} agree, it is that of as many independent trials as there were test "
+            f"{results.measure.items}.\n"
         )
     return f"{text}: Student's t.\n"
 

@@ -80,7 +80,7 @@ def contrast_table(rows: Sequence[ContrastRow], name: str, results: SweepResults
         "published",
         "difference",
         f"95 % over {results.replicate}",
-        f"95 % over seeds and {results.measure.items}",
+        f"95 % over {results.replicate} and {results.measure.items}",
         "noise floor",
         "spread of one pair",
         "pairs",

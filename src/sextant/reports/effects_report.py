@@ -165,7 +165,8 @@ def _costs(
         if (setting, control, condition) in found
     }
     if panels:
-        told = f"Bars: 95 % over seeds. Filled: differs from {control}, p < 0.05 (paired t, Holm over arms)."
+        filled = f"Filled: differs from {control}, p < 0.05 (paired t, Holm over arms)."
+        told = f"Bars: 95 % over {results.replicate}. {filled}"
         cost = f"multiplications, relative to {control}"
         yield (
             "error_against_cost",
@@ -198,7 +199,7 @@ def _maps(results: SweepResults, effects: Sequence[ArmEffect], factor: str) -> I
                 columns=[f"{level:g}" for level in levels],
                 factor=factor,
                 better=results.measure.better,
-                quantity=f"{results.measure.difference}, [95 % over seeds], * p < {LEVEL} after Holm",
+                quantity=f"{results.measure.difference}, [95 % over {results.replicate}], * p < {LEVEL} after Holm",
             )
             yield f"effect_map{f'_{place}' if place else ''}", figure
 

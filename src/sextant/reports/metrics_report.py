@@ -7,6 +7,7 @@ import numpy as np
 
 from sextant.evaluation import paired_difference, share_interval
 from sextant.evaluation.paired import spread_of
+from sextant.evaluation.verdict import Replicate
 from sextant.reports.contrasts import converged_pairs, named_contrasts, settings_of
 from sextant.reports.metric import Metric, metric_of, seeds_interval
 from sextant.reports.results import CellResult, SweepResults
@@ -52,7 +53,7 @@ def metrics_section(results: SweepResults) -> Section:
     rows = metric_summaries(results, metrics)
     conditions = [name for name in results.conditions if any(row.condition == name for row in rows)]
     meanings = [f"- *{metric.title}*: {metric.meaning}" for metric in metrics if metric.meaning]
-    parts = ["## Further metrics\n", _legend(rows), metric_table(rows, metrics).markdown()]
+    parts = ["## Further metrics\n", _legend(rows, results.replicate), metric_table(rows, metrics).markdown()]
     if meanings:
         parts.append("\n".join(meanings) + "\n")
     if unknown:
@@ -170,12 +171,12 @@ def _cell(row: MetricSummary | None) -> str:
     return with_interval(row, digits, alone=True) + some
 
 
-def _legend(rows: Sequence[MetricSummary]) -> str:
+def _legend(rows: Sequence[MetricSummary], replicate: Replicate) -> str:
     some = " *(k of n)*: only k of n values exist, such as errors of runs that converged." if any(
         row.told < row.asked for row in rows
     ) else ""  # fmt: skip
     return (
-        "Means over converged runs with their 95 % intervals over seeds: of shares Korn and Graubard's, which stays "
-        "within 0 and 100 (none where all runs agree), of other metrics Student's t; of a run, its value for all "
+        f"Means over converged runs with their 95 % intervals over {replicate}: of shares Korn and Graubard's, which "
+        "stays within 0 and 100 (none where all runs agree), of other metrics Student's t; of a run, its value for all "
         f"conditions together, or the mean over them.{some} Times were measured under whatever load the machine had.\n"
     )

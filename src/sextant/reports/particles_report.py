@@ -14,6 +14,7 @@ from sextant.chapters.localization.measure import SUCCESS
 from sextant.evaluation.particle_counts import RESAMPLES, CountRatio, needed_ratio, particles_needed
 from sextant.evaluation.protocols import ENOUGH_SUCCESS
 from sextant.evaluation.success import Share, share_of
+from sextant.evaluation.verdict import Replicate
 from sextant.reports.contrasts import Sides, converged_pairs, dropped_pairs, named_contrasts
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
@@ -95,7 +96,11 @@ def particles_section(results: SweepResults) -> Section:
     names = dict.fromkeys(_figure_name(curve.setting, POOLED) for curve in pictured)
     parts += [f"![success by number of particles]({name}.png)\n" for name in names]
     if ratios:
-        parts += ["### Particles needed, relative\n", _ratio_legend(), ratio_table(ratios).markdown()]
+        parts += [
+            "### Particles needed, relative\n",
+            _ratio_legend(),
+            ratio_table(ratios, results.replicate).markdown(),
+        ]
     files = {"particles.csv": curve_rows(curves).csv(), "particles_needed.csv": ratio_rows(ratios).csv()}
     return Section("\n".join(parts), files, list(_figures(curves)))
 
@@ -200,7 +205,7 @@ def curve_rows(curves: Sequence[Curve]) -> TextTable:
     return TextTable(columns, rows)
 
 
-def ratio_table(rows: Sequence[RatioRow]) -> TextTable:
+def ratio_table(rows: Sequence[RatioRow], replicate: Replicate) -> TextTable:
     """One row per contrast, setting and condition."""
     body = []
     for row in rows:
@@ -211,7 +216,7 @@ def ratio_table(rows: Sequence[RatioRow]) -> TextTable:
         body.append([row.contrast, row.setting, row.condition, *told, *pairs])
     needed = _needed_name()
     columns = ["contrast", "setting", "condition", f"{needed} of the treatment", f"{needed} of the control"]
-    return TextTable([*columns, "ratio", "95 % over seeds", "pairs", "dropped"], body)
+    return TextTable([*columns, "ratio", f"95 % over {replicate}", "pairs", "dropped"], body)
 
 
 def ratio_rows(rows: Sequence[RatioRow]) -> TextTable:

@@ -104,7 +104,9 @@ def contrast_figures(results: SweepResults, rows: list[ContrastRow]) -> "list[tu
             (setting, [_forest_row(row) for row in of_contrast if row.setting == setting])
             for setting in dict.fromkeys(row.setting for row in of_contrast)
         ]
-        made.append((f"contrast_{slug(contrast)}", contrast_forest(panels, results.measure.difference)))
+        made.append(
+            (f"contrast_{slug(contrast)}", contrast_forest(panels, results.measure.difference, results.replicate))
+        )
     return made
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from sextant.atomic_files import write_atomically
+from sextant.evaluation.verdict import Replicate
 from sextant.figures.charts import Spec
 from sextant.figures.interval_chart import IntervalRow, interval_chart
 from sextant.figures.searches import TrialMark, search_chart
@@ -49,7 +50,7 @@ def _arms(results: SweepResults, summaries: Sequence[Summary]) -> Iterator[Spec]
     measure = results.measure
     for setting in results.settings:
         rows = [
-            _arm(row, measure.digits)
+            _arm(row, measure.digits, results.replicate)
             for condition in results.conditions
             for row in summaries
             if (row.setting, row.condition) == (setting, condition) and row.seeds
@@ -60,12 +61,12 @@ def _arms(results: SweepResults, summaries: Sequence[Summary]) -> Iterator[Spec]
         yield interval_chart(rows, axis, _title("Arms", setting), order=results.arms, marks=())
 
 
-def _arm(row: Summary, digits: int) -> IntervalRow:
+def _arm(row: Summary, digits: int, replicate: Replicate) -> IntervalRow:
     tip = {
         "arm": row.arm,
         "condition": row.condition,
         "mean": number(row.mean, digits),
-        "95 % over seeds": interval(row.low, row.high, digits),
+        f"95 % over {replicate}": interval(row.low, row.high, digits),
         "runs": f"{row.seeds} converged, {row.diverged} diverged, {row.failed} failed, {row.missing} missing",
     }
     return IntervalRow(row.condition, row.mean, row.low, row.high, row.arm, published=row.published, tip=tip)
@@ -76,23 +77,25 @@ def _contrasts(results: SweepResults) -> Iterator[Spec]:
     rows, digits = [row for row in contrasts(results) if row.paired is not None], results.measure.digits
     axis = f"{results.measure.difference}; {results.measure.better} is better"
     for name, setting in dict.fromkeys((row.contrast, row.setting) for row in rows):
-        of_chart = [_contrast(row, digits) for row in rows if (row.contrast, row.setting) == (name, setting)]
+        of_chart = [
+            _contrast(row, digits, results.replicate) for row in rows if (row.contrast, row.setting) == (name, setting)
+        ]
         yield interval_chart(of_chart, axis, _title(name, setting))
 
 
-def _contrast(row: ContrastRow, digits: int) -> IntervalRow:
+def _contrast(row: ContrastRow, digits: int, replicate: Replicate) -> IntervalRow:
     paired, reach = row.paired, row.single_pair_reach
     assert paired is not None
     mean, low, high = paired.mean, paired.low, paired.high
     tip = {
         "condition": row.condition,
         "difference": number(mean, digits, sign=True),
-        "95 % over seeds": interval(low, high, digits, sign=True),
+        f"95 % over {replicate}": interval(low, high, digits, sign=True),
         "pairs": str(paired.seeds),
         "p (Wilcoxon, Holm)": number(row.p_holm, 3),
         "one pair of runs, seeds alone": interval(-reach, reach, digits, sign=True),
     }
-    return IntervalRow(row.condition, mean, low, high, "mean over seeds", (-reach, reach), row.published, tip)
+    return IntervalRow(row.condition, mean, low, high, f"mean over {replicate}", (-reach, reach), row.published, tip)
 
 
 def _search(results: SweepResults) -> Spec:
