@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.errors import UserError
 from sextant.lifecycle import execute as life
 from sextant.lifecycle.execute import execute, execute_cell
+from sextant.lifecycle.run_reporter import RunReporter
 from sextant.lifecycle.training import unfilled_tensors
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
@@ -202,11 +204,40 @@ def test_a_nan_loss_stops_the_run_and_names_the_step(tmp_path, monkeypatch):
     assert (other["status"], other["reused"]) == ("diverged", False)
 
 
+class Told(RunReporter):
+    """Keeps what is said."""
+
+    def __init__(self):
+        self.said = []
+
+    def say(self, text):
+        self.said.append(text)
+
+
 def test_a_failing_cell_is_an_outcome_and_not_an_exception(tmp_path):
     raw = quick_config(tmp_path, "tracking=none", "dataset=image_folder", "dataset.folder=/nowhere")
-    cell = execute_cell(raw)
+    told = Told()
+    cell = execute_cell(raw, told)
     assert cell["status"] == "failed"
     assert "no such folder" in cell["message"]
+    (said,) = told.said
+    assert re.fullmatch(r"classification/[0-9a-f]{8}-s0 failed: UserError: .*", said, re.DOTALL)
+    assert cell["message"] in said
+
+
+def test_a_fault_of_the_program_leaves_its_traceback_until_the_run_is_tried_again(tmp_path, monkeypatch):
+    raw, told = quick_config(tmp_path, "tracking=none"), Told()
+    monkeypatch.setattr(Classification, "configure_optimizers", lambda self: 1 / 0)
+    assert execute_cell(raw, told)["status"] == "failed"
+    (run,) = (tmp_path / "runs" / "classification").glob("*-s0")
+    assert "ZeroDivisionError" in RunDirectory(run).traceback.read_text()
+    assert told.said[-2:] == [
+        f"the traceback is in {RunDirectory(run).traceback}",
+        f"classification/{run.name} failed: ZeroDivisionError: division by zero",
+    ]
+    monkeypatch.undo()
+    assert execute_cell(raw)["status"] != "failed"
+    assert not RunDirectory(run).traceback.exists()
 
 
 @pytest.mark.slow

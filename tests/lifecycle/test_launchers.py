@@ -150,6 +150,21 @@ def test_a_process_that_is_killed_ends_its_own_run_alone(tmp_path, monkeypatch):
     assert [Path(tmp_path, name).read_text() for name in names] == ["x", "xx", "xx", "x"]
 
 
+def test_the_run_of_a_worker_may_load_its_data_in_processes(tmp_path, monkeypatch):
+    def work(words, runs):
+        import torch
+
+        from sextant.data.batches import EpochBatches, loader
+
+        processes._settle()
+        batches = loader(torch.arange(4), EpochBatches(4, 2), workers=1)
+        return {"status": "finished", "message": str([batch.tolist() for batch in batches])}
+
+    monkeypatch.setattr(processes, "_in_worker", work)
+    (outcome,) = processes.run_in_processes([CellTask(("a",), tmp_path)], 1, SILENT_RUN)
+    assert outcome["message"] == "[[0, 1], [2, 3]]"
+
+
 def test_tasks_that_vanish_are_submitted_again_and_then_given_up(tmp_path, slurm):
     (good, bad), folder = cells(tmp_path, 2), tmp_path / "sweeps" / "one"
     finish(good.run)

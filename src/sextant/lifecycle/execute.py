@@ -158,7 +158,8 @@ class _Run:
     def _begin(self) -> None:
         path = self.directory.path
         path.mkdir(parents=True, exist_ok=True)
-        for leftover in path.rglob(".*.tmp"):  # left by a process that was killed while writing
+        # files that a process left when it was killed while writing, and how an earlier attempt ended
+        for leftover in (*path.rglob(".*.tmp"), self.directory.traceback):
             leftover.unlink(missing_ok=True)
         plain = dict(self.config.plain)
         params = {key: value for key, value in plain.items() if key not in NO_PARAMETERS}
@@ -230,7 +231,8 @@ class _Run:
                 if isinstance(error, LossNotFiniteError):
                     self._keep_diverged(message)
                 elif not interrupted and not isinstance(error, UserError):
-                    (self.directory.path / "error.log").write_text(traceback.format_exc())
+                    self.directory.traceback.write_text(traceback.format_exc())
+                    self.reporter.say(f"the traceback is in {self.directory.traceback}")
             self._end(message, "KILLED" if interrupted else "FAILED")
             if interrupted:
                 raise KeyboardInterrupt from None
@@ -257,15 +259,25 @@ class _Run:
 
 
 def execute_cell(raw: Mapping[str, Any], reporter: RunReporter = SILENT_RUN) -> dict[str, Any]:
-    """Run one cell of a sweep like :func:`execute`, but turn an error into an outcome so that the sweep goes on."""
+    """Run one cell of a sweep like :func:`execute`, but report an error as an outcome so that the sweep goes on."""
     try:
         outcome = execute(raw, wait=True, reporter=reporter)
     except KeyboardInterrupt:
         raise
     except Exception as error:
-        name: Status = "diverged" if isinstance(error, LossNotFiniteError) else "failed"
-        outcome = Outcome(name, Path(), message=f"{type(error).__name__}: {error}")
+        status: Status = "diverged" if isinstance(error, LossNotFiniteError) else "failed"
+        outcome = Outcome(status, Path(), message=f"{type(error).__name__}: {error}")
+        reporter.say(f"{_run_name(raw)} {status}: {outcome.message}")
     return asdict(outcome) | {"directory": str(outcome.directory)}
+
+
+def _run_name(raw: Mapping[str, Any]) -> str:
+    """The name of the run of a config, which may be wrong."""
+    try:
+        config = checked(raw)
+        return f"{config.task.name}/{run_digest(config)[:8]}-s{config.seed}"
+    except UserError:
+        return "a run"
 
 
 def _flat(node: Any, prefix: str = "") -> dict[str, Any]:

@@ -57,6 +57,11 @@ class RunDirectory:
         return self.path / "history.jsonl"
 
     @property
+    def traceback(self) -> Path:
+        """The traceback of a run that an error of the program ended."""
+        return self.path / "error.log"
+
+    @property
     def arrays(self) -> Path:
         """Per-image results, as a zip of plain arrays."""
         return self.path / "predictions.npz"

@@ -99,19 +99,22 @@ class _Pool:
 
 
 def _in_worker(words: Sequence[str], runs: RunReporter) -> dict[str, Any]:
-    _end_with_controller()
+    _settle()
     return run_words(words, runs)
 
 
 @cache
-def _end_with_controller() -> None:
-    """In a joblib worker, end this process once the controller has died; elsewhere do nothing.
+def _settle() -> None:
+    """In a joblib worker, let runs start processes, and end this one once the controller has died; elsewhere nothing.
+
+    loky makes itself the way to start processes, and cannot start those that load a run's data.
 
     Workers would otherwise finish their run and then wait forever for another. Repeating the sweep resumes a run that
     is ended this way. The watch starts with a worker's first run; a controller that dies earlier is not noticed.
     """
     if not multiprocessing.current_process().name.startswith("LokyProcess"):
         return
+    multiprocessing.set_start_method(None, force=True)
     controller = int(os.environ[CONTROLLER])
 
     def watch() -> None:
