@@ -3,7 +3,7 @@
 import pytest
 
 from sextant.errors import UserError
-from sextant.user_files import absent, nearest_path, read_lines, read_table, read_text, table_header
+from sextant.user_files import absent, check_columns, nearest_path, read_lines, read_table, read_text, table_header
 
 
 @pytest.mark.parametrize(
@@ -82,6 +82,12 @@ def test_headers_and_cells(tmp_path, text, header, rows):
     (path := tmp_path / "t.csv").write_text(text)
     table = read_table(path)
     assert (table.header, [cells for _, cells in table.rows]) == (header, rows)
+
+
+def test_a_column_that_is_used_is_there_once():
+    check_columns("t.csv", ("file", "note", "note", "x"), ("file", "x", "y"))
+    with pytest.raises(UserError, match=r"t\.csv has 3 columns named x"):
+        check_columns("t.csv", ("x", "x", "y", "x"), ("file", "x", "y"))
 
 
 @pytest.mark.parametrize("cell", ["", "x", "nan", "inf", "1.234,5", "1,2,3", "1 000"])

@@ -5,7 +5,7 @@ import difflib
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -144,6 +144,19 @@ def read_table(path: Path, fix: str | None = None) -> TextTable:
         UserError: as :func:`read_text`; or a cell is not closed.
     """
     return table_of(read_text(path, fix), path)
+
+
+def check_columns(what: str, header: Sequence[str], used: Iterable[str]) -> None:
+    """Raise a ``UserError`` if a column that is used is there more than once.
+
+    Args:
+        what: the table, for the message.
+        header: its columns.
+        used: those that are read if they are there.
+    """
+    for name in used:
+        if (count := header.count(name)) > 1:
+            raise UserError(f"{what} has {count} columns named {name}", "Remove or rename all but one of them.")
 
 
 def table_header(path: Path, size: int = 65536) -> tuple[str, ...]:

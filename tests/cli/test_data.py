@@ -87,10 +87,14 @@ def test_a_damaged_store_is_listed_as_such(data, tmp_path):
         (["render", "dataset=digits", "dataset._target_=rendered_toy.Nothing"], "cannot be built"),
         (["render", *TOY, "dataset.size=0"], "no item"),
         (["render", *TOY, "paths.cache=/proc/sextant"], "/proc/sextant cannot be written to"),
+        (["list", f"paths.cache={__file__}"], f"paths.cache={__file__} is not a folder"),
+        (["verify", "toy", f"paths.cache={__file__}"], f"paths.cache={__file__} is not a folder"),
+        (["list", "paths.cache=null"], "paths.cache=None: must be a valid string"),
         (["verify"], "name one store"),
         (["verify", "nothing"], "nothing: no store of that name"),
         (["verify", "nothing", "repair=maybe"], "repair=maybe must be true or false"),
         (["verify", "nothing", "repiar=true"], "Did you mean repair=true?"),
+        (["gallery", f"folder={__file__}"], f"folder={__file__} is not a folder that can be written to"),
     ],
 )
 def test_mistakes(arguments, said, data):

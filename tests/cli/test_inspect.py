@@ -38,10 +38,12 @@ def test_a_name_of_any_characters_is_shown_as_it_is(tmp_path, monkeypatch, capsy
         (["one", "two"], "'two' is not a key=value argument"),
         ([".", "jsn=x"], "Did you mean json=x?"),
         (["<folder>", "json=<folder>"], "must be a file of its own that ends in .json"),
+        (["<folder>/notes.txt"], "/notes.txt is empty (0 bytes)"),
         (["<folder>/a.json", "json=<folder>/a.json"], "must be a file of its own that ends in .json"),
     ],
 )
 def test_mistakes_are_one_message(arguments, said, tmp_path, capsys):
+    (tmp_path / "notes.txt").touch()
     with pytest.raises(SystemExit) as ended:
         cli.run("inspect", [word.replace("<folder>", str(tmp_path)) for word in arguments])
     assert ended.value.code == 2

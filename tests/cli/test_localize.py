@@ -23,7 +23,8 @@ from sextant.pages.drive.watch import Watch
 
 
 def run(office, given, output, *more):
-    localize.main([f"map={office.folder}", f"input={given}", f"output={output}", "replay=none", *more])
+    words = [f"map={office.folder}", f"input={given}", f"output={output}", "replay=none", *more]
+    localize.main(list({word.partition("=")[0]: word for word in words}.values()))
     with (output / "poses.csv").open() as file:
         return list(csv.DictReader(file))
 
@@ -88,6 +89,12 @@ def test_it_says_what_predict_says(office, photos, tmp_path):
         (["input=.", "particles=100000000000"], "must be a whole number from 1 to 100000"),
         (["input=.", "porte=3"], "porte"),
         (["input=.", "port=99999"], "port"),
+        (["input=.", "port=8001"], "port=8001 needs live=true"),
+        (["input=.", "live=false", "browser=false"], "browser=false needs live=true"),
+        (
+            ["map=zoo:places", "input=."],
+            "map=zoo:places: neither a saved map nor a run of localization, nor zoo:office\nLocal",
+        ),
     ],
 )
 def test_mistakes(office, tmp_path, given, problem):
@@ -305,6 +312,9 @@ def test_a_table_of_true_poses_is_not_replaced(office, tmp_path):
         ("trajectory.tum", ()),
         ("trajectory.tum", ("odometry={}",)),
         ("smoothed.tum", ("smooth=true",)),
+        ("trajectory.png", ()),
+        ("replay.mp4", ("replay=mp4",)),
+        ("replay.gif", ("replay=gif",)),
         ("poses.csv", ("odometry={}",)),
     ],
 )

@@ -71,8 +71,24 @@ def test_an_unknown_focal_length_is_estimated_with_the_pose(given, sigma):
 def test_what_no_pose_explains_has_none():
     rng = np.random.default_rng(0)
     assert absolute_pose(rng.uniform(0, 400, (3, 2)), rng.normal(size=(3, 3)), CAMERA) is None
-    with pytest.raises(ArgumentError, match="3 pixels, but 4 points"):
-        absolute_pose(np.zeros((3, 2)), np.zeros((4, 3)), CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"points": np.zeros((4, 3))}, r"points has the shape \(4, 3\), but must have \(5, 3\)"),
+        ({"pixels": np.zeros((5, 3))}, r"pixels has the shape \(5, 3\), but must have \(n, 2\)"),
+        ({"covariances": np.zeros((4, 3, 3))}, r"covariances has the shape \(4, 3, 3\)"),
+        ({"focal_sigma": -1.0}, "focal_sigma=-1.0 must be at least 0"),
+        ({"focal_sigma": np.nan}, "focal_sigma=nan must be"),
+        ({"error_px": 0}, "error_px=0 must be above 0"),
+        ({"error_px": np.nan}, "error_px=nan must be"),
+    ],
+)
+def test_matches_without_a_meaning_have_no_pose(given, said):
+    matches = {"pixels": np.zeros((5, 2)), "points": np.zeros((5, 3)), "camera": CAMERA}
+    with pytest.raises(ArgumentError, match=said):
+        absolute_pose(**matches | given)
 
 
 def test_points_are_triangulated_with_their_uncertainty():
@@ -90,6 +106,16 @@ def test_points_are_triangulated_with_their_uncertainty():
     assert stats.kstest(normalised, stats.chi2(3).cdf).pvalue > 0.001
     exact = triangulate(pixels, images, tracks, poses, [CAMERA] * 4)
     np.testing.assert_allclose(exact.points, points, atol=1e-6)
+
+
+def test_tracks_of_fewer_than_two_pixels_are_not_valid():
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, 0, 3] = 1
+    pixels, cameras = np.array([[419.5, 239.5], [319.5, 239.5], [300.0, 200.0]]), [CAMERA] * 2
+    found = triangulate(pixels, np.array([0, 1, 0]), np.array([1, 1, 3]), poses, cameras)
+    assert found.valid.tolist() == [False, True, False, False]
+    with pytest.raises(ArgumentError, match=r"images has the shape \(2,\), but must have \(3,\)"):
+        triangulate(pixels, np.array([0, 1]), np.array([1, 1, 3]), poses, cameras)
 
 
 def test_errors_of_matches_are_distances_from_their_epipolar_lines():

@@ -19,6 +19,7 @@ from sextant.correspondence import (
     TrunkFeatures,
     XFeatures,
     aliked_features,
+    distinct_matches,
     mutual_matches,
 )
 from sextant.errors import ArgumentError
@@ -126,6 +127,31 @@ def test_mutual_matches_are_those_of_both_argmaxima(seed):
         ]
         assert mutual_matches(first, second, least).tolist() == expected
     assert mutual_matches(first, second.strongest(0)).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"descriptors": np.zeros((4, 8))}, r"descriptors has the shape \(4, 8\), but must have \(3, d\)"),
+        ({"descriptors": np.zeros(3)}, r"descriptors has the shape \(3,\), but must have \(3, d\)"),
+        ({"points": np.zeros((3, 3))}, r"points has the shape \(3, 3\), but must have \(n, 2\)"),
+        ({"points": np.array([[0, 0], [0, np.nan], [0, 0]])}, r"points=\[ 0. nan\] of keypoint 1 must be finite"),
+        ({"width": 0}, "width=0 must be"),
+        ({"pixel": np.nan}, "pixel=nan must be"),
+    ],
+)
+def test_keypoints_that_are_none_are_refused(wrong, said):
+    arguments = {"points": np.zeros((3, 2)), "descriptors": np.zeros((3, 8)), "width": 8, "height": 8}
+    with pytest.raises(ArgumentError, match=said):
+        LocalFeatures(**arguments | wrong)
+
+
+def test_the_range_of_cosines_and_ratios_is_checked():
+    one = LocalFeatures(np.zeros((3, 2), np.float32), np.zeros((3, 8), np.float16), 8, 8)
+    with pytest.raises(ArgumentError, match="least_cosine=75 must be at least -1 and at most 1"):
+        mutual_matches(one, one, 75)
+    with pytest.raises(ArgumentError, match=r"ratio=nan must be"):
+        distinct_matches(one, one, ratio=np.nan)
 
 
 def test_missing_packages_are_told_before_any_work(monkeypatch):

@@ -22,6 +22,7 @@ from sextant.correspondence import (
 )
 from sextant.correspondence.left_out import squared_error, without
 from sextant.correspondence.posed_map import neighbouring
+from sextant.errors import ArgumentError
 
 CAMERA = Pinhole.centred(640, 480, 520.0)
 
@@ -129,7 +130,8 @@ def test_features_match_both_ways_or_not_at_all():
     points = rng.uniform(0, 100, (30, 2)).astype(np.float32)
     first = LocalFeatures(points, unit, 100, 100)
     order = rng.permutation(30)
-    second = LocalFeatures(points, np.concatenate([unit[order], unit[:1]]), 100, 100)
+    both = (np.concatenate([points, points[:1]]), np.concatenate([unit[order], unit[:1]]))
+    second = LocalFeatures(*both, 100, 100)
     pairs = mutual_matches(first, second)
     assert len(pairs) == 30
     assert (order[pairs[pairs[:, 1] < 30, 1]] == pairs[pairs[:, 1] < 30, 0]).all()
@@ -141,6 +143,10 @@ def test_chance_explains_few_inliers_and_not_many():
     assert log_false_alarms(500, 3, 4, 640 * 480) == math.inf
     assert log_false_alarms(500, 6, 4, 640 * 480) > 0
     assert log_false_alarms(500, 60, 4, 640 * 480) < -50
+    with pytest.raises(ArgumentError, match="inliers=6 must be at most matches=5"):
+        log_false_alarms(5, 6, 4, 640 * 480)
+    with pytest.raises(ArgumentError, match="radius_px=0 must be above 0"):
+        log_false_alarms(500, 6, 0, 640 * 480)
 
 
 def line(n, rng):

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from sextant.correspondence import LocalFeatures
+from sextant.correspondence import LocalFeatures, epipolar_inliers
 from sextant.correspondence.reranking import FITTED, LEVEL, count_inliers, reranked, significantly_more
+from sextant.errors import ArgumentError
 
 COUNTS = st.lists(st.integers(0, 400), min_size=1, max_size=20)
 
@@ -102,3 +103,23 @@ def test_distances_are_measured_in_images_of_one_size(scene):
     found = count_inliers(query, [blurred, larger])
     assert 60 < found[0] < 200
     assert found[1] == found[0]
+
+
+@pytest.mark.parametrize(
+    ("shapes", "error_px", "said"),
+    [
+        (((5000, 2), (10, 2)), 3.0, r"second has the shape \(10, 2\), but must have \(5000, 2\)"),
+        (((9, 3), (9, 3)), 3.0, r"first has the shape \(9, 3\), but must have \(m, 2\)"),
+        (((9, 2), (9, 2)), -1.0, "error_px=-1.0 must be above 0"),
+    ],
+)
+def test_pixels_that_do_not_match_and_errors_below_zero_are_refused(shapes, error_px, said):
+    with pytest.raises(ArgumentError, match=said):
+        epipolar_inliers(*(np.zeros(shape, np.float32) for shape in shapes), error_px)
+
+
+@pytest.mark.parametrize("wrong", [{"side": 0}, {"error_px": np.nan}])
+def test_inliers_are_counted_in_pixels(scene, wrong):
+    one = seen(*scene, (0, 0, 0), (0, 0, 0))
+    with pytest.raises(ArgumentError, match=f"{next(iter(wrong))}=.* must be"):
+        count_inliers(one, [], **wrong)

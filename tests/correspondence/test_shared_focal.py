@@ -14,6 +14,7 @@ from sextant.correspondence import (
     shared_focal_length,
 )
 from sextant.correspondence.bundle import Scene, Tracks, _slopes, errors, fitted
+from sextant.correspondence.turned_camera import turns_of
 from sextant.errors import ArgumentError
 
 CAMERA = Pinhole.centred(640, 480, 520.0)
@@ -166,6 +167,11 @@ def test_photos_that_cannot_share_it_are_refused():
         shared_focal_length(empty)
     with pytest.raises(ArgumentError, match="1 photo; a shared focal length needs 2 to 10"):
         shared_focal_length(empty[:1])
+
+
+def test_pixels_of_turns_that_differ_in_number_are_refused():
+    with pytest.raises(ArgumentError, match=r"second has the shape \(10, 2\), but must have \(5000, 2\)"):
+        turns_of({(0, 1): (np.zeros((5000, 2)), np.zeros((10, 2)))}, np.array([500.0]))
 
 
 def test_repeated_features_are_no_distinct_matches():

@@ -2,6 +2,7 @@ import numpy as np
 import torch
 from skimage.feature import canny
 
+from sextant.corruptions import corrupt
 from sextant.corruptions.shapes import CannyEdges
 
 EDGES = CannyEdges(((),), "canny_edges", levels=(1,))
@@ -27,3 +28,9 @@ def test_colours_show_the_edges_of_their_luma_in_every_channel():
 
 def test_a_uniform_image_has_no_edges():
     assert EDGES(torch.full((1, 1, 28, 28), 0.7), 1, torch.arange(1), 0).sum() == 0
+
+
+def test_edges_of_images_with_gradients_are_the_same():
+    image = torch.rand(1, 28, 28, generator=torch.Generator().manual_seed(0))
+    expected = corrupt(image, "canny_edges", 1, set="mnist_c")
+    assert torch.equal(corrupt(image.requires_grad_(), "canny_edges", 1, set="mnist_c"), expected)

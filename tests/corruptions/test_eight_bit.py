@@ -5,6 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.corruptions import eight_bit, to_bytes
+from sextant.corruptions.pixels import luma
+from sextant.errors import ArgumentError
 
 bytes_ = torch.arange(256)
 
@@ -41,3 +43,15 @@ def test_values_outside_are_clipped_and_images_are_not_changed(mode):
 
 def test_half_precision_keeps_its_type():
     assert eight_bit(torch.rand(4, dtype=torch.bfloat16)).dtype == torch.bfloat16
+
+
+@pytest.mark.parametrize("change", [to_bytes, eight_bit])
+def test_an_unknown_mode_is_refused(change):
+    with pytest.raises(ArgumentError, match="mode=exact is not known; it is faithful or corrected"):
+        change(torch.rand(4), "exact")
+
+
+@pytest.mark.parametrize("change", [to_bytes, eight_bit, luma])
+def test_bytes_are_refused_as_images_within_0_and_1(change):
+    with pytest.raises(ArgumentError, match=r"images hold torch\.uint8, not floating-point values"):
+        change(torch.full((3, 2, 2), 200, dtype=torch.uint8))

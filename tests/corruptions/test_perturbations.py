@@ -108,3 +108,8 @@ def test_a_rotation_turns_clockwise():
 def test_a_perturbation_that_is_not_there_is_refused(names):
     with pytest.raises(ArgumentError, match=r"(?s)names=\[.*There are: gaussian_noise, shot_noise"):
         PerturbationSuite(names)
+
+
+def test_a_sequence_that_is_not_there_is_refused():
+    with pytest.raises(ArgumentError, match=r"(?s)corruption=fog is not in the suite.*There are: rotate"):
+        PerturbationSuite(["rotate"]).sequence("fog")

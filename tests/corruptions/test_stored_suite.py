@@ -7,7 +7,7 @@ import torch
 from sextant.corruptions import BenchmarkSuite, Condition, StoredSuite, cifar10_c
 from sextant.corruptions import making as m
 from sextant.corruptions.stored_suite import folder_identity
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 IMAGES = np.random.default_rng(0).integers(0, 256, (10, 16, 16, 3), dtype=np.uint8)
 LABELS = np.arange(10) % 3
@@ -95,6 +95,19 @@ def test_images_that_do_not_fit_the_dataset(folder):
         suite.corrupt(torch.zeros(1, 3, 32, 32), torch.tensor([0]), Condition("fog", 1))
     with pytest.raises(UserError, match="10 images per severity"):
         suite.corrupt(CLEAN[:1], torch.tensor([10]), Condition("fog", 1))
+
+
+@pytest.mark.parametrize(
+    ("condition", "said"),
+    [
+        (Condition("frost", 1), "(?s)corruption=frost is not in the suite.*There are: gaussian_noise, fog"),
+        (Condition("fog", 6), "(?s)level=6 of fog is not in its file.*There are: 1, 2, 3, 4, 5"),
+        (Condition("fog"), "level=None of fog"),
+    ],
+)
+def test_a_condition_that_is_not_stored_is_refused(folder, condition, said):
+    with pytest.raises(ArgumentError, match=said):
+        StoredSuite(folder, names=NAMES).corrupt(CLEAN[:1], [0], condition)
 
 
 @pytest.mark.parametrize(

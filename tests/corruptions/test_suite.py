@@ -1,6 +1,9 @@
+import numpy as np
+import pytest
 import torch
 
 from sextant.corruptions import Condition, ContrastPoisson, CorruptionSuite, GaussianNoise
+from sextant.errors import ArgumentError, UserError
 
 IMAGES, INDICES = torch.rand(4, 1, 8, 8), torch.arange(4)
 
@@ -37,3 +40,35 @@ def test_suites_of_one_seed_show_the_same_images_whatever_was_drawn_before():
     torch.rand(10)
     assert torch.equal(a_suite().corrupt(IMAGES, INDICES, condition), first)
     assert not torch.equal(a_suite(seed=1).corrupt(IMAGES, INDICES, condition), first)
+
+
+BYTES = np.full((3, 8, 8, 1), 128, np.uint8)
+CONDITION = Condition("gaussian", 0.5)
+
+
+@pytest.mark.parametrize("condition", [Condition(), CONDITION])
+@pytest.mark.parametrize("images", [BYTES / 255, BYTES.astype(int), BYTES[0], torch.from_numpy(BYTES), BYTES.tolist()])
+def test_what_is_no_batch_of_bytes_is_refused(images, condition):
+    with pytest.raises(ArgumentError, match=r"images are .* not a NumPy array of uint8 \(n, h, w, c\)"):
+        a_suite().corrupt_bytes(images, np.arange(3), condition)
+
+
+@pytest.mark.parametrize("indices", [np.arange(2), np.arange(4), [0, 1], np.arange(3.0), np.arange(-1, 2)])
+def test_bytes_need_one_index_each(indices):
+    with pytest.raises(UserError, match="indices"):
+        a_suite().corrupt_bytes(BYTES, indices, CONDITION)
+
+
+def test_indices_of_bytes_may_be_a_list_or_run_backwards():
+    suite, indices = a_suite(), np.arange(3)[::-1]
+    assert np.array_equal(
+        suite.corrupt_bytes(BYTES, indices, CONDITION), suite.corrupt_bytes(BYTES, [2, 1, 0], CONDITION)
+    )
+
+
+def test_a_corruption_or_level_that_is_not_there_is_refused():
+    for suite, known in ((a_suite(), "gaussian, contrast_poisson"), (CorruptionSuite(), "none")):
+        with pytest.raises(ArgumentError, match=f"(?s)corruption=fog is not in the suite.*There are: {known}"):
+            suite.corrupt(IMAGES, INDICES, Condition("fog", 3))
+    with pytest.raises(ValueError, match="a level of gaussian is a finite number, not None"):
+        a_suite().corrupt(IMAGES, INDICES, Condition("gaussian"))

@@ -243,6 +243,8 @@ def test_what_is_no_parameterization_is_refused(arguments, says):
         ("horizon", [0.0, 0, 0.5, 0], [1.0, 1, 3.2, 1], "range of vfov"),
         ("horizon", [0.0, 0, 0.5, math.nan], [1.0, 1, 1.0, 1], "range of k1_hat is empty or not finite"),
         ("undistorted_horizon", [0.0, 0, 0.5, 0], [math.inf, 1, 1.0, 1], "range of tau"),
+        ("direct", [0.0, 0, 0.5], [1.0, 1, 0.7], r"low has the shape \(3,\), but must have \(4,\)"),
+        ("direct", [0.0, 0, 0.5, 0], [1.0, 1, 0.7], r"high has the shape \(3,\)"),
     ],
 )
 def test_what_is_no_range_is_refused(name, low, high, says):

@@ -85,6 +85,12 @@ def test_what_cannot_be_is_refused(options):
         blur_pool(torch.zeros(1, 1, 8, 8), **options)
 
 
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.int64, torch.bool])
+def test_whole_numbers_are_refused_as_the_filter_would_round_to_zero(dtype):
+    with pytest.raises(ArgumentError, match=f"need floating-point images, got {dtype}"):
+        blur_pool(torch.ones(1, 1, 4, 4, dtype=dtype))
+
+
 @given(
     st.integers(2, 3), st.integers(1, 3), st.integers(0, 1), st.integers(1, 2), st.integers(8, 14), st.integers(1, 5)
 )

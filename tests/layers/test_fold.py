@@ -55,6 +55,11 @@ def test_a_folded_network_is_the_network(bias, padding_mode, images):
     assert not any(parameter.requires_grad for parameter in folded.parameters())
 
 
+def test_under_autocast_a_folded_layer_has_the_type_of_a_convolution(images):
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        assert fold(PushPullAvgConv2d(3, 4, 3))(images).dtype == torch.bfloat16
+
+
 def test_the_twin_folds_to_the_convolution():
     layer = PushPullConv2d(2, 3, 4, padding="same", scale=1.0, alpha=1.0)
     folded, images = fold(layer), torch.randn(1, 2, 9, 9)

@@ -1,5 +1,6 @@
 """Push-pull against its equation written out anew in numpy, and against the convolution that it becomes at h = 1."""
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,15 @@ from hypothesis import strategies as st
 from layers.convolution_cases import NUMPY_BORDER, convolutions
 from torch import nn
 
-from sextant.layers import PushPullConv2d, pull_kernel_size, push_pull, strength_path, upsample_kernel
+from sextant.layers import (
+    PushPullAvgConv2d,
+    PushPullConv2d,
+    pull_kernel_size,
+    push_pull,
+    push_pull_avg,
+    strength_path,
+    upsample_kernel,
+)
 
 scales = st.floats(1.0, 2.5)
 alphas = st.floats(0.0, 3.0)
@@ -174,8 +183,9 @@ def test_responses_without_gradients_are_the_same_to_the_last_bit(impl, alpha):
 
 
 def test_an_unknown_implementation_is_refused():
-    with pytest.raises(ValueError, match="direct, rows or factorised"):
-        push_pull(torch.zeros(1, 1, 9, 9), torch.zeros(1, 1, 3, 3), impl="quick")
+    for scale in (1.0, 2.0):
+        with pytest.raises(ValueError, match="impl must be one of auto, direct, rows, factorised"):
+            push_pull(torch.zeros(1, 1, 9, 9), torch.zeros(1, 1, 3, 3), scale=scale, impl="quick")
     with pytest.raises(ValueError, match="impl must be"):
         PushPullConv2d(1, 1, 3, impl="quick")
 
@@ -349,6 +359,53 @@ def test_the_layer_refuses_what_the_equation_does_not_allow(kernel_size, options
 def test_the_function_refuses_what_the_equation_does_not_allow(side, scale):
     with pytest.raises(ValueError, match="push-pull needs"):
         push_pull(torch.zeros(1, 1, 9, 9), torch.zeros(1, 1, side, side), scale=scale)
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+@pytest.mark.parametrize("function", [push_pull, partial(push_pull_avg, average=1), push_pull_avg])
+@pytest.mark.parametrize("alpha", [-1.0, float("nan"), float("inf"), True, [0.5], torch.rand(4), torch.rand(1, 1)])
+def test_the_functions_refuse_strengths_that_are_not_one_number_or_one_a_channel(function, alpha, scale):
+    options = {"scale": scale} if function is push_pull else {}
+    with pytest.raises(ValueError, match="one number or one for each of 1 channels"):
+        function(torch.zeros(1, 1, 9, 9), torch.zeros(1, 1, 3, 3), alpha=alpha, **options)
+
+
+@pytest.mark.parametrize("make", [PushPullConv2d, PushPullAvgConv2d])
+@pytest.mark.parametrize("alpha", [np.array([3.0, 0.5, 1.0])[::-1], np.array(0.5), np.float32(0.5)])
+def test_strengths_may_be_numpys(make, alpha):
+    layer = make(2, 3, 3, alpha=alpha)
+    other = make.from_conv(layer, alpha=alpha.tolist())
+    images = torch.randn(2, 2, 9, 9)
+    assert torch.equal(layer(images), other(images))
+    other.set_strength(alpha)
+    assert torch.equal(layer(images), other(images))
+
+
+@pytest.mark.parametrize("make", [PushPullConv2d, PushPullAvgConv2d])
+@pytest.mark.parametrize("alpha", [True, [True, False, True], torch.tensor(True), "1", ["1"] * 3, np.ones((3, 1))])
+def test_strengths_that_are_no_numbers_are_refused(make, alpha):
+    with pytest.raises(ValueError, match="alpha must be >= 0 and finite"):
+        make(2, 3, 3, alpha=alpha)
+
+
+@pytest.mark.parametrize(
+    ("make", "options"),
+    [
+        (PushPullConv2d, {"scale": 1.0}),
+        *[(PushPullConv2d, {"impl": impl}) for impl in IMPLEMENTATIONS],
+        *[(PushPullAvgConv2d, {"average": average, "impl": impl}) for average in (1, 3) for impl in ("box", "direct")],
+    ],
+)
+@pytest.mark.parametrize("alpha", [0.5, [0.1, 0.5, 2.0], "trained"])
+def test_under_autocast_responses_are_of_the_type_of_the_convolutions(make, options, alpha):
+    strength = {"train_alpha": True} if alpha == "trained" else {"alpha": alpha}
+    layer, images = make(2, 3, 3, padding=1, **strength, **options), torch.randn(2, 2, 9, 9)
+    with torch.autocast("cpu", torch.bfloat16):
+        kept = layer(images)
+        with torch.no_grad():
+            assert torch.equal(layer(images), kept)
+    assert kept.dtype == torch.bfloat16
+    assert layer(images).dtype == torch.float32
 
 
 @pytest.mark.parametrize("train_alpha", [False, True])

@@ -138,7 +138,7 @@ def test_it_shares_the_parameters_of_the_convolution_it_is_made_from_and_has_its
     assert not layer.training
 
 
-@pytest.mark.parametrize("options", [{"average": 2}, {"average": 0}, {"alpha": -1.0}])
+@pytest.mark.parametrize("options", [{"average": 2}, {"average": 0}, {"average": 2.5}, {"alpha": -1.0}])
 def test_what_the_equation_does_not_allow_is_refused(options):
     with pytest.raises(ValueError, match="must be"):
         PushPullAvgConv2d(1, 1, 3, **options)

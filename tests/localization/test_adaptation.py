@@ -6,11 +6,13 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 from torch.overrides import TorchFunctionMode
 from torch.utils._pytree import tree_leaves
 
 from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.saved_filter import usual_filter, usual_radius
+from sextant.errors import UserError
 from sextant.localization import recovery, resampling
 from sextant.localization.adaptation import Adaptation
 from sextant.localization.belief import Belief
@@ -148,6 +150,10 @@ def test_a_filter_that_only_judges_moves_as_one_without():
         draws, given = torch.Generator().manual_seed(0), {"particles": 100, "radius": radius, "adaptation": rules}
         found.append(localize(filter, UniformStart(), camera, *drives(), draws, **given).pose)
     assert np.array_equal(*found)
+    frames, motion, seen = drives()
+    for moved, looked in ((motion[:, :1], seen), (motion, seen[:, :1])):
+        with pytest.raises((UserError, TypeCheckError), match=r"(motion|seen) has .* must have|Type-check error"):
+            localize(filter, UniformStart(), camera, frames, moved, looked, draws, **given)
 
 
 def after_nine_steps(again, motion, seen, offset=10):

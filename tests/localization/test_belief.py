@@ -4,7 +4,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from jaxtyping import TypeCheckError
 
+from sextant.errors import UserError
 from sextant.localization.belief import Belief
 
 
@@ -45,3 +47,9 @@ def test_no_particles_are_refused():
         Belief.uniform(poses(2, 0))
     with pytest.raises(ValueError, match="at least one particle"):
         Belief.of(poses(2, 0), poses(2, 0)[..., 0])
+
+
+@pytest.mark.parametrize(("given", "weights"), [((1, 2, 3), (1, 4)), ((1, 2, 3), (2, 2)), ((1, 2, 2), (1, 2))])
+def test_weights_are_those_of_the_poses(given, weights):
+    with pytest.raises((UserError, TypeCheckError), match=r"must have|Type-check error"):
+        Belief.of(torch.zeros(given).double(), torch.zeros(weights).double())

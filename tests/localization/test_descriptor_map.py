@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 
 from sextant.errors import UserError
 from sextant.localization import descriptor_map
@@ -96,3 +97,18 @@ def test_equal_poses_can_be_merged_into_their_mean():
 def test_merging_a_map_without_equal_poses_copies_nothing():
     descriptors = _descriptors()
     assert DescriptorMap.of(_poses(), descriptors, merge_duplicates=True).descriptors is descriptors
+
+
+@pytest.mark.parametrize(
+    ("poses", "descriptors"),
+    [
+        (_poses()[:, :2], _descriptors()),
+        (_poses().repeat(1, 2)[:, :4], _descriptors()),
+        (_poses()[:, 0], _descriptors()),
+        (_poses(), _descriptors()[:, 0]),
+        (_poses(), _descriptors()[..., None]),
+    ],
+)
+def test_poses_and_descriptors_are_rows(poses, descriptors):
+    with pytest.raises((UserError, TypeCheckError), match=r"(poses|descriptors) has .* must have|Type-check error"):
+        DescriptorMap.of(poses, descriptors)

@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 
+from sextant.errors import UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.interpolated_retrieval import interpolated
 from sextant.localization.likelihood import Likelihood
@@ -102,3 +104,10 @@ def test_an_image_like_no_other_still_has_an_answer():
     found = track(alike, [[0, 1]], best=3, watch=lambda step, belief: beliefs.append(belief))
     assert found.pose[0, :, 0] == pytest.approx([1, 1])
     assert torch.isfinite(beliefs[0].log_weights).all()
+
+
+@pytest.mark.parametrize(("motion", "seen"), [((1, 2, 3), (1, 1)), ((1, 1, 3), (1, 2)), ((1, 3), (1, 1))])
+def test_motions_and_flags_are_those_of_the_frames(motion, seen):
+    drive, frames = camera([[float(x), 0.0, 0.0] for x in range(3)], np.eye(3), np.eye(3)), np.array([[0]])
+    with pytest.raises((UserError, TypeCheckError), match=r"(motion|seen) has .* must have|Type-check error"):
+        interpolated(drive, frames, np.zeros(motion), np.ones(seen, bool), best=1, radius=1.0)

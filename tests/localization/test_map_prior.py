@@ -1,7 +1,9 @@
 import math
 
+import numpy as np
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 from small_worlds import generator
 
 from sextant.errors import UserError
@@ -40,10 +42,25 @@ def test_an_empty_map_is_refused():
         MapPrior(POSES[:0], 1.0, 0.1)
 
 
-@pytest.mark.parametrize(("position", "heading"), [(-1.0, 0.1), (1.0, -0.1), (math.nan, 0.1), ((1.0, math.inf), 0.1)])
+@pytest.mark.parametrize(
+    ("position", "heading"),
+    [(-1.0, 0.1), (1.0, -0.1), (math.nan, 0.1), ((1.0, math.inf), 0.1), ((1.0,), 0.1), ((1.0, 1.0, 1.0), 0.1)],
+)
 def test_deviations_must_be_finite_and_not_negative(position, heading):
-    with pytest.raises(UserError, match=r"^position_sigma"):
+    with pytest.raises((UserError, TypeCheckError), match=r"^position_sigma|Type-check error"):
         MapPrior(POSES, position, heading)
+
+
+def test_a_deviation_may_be_a_number_of_numpy():
+    assert MapPrior(POSES, np.float64(0.5), 0.1).sigmas == MapPrior(POSES, np.array(0.5), 0.1).sigmas == (0.5, 0.5, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("poses", "told"), [(POSES * math.nan, "3 poses that are not finite"), (POSES[:, :2], r"must have \(n, 3\)")]
+)
+def test_poses_are_three_finite_numbers(poses, told):
+    with pytest.raises((UserError, TypeCheckError), match=f"{told}|Type-check error"):
+        MapPrior(poses, 1.0, 0.1)
 
 
 def test_half_the_spacing_is_of_places_not_of_headings():

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 
-from sextant.errors import ArgumentError
+from sextant.errors import ArgumentError, UserError
 from sextant.localization.belief import Belief
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
@@ -189,3 +190,9 @@ def test_a_sparse_map_reaches_half_its_spacing_whatever_its_kernel():
     kernel = PoseKernel("rbf", (0.64, 0.46), 0.5, 1.0, 0.1)
     assert MapSupport.of(loop(step=0.3), kernel).reach == pytest.approx(0.15, rel=0.1)
     assert MapSupport.of(loop(step=0.08), kernel).reach == pytest.approx(0.69)
+
+
+@pytest.mark.parametrize("poses", [line() * math.nan, line()[:, :2]])
+def test_poses_are_three_finite_numbers(poses):
+    with pytest.raises((UserError, TypeCheckError), match=r"not finite|must have|Type-check error"):
+        MapSupport(poses, 1.0)

@@ -5,14 +5,16 @@ import math
 import numpy as np
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_t
 from small_worlds import Told, generator
 
+from sextant.errors import UserError
 from sextant.geometry import level_camera_pose
 from sextant.localization.belief import Belief
 from sextant.localization.map_support import EvidenceOnMap, MapSupport
-from sextant.localization.metric_pose import EvidenceWithPose, MetricErrors, MetricPoses, planar_pose
+from sextant.localization.metric_pose import DrivePoses, EvidenceWithPose, MetricErrors, MetricPoses, planar_pose
 from sextant.localization.motion import ExponentialMotion
 from sextant.localization.motion_density import Predicted
 
@@ -122,3 +124,17 @@ def test_the_predicted_density_is_that_of_draws_of_the_motion(known):
     assert float(inside.double().mean()) == pytest.approx(float(mass.sum()), rel=0.02)
     ahead = inside & (drawn[:, 2] > 0.8)
     assert float(ahead.double().mean()) == pytest.approx(float(mass[grid[:, 2] > 0.8].sum()), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("poses", "covariances", "located"), [((4, 2), (4, 3, 3), 4), ((4, 3), (3, 3, 3), 4), ((4, 3), (4, 3, 3), 3)]
+)
+def test_a_drive_has_a_pose_a_covariance_and_a_flag_for_each_frame(poses, covariances, located):
+    with pytest.raises((UserError, TypeCheckError), match=r"must have|Type-check error"):
+        DrivePoses(np.zeros(poses), np.zeros(covariances), np.ones(located, bool), ERRORS)
+
+
+def test_located_poses_of_another_number_of_runs_are_refused():
+    measured = MetricPoses(torch.zeros(1, 3).double(), COVARIANCE[None], torch.tensor([True]), ERRORS)
+    with pytest.raises(UserError, match="poses of 2 runs for 1 located pose"):
+        measured.log_likelihood(torch.zeros(2, 4, 3).double())

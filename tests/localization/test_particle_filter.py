@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 from localization.moments import mean_over_all
 from small_worlds import Told, circle, generator, line, peaks
 
@@ -451,7 +452,29 @@ def test_each_run_counts_its_own_way():
     assert state.way.tolist() == [0.0, 0.5]
 
 
-@pytest.mark.parametrize("apart", [(0.0, 1.0), (1.0, -1.0), (math.inf, 1.0), (1.0, math.nan)])
+@pytest.mark.parametrize("apart", [(0.0, 1.0), (1.0, -1.0), (math.inf, 1.0), (1.0, math.nan), (1.0,), (1.0, 1.0, 1.0)])
 def test_a_way_that_is_none_is_named(apart):
-    with pytest.raises(UserError, match="apart="):
+    with pytest.raises((UserError, TypeCheckError), match=r"apart=|Type-check error"):
         filter_of(line(), NoRecovery(), apart=apart)
+
+
+class OfFirst(Told):
+    def log_likelihood(self, poses):
+        return super().log_likelihood(poses[:1])
+
+
+@pytest.mark.parametrize("apart", [None, (1.0, 0.5)])
+def test_arguments_of_another_number_of_runs_are_refused(apart):
+    particle_filter, seen = filter_of(line(), NoRecovery(), apart=apart), torch.tensor([True])
+    state = particle_filter.start(UniformStart(), 3, 5, generator())
+    one = OfFirst([peaks([(5.0, 1.0)], 1.5, 0)], line().map_poses)
+    for step in (
+        lambda: particle_filter.start(UniformStart(), 3, 5, generator(), None, seen),
+        lambda: particle_filter.step(state, None, None, seen, generator()),
+        lambda: particle_filter.step(state, motion_of(line(), 0.5), None, None, generator()),
+        lambda: particle_filter.counts(state, motion_of(line(), 0.5)),
+        lambda: particle_filter.start(AppearanceStart(), 3, 5, generator(), one),
+        lambda: particle_filter.step(state, None, one, None, generator()),
+    ):
+        with pytest.raises((UserError, TypeCheckError), match=r"must have \(3|Type-check error"):
+            step()

@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 
+from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
 from sextant.localization.belief import Belief
 from sextant.localization.motion import ExponentialMotion, IdentityMotion, OdometryMotion
@@ -135,6 +137,8 @@ def test_the_number_of_motions_is_checked():
     beliefs, motions = filtered([0.0, 1.0, 2.0], 5, seed=0)
     with pytest.raises(ValueError, match="one motion fewer than beliefs; got 1 motions and 3 beliefs"):
         smoothed(beliefs, motions[:1], WALK, torch.Generator())
+    with pytest.raises((UserError, TypeCheckError), match=r"motion has .* must have \(1, 3\)|Type-check error"):
+        smoothed(beliefs, [motion.repeat(2, 1) for motion in motions], WALK, torch.Generator())
 
 
 def test_it_does_not_depend_on_where_the_map_is():

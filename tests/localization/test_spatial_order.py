@@ -3,7 +3,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from jaxtyping import TypeCheckError
 
+from sextant.errors import UserError
 from sextant.localization.tiled_map import spatial_order
 
 
@@ -48,3 +50,5 @@ def test_a_map_of_one_place_and_an_empty_one_work():
 def test_a_pose_that_is_not_a_number_is_refused():
     with pytest.raises(ValueError, match="finite"):
         spatial_order(torch.full((1, 3), torch.nan, dtype=torch.float64))
+    with pytest.raises((UserError, TypeCheckError), match=r"must have \(n, 3\)|Type-check error"):
+        spatial_order(torch.zeros(4, 2, dtype=torch.float64))

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from sextant.errors import ArgumentError
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, PerspectiveCamera, vfov_from_focal
-from sextant.losses import BearingLoss
+from sextant.losses import BearingLoss, ParameterLoss, PoseLensLoss
 from sextant.losses.camera_losses import (
     bearing_difference,
     bearing_grid,
@@ -282,6 +283,13 @@ def test_images_of_a_batch_do_not_touch_each_other():
     alone = [chosen(numbers[i : i + 1], numbers.flip(0)[i : i + 1], aspect[i : i + 1]) for i in range(5)]
     torch.testing.assert_close(together, torch.cat(alone))
     assert one_at_a_time(numbers, numbers, HORIZON, bearing_grid(7, aspect)).abs().max() < 1e-25
+
+
+@pytest.mark.parametrize("kind", [BearingLoss, ParameterLoss, PoseLensLoss])
+@pytest.mark.parametrize("shapes", [((2, 4), (2, 4), (2, 1)), ((2, 1), (2, 4), (2,)), ((2, 4), (2, 4), (1,))])
+def test_shapes_of_no_batch_are_refused_as_they_would_broadcast(kind, shapes):
+    with pytest.raises(ArgumentError, match=r"(predicted|aspect) has the shape .* but must have"):
+        kind(paper_space(HORIZON))(*(torch.ones(shape) for shape in shapes))
 
 
 def test_weights_are_no_part_of_a_checkpoint():

@@ -32,6 +32,7 @@ SWEEPS = {
     "descriptors": "localization_descriptors",
     "descriptors_interpolated": "localization_descriptors",
     "features": "localization_features",
+    "few_lines": "calibration_few_lines",
     "recovery_worlds": "recovery",
     "gp_approximation_support": "gp_approximation",
     "gp_approximation_fresh": "gp_approximation_fresh",

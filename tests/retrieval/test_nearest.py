@@ -62,6 +62,26 @@ def test_cosine_does_not_see_the_length():
     assert np.array_equal(nearest_neighbours(reference, query), nearest_neighbours(scaled, query))
 
 
+@pytest.mark.parametrize("scale", [1e37, 1e25, 1e-20, 1e-30, 1e-40])
+def test_cosine_does_not_see_lengths_whose_squares_are_no_float32(scale):
+    plain = np.append(rows(20, 4), np.zeros((1, 4), np.float32), axis=0)
+    reference = plain * np.float32(scale)
+    for references, queries in ((reference, reference), (reference, plain), (plain, reference)):
+        values, indices = search_prepared(prepare_references(references), queries[:20])
+        assert indices[:, 0].tolist() == list(range(20))
+        np.testing.assert_allclose(values, 1, rtol=1e-6 if scale > 1e-35 else 1e-3)
+
+
+def test_neighbours_among_distances_whose_squares_are_no_float32():
+    reference = rows(200, 4)
+    query = reference[::-1] + 0.01 * rows(200, 4, 1)
+    for scale in (1e-20, 1e-21, 1e-22, 1e-25):
+        small = [each * np.float32(scale) for each in (reference, query)]
+        assert np.array_equal(nearest_neighbours(*small, 3, "euclidean"), by_hand(*small, 3, "euclidean"))
+    with pytest.raises(ValueError, match="too large for float32"):
+        nearest_neighbours(reference, query * np.float32(1e25), 1, "euclidean")
+
+
 def test_a_query_of_zeros_is_equally_near_to_all():
     found = nearest_neighbours(rows(5, 3), np.zeros((1, 3), np.float32), 5)
     assert found.tolist() == [[0, 1, 2, 3, 4]]

@@ -86,8 +86,16 @@ class PlaceDescriptor(ABC):
 
 def unit_norm(rows: Float32[ndarray, "n d"]) -> Float32[ndarray, "n d"]:
     """``x / ||x||`` of every row; rows of zeros stay zeros."""
-    norms = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.asarray(np.divide(rows, norms, out=np.zeros_like(rows), where=norms > 0))
+    with np.errstate(over="ignore"):
+        norms = np.linalg.norm(rows, axis=1, keepdims=True)
+    unit = np.divide(rows, norms, out=np.zeros_like(rows), where=norms > 0)
+    # rows whose squares over- or underflow
+    extreme = np.flatnonzero(np.isinf(norms) | (norms < np.finfo(rows.dtype).tiny ** 0.5))
+    extreme = extreme[rows[extreme].any(axis=1)]
+    if len(extreme):
+        scaled = rows[extreme] / np.abs(rows[extreme]).max(axis=1, keepdims=True)
+        unit[extreme] = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
+    return np.asarray(unit)
 
 
 #: Spread below which an image or patch counts as flat: a quarter of a grey level.

@@ -10,10 +10,12 @@ from pydantic import Field
 from rich.markup import escape
 from rich.table import Table
 
+from sextant.applications.arguments import check_apart
 from sextant.cli.data_describe import DESCRIBE, Sharded, describe
 from sextant.cli.gallery import gallery
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import rendered_datasets
+from sextant.config import validate
 from sextant.console.arguments import Options, UserPath
 from sextant.console.console import console, print_key_values
 from sextant.console.work_progress import work_progress
@@ -210,7 +212,10 @@ def _posed(arguments: list[str]) -> None:
 
 
 def _cache(overrides: Sequence[str]) -> Path:
+    """The folder of stores; a ``UserError`` if it is a file."""
     for override in overrides:
         if not override.startswith("paths."):
             raise UserError(f"{override}: not understood", USAGE)
-    return Path(to_plain(compose(overrides))["paths"]["cache"])
+    cache = Path(validate(to_plain(compose(overrides))).paths.cache)
+    check_apart(cache, key="paths.cache")
+    return cache

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field
 from sextant.console.arguments import SPLIT, Options, UserPath
 from sextant.console.console import console
 from sextant.console.work_progress import work_progress
+from sextant.console.written import make_output
 from sextant.errors import UserError
 
 USAGE = "sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]"
@@ -40,6 +41,7 @@ def gallery(arguments: Sequence[str]) -> None:
     for name in sections:
         if name not in SECTIONS:
             raise UserError(f"sections={name}: there is no such section", f"Choose among {', '.join(SECTIONS)}.")
+    make_output(options.folder, "folder")
     with work_progress("gallery", "sections") as progress:
         progress(0, len(sections))
         for number, name in enumerate(sections, start=1):

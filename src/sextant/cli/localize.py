@@ -43,16 +43,23 @@ def main(arguments: Sequence[str]) -> None:
         if word.startswith("run="):
             raise UserError(f"{word}: give the run as the map", f"map={word[4:]}")
     options = LocalizeOptions.parse(arguments, USAGE)
+    if not options.live and (unused := [word for word in arguments if word.startswith(("port=", "browser="))]):
+        raise UserError(f"{unused[0]} needs live=true", f"Add live=true, or leave out {unused[0]}")
     from sextant.applications.arguments import check_apart
     from sextant.chapters.localization.found_map import find_map
     from sextant.chapters.localization.predict import predict_poses
     from sextant.console.written import make_output
     from sextant.runs.outputs_folder import default_outputs
+    from sextant.runs.resolve import resolve_run
 
     folder = find_map(options.map, default_outputs())
     if folder is None:
         path = Path(options.map).expanduser()
-        why = "" if path.exists() else f"; {absent(path)}"
+        try:
+            resolve_run(options.map, default_outputs())
+            why = ""  # of another task
+        except UserError:
+            why = "" if path.exists() else f"; {absent(path)}"
         raise UserError(
             f"map={options.map}: neither a saved map nor a run of localization, nor zoo:office{why}",
             "Localizer.from_images(images, poses).save(folder) makes one; so does sextant walk from images with poses.",

@@ -21,8 +21,9 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from sextant.correspondence.pinhole import Pinhole, cross_matrices
-from sextant.errors import ArgumentError, naming_extras
-from sextant.tables import counted
+from sextant.errors import naming_extras
+from sextant.ranges import NonNegative, Positive, checked
+from sextant.shapes import check_shape
 
 #: matches that determine a pose, with one left to check it
 LEAST_MATCHES = 4
@@ -57,14 +58,15 @@ class EstimatedPose:
     residual_px: float
 
 
+@checked
 def absolute_pose(
     pixels: Float64[ndarray, "n 2"],
     points: Float64[ndarray, "n 3"],
     camera: Pinhole,
     *,
-    focal_sigma: float | None = 0.0,
+    focal_sigma: NonNegative | None = 0.0,
     covariances: Float64[ndarray, "n 3 3"] | None = None,
-    error_px: float = 4.0,
+    error_px: Positive = 4.0,
 ) -> EstimatedPose | None:
     """Estimate the pose of a camera from matches, of which many may be wrong.
 
@@ -81,7 +83,8 @@ def absolute_pose(
         None if fewer than four matches agree.
 
     Raises:
-        ArgumentError: the numbers of pixels and points differ.
+        ArgumentError: pixels, points or covariances have other shapes or differ in number, or ``focal_sigma`` or
+            ``error_px`` is out of range.
 
     Example:
         >>> camera = Pinhole.centred(640, 480, 500.0)
@@ -90,9 +93,11 @@ def absolute_pose(
         >>> bool(np.abs(found.world_from_camera - np.eye(4)).max() < 1e-6)
         True
     """
-    if len(pixels) != len(points):
-        raise ArgumentError(f"{len(pixels)} pixels, but {counted(len(points), 'point')}")
     pixels, points = np.asarray(pixels, np.float64), np.asarray(points, np.float64)
+    check_shape("pixels", pixels, "n", 2)
+    check_shape("points", points, len(pixels), 3)
+    if covariances is not None:
+        check_shape("covariances", covariances, len(points), 3, 3)
     if len(pixels) < LEAST_MATCHES:
         return None
     widest = max(camera.width, camera.height)

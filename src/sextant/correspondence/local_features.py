@@ -13,9 +13,12 @@ from numpy import ndarray
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from sextant.errors import ArgumentError, how_to_install
+from sextant.errors import ArgumentError, how_to_install, shown
+from sextant.ranges import Count, Positive, checked
+from sextant.shapes import check_shape
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class LocalFeatures:
     """The keypoints of an image, the strongest first.
@@ -26,13 +29,25 @@ class LocalFeatures:
         width, height: of the image.
         pixel: side of a pixel of the picture that they were detected in, in pixels of the image; errors are measured
             in it.
+
+    Raises:
+        ArgumentError: points and descriptors differ in number or have other shapes, a point is not finite, or a size is
+            not above 0.
     """
 
     points: Float32[ndarray, "n 2"]
     descriptors: Float16[ndarray, "n d"]
-    width: int
-    height: int
-    pixel: float = 1.0
+    width: Count
+    height: Count
+    pixel: Positive = 1.0
+
+    def __post_init__(self) -> None:
+        check_shape("points", self.points, "n", 2)
+        check_shape("descriptors", self.descriptors, len(self.points), "d")
+        if not np.isfinite(self.points).all():
+            wrong = int(np.isfinite(self.points).all(axis=1).argmin())
+            told = f"points={shown(self.points[wrong])} of keypoint {wrong} must be finite"
+            raise ArgumentError(told, "Leave the keypoint out.", of=self)
 
     def __len__(self) -> int:
         return len(self.points)

@@ -5,9 +5,11 @@ descriptors reaches a threshold.
 """
 
 from collections.abc import Callable
+from typing import Annotated
 
 import numpy as np
 import torch
+from annotated_types import Ge, Gt, Le
 from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
 from scipy.sparse import coo_matrix
@@ -15,6 +17,8 @@ from scipy.sparse.csgraph import connected_components
 
 from sextant.correspondence.local_features import LocalFeatures
 from sextant.errors import naming_extras
+from sextant.ranges import Positive, checked
+from sextant.shapes import check_shape
 
 #: least cosine of matching descriptors: 0.75 to 0.8 did equally well where it was varied, 0.82 is XFeat's own
 LEAST_COSINE = 0.75
@@ -29,8 +33,9 @@ BLOCK = 256
 ITERATIONS = 200
 
 
+@checked
 def mutual_matches(
-    first: LocalFeatures, second: LocalFeatures, least_cosine: float = LEAST_COSINE
+    first: LocalFeatures, second: LocalFeatures, least_cosine: Annotated[float, Ge(-1), Le(1)] = LEAST_COSINE
 ) -> Int64[ndarray, "m 2"]:
     """Pairs of features that are each other's most similar one.
 
@@ -40,6 +45,9 @@ def mutual_matches(
 
     Returns:
         Numbers of the features in the first and in the second image.
+
+    Raises:
+        ArgumentError: ``least_cosine`` is out of range.
 
     Example:
         >>> points, unit = np.zeros((2, 2), np.float32), np.eye(2, 64, dtype=np.float16)
@@ -68,8 +76,12 @@ def mutual_matches(
     return pairs[np.sort(once)]
 
 
+@checked
 def distinct_matches(
-    first: LocalFeatures, second: LocalFeatures, least_cosine: float = LEAST_COSINE, ratio: float = DISTINCT
+    first: LocalFeatures,
+    second: LocalFeatures,
+    least_cosine: float = LEAST_COSINE,
+    ratio: Annotated[float, Gt(0), Le(1)] = DISTINCT,
 ) -> Int64[ndarray, "m 2"]:
     """Mutual matches whose second nearest descriptors are further away, in both images; the most distinct first.
 
@@ -77,6 +89,9 @@ def distinct_matches(
         first, second: features of two images.
         least_cosine: least similarity.
         ratio: largest ratio of the distances to the nearest and to the second nearest descriptor (Lowe 2004).
+
+    Raises:
+        ArgumentError: a number is out of range.
 
     >>> points, unit = np.zeros((2, 2), np.float32), np.ones((2, 64), np.float16) / 8
     >>> distinct_matches(*[LocalFeatures(points, unit, 8, 8)] * 2).tolist()  # the two features of an image are alike
@@ -99,8 +114,9 @@ def _ratios(first: LocalFeatures, second: LocalFeatures, rows: Int64[ndarray, "m
     return np.asarray((squared[:, 0] / squared[:, 1]).sqrt().numpy())
 
 
+@checked
 def epipolar_inliers(
-    first: Float32[ndarray, "m 2"], second: Float32[ndarray, "m 2"], error_px: float = 3.0
+    first: Float32[ndarray, "m 2"], second: Float32[ndarray, "m 2"], error_px: Positive = 3.0
 ) -> Bool[ndarray, "m"]:
     """Which matches agree with one fundamental matrix, the best of a LO-RANSAC (poselib).
 
@@ -110,7 +126,12 @@ def epipolar_inliers(
 
     Returns:
         All False with fewer than 8 matches, which determine nothing.
+
+    Raises:
+        ArgumentError: the pixels are no pairs of pairs, or ``error_px`` is not above 0.
     """
+    check_shape("first", first, "m", 2)
+    check_shape("second", second, len(first), 2)
     if len(first) < 8:
         return np.zeros(len(first), bool)
     with naming_extras("geometry of matches"):

@@ -19,8 +19,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Bool, Float64, Int32, Int64
 from numpy import ndarray
 from scipy.optimize import minimize_scalar
@@ -31,6 +33,8 @@ from sextant.correspondence.local_features import LocalFeatures, Matcher
 from sextant.correspondence.matching import mutual_matches, tracks_of
 from sextant.correspondence.pinhole import Pinhole, cross_matrices, sampson_errors
 from sextant.correspondence.triangulation import triangulate
+from sextant.errors import ArgumentError
+from sextant.ranges import Count, Positive, checked
 
 #: images that each image of the map is matched to, and the largest angle between their viewing directions
 NEIGHBOURS, WIDEST_DEG = 8, 60.0
@@ -239,13 +243,21 @@ def _of_focal_length(features: LocalFeatures, focal: float) -> Pinhole:
     return Pinhole.centred(features.width, features.height, focal * max(features.width, features.height))
 
 
-def log_false_alarms(matches: int, inliers: int, radius_px: float, pixels: int) -> float:
+@checked
+def log_false_alarms(
+    matches: Annotated[int, Ge(0)], inliers: Annotated[int, Ge(0)], radius_px: Positive, pixels: Count
+) -> float:
     """Decimal logarithm of the number of false alarms of the module's equation.
+
+    Raises:
+        ArgumentError: an argument is out of range, or there are more inliers than matches.
 
     Example:
         >>> round(log_false_alarms(100, 40, 4.0, 640 * 480), 1), log_false_alarms(100, 4, 4.0, 640 * 480) > 0
         (-105.4, True)
     """
+    if inliers > matches:
+        raise ArgumentError(f"inliers={inliers} must be at most matches={matches}")
     if inliers < 4:
         return math.inf
     chance = min(1.0, math.pi * radius_px**2 / pixels)

@@ -21,6 +21,7 @@ from scipy.stats import binom
 
 from sextant.correspondence.local_features import LocalFeatures, Matcher
 from sextant.correspondence.matching import epipolar_inliers, mutual_matches
+from sextant.ranges import Count, Positive, checked
 
 #: matches that any fundamental matrix fits
 FITTED = 7
@@ -28,12 +29,13 @@ FITTED = 7
 LEVEL = 0.05
 
 
+@checked
 def count_inliers(
     query: LocalFeatures,
     candidates: Sequence[LocalFeatures],
     *,
-    side: int = 640,
-    error_px: float = 3.0,
+    side: Count = 640,
+    error_px: Positive = 3.0,
     match: Matcher = mutual_matches,
 ) -> Int64[ndarray, "n"]:
     """The number of matches of each candidate that agree with one fundamental matrix.
@@ -44,6 +46,9 @@ def count_inliers(
         side: longer side of the images in which ``error_px`` is measured: that to which they were scaled for detection.
         error_px: largest distance from the epipolar lines.
         match: matches the features of two images.
+
+    Raises:
+        ArgumentError: ``side`` or ``error_px`` is not above 0.
 
     Example:
         >>> rng = np.random.default_rng(0)

@@ -13,6 +13,7 @@ from numpy import ndarray
 from scipy.sparse import csr_matrix
 
 from sextant.correspondence.pinhole import Pinhole
+from sextant.shapes import check_shape
 
 #: steps of Gauss-Newton; the linear solution is near
 STEPS = 5
@@ -28,7 +29,7 @@ class Triangulated:
         errors_px: largest reprojection error within each track.
         squared_px: sum of the squared reprojection errors of each track.
         angles_deg: largest angle between the first ray of each track and another.
-        valid: in front of all its cameras.
+        valid: of two pixels or more, and in front of all its cameras.
     """
 
     points: Float64[ndarray, "n 3"]
@@ -51,12 +52,15 @@ def triangulate(
     Args:
         pixels: of the images.
         images: number of the image of each pixel.
-        tracks: number of the track of each pixel, 0 to n - 1, each of two pixels or more.
+        tracks: number of the track of each pixel, 0 to n - 1.
         poses: ``world_from_camera`` of each image.
         cameras: of each image.
 
     Returns:
         A track seen from one position only has angles of 0, and its depth is arbitrary.
+
+    Raises:
+        ArgumentError: the arrays have other shapes, or those of pixels or of images differ in number.
 
     Example:
         >>> camera, poses = Pinhole.centred(640, 480, 500.0), np.tile(np.eye(4), (2, 1, 1))
@@ -66,6 +70,10 @@ def triangulate(
         >>> found.points.round(6).tolist(), round(float(found.angles_deg[0]), 1)
         ([[1.0, 0.0, 5.0]], 11.3)
     """
+    check_shape("pixels", pixels, "m", 2)
+    check_shape("images", images, len(pixels))
+    check_shape("tracks", tracks, len(pixels))
+    check_shape("poses", poses, len(cameras), 4, 4)
     focal = np.array([(camera.fx, camera.fy) for camera in cameras])[images]
     centre = np.array([(camera.cx, camera.cy) for camera in cameras])[images]
     rotation, position = poses[images, :3, :3], poses[images, :3, 3]
@@ -87,7 +95,8 @@ def triangulate(
     finite = np.isfinite(points).all(1) & np.isfinite(errors)
     covariances = np.linalg.inv(_regular(np.where(finite[:, None, None], hessian, np.eye(3))))
     squared = np.bincount(tracks, (error**2).sum(1), minlength=count)
-    return Triangulated(points, covariances, errors, squared, _angles(directions, tracks, count), finite & ~behind)
+    valid = finite & ~behind & (np.bincount(tracks, minlength=count) >= 2)
+    return Triangulated(points, covariances, errors, squared, _angles(directions, tracks, count), valid)
 
 
 def _regular(hessians: ndarray) -> ndarray:

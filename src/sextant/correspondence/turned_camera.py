@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from sextant.correspondence.bundle import DISTORTION, LARGEST_PX, PRINCIPAL_POINT
 from sextant.correspondence.first_scene import Pair
 from sextant.errors import naming_extras
+from sextant.shapes import check_shape
 
 Matched = Mapping[Pair, tuple[Float64[ndarray, "m 2"], Float64[ndarray, "m 2"]]]
 #: steps of the search; it starts near
@@ -52,7 +53,13 @@ def turns_of(
     Args:
         matched: pixels of pairs, from the centres of their photos.
         focal_lengths: that are tried.
+
+    Raises:
+        ArgumentError: the pixels of a pair differ in number.
     """
+    for first, second in matched.values():
+        check_shape("first", first, "m", 2)
+        check_shape("second", second, len(first), 2)
     with naming_extras("geometry of matches"):
         import poselib
     ransac = {"max_reproj_error": LARGEST_PX, "max_iterations": 2000, "min_iterations": 100}

@@ -34,7 +34,7 @@ def require_images(images: Tensor) -> None:
     if images.ndim != 4 or shape[1] not in CHANNELS or 0 in shape[2:]:
         raise UserError(f"images have the shape {shape}, not (b, c, h, w) with 1 or 3 channels", _reshaping(shape))
     if images.dtype not in DTYPES:
-        raise UserError(f"images hold {images.dtype}, not floating-point values in [0, 1]", _scaling(images.dtype))
+        raise UserError(f"images hold {images.dtype}, not floating-point values in [0, 1]", scaling(images.dtype))
     if len(images) == 0:
         return
     low, high = (bound.item() for bound in images.detach().aminmax())
@@ -94,7 +94,8 @@ def _reshaping(shape: tuple[int, ...]) -> str:
     return "Grey images are (b, 1, h, w), colour images (b, 3, h, w)."
 
 
-def _scaling(dtype: torch.dtype) -> str:
+def scaling(dtype: torch.dtype) -> str:
+    """How images of this type become floating-point values in [0, 1], for an error message."""
     if dtype == torch.uint8:
         return "Bytes become such values by images.float() / 255; sextant.corruptions.corrupt takes bytes (b, h, w, c)."
     return "Convert them to values within [0, 1]."

@@ -39,6 +39,10 @@ class PerturbationSuite(CorruptionSuite):
         return frame if condition.corruption is None else eight_bit(frame, "faithful")
 
     def sequence(self, name: str) -> list[Condition]:
-        """The frames of a perturbation in order; those with noise start with the clean image."""
-        frames = [Condition(name, level) for level in self.corruptions[name].levels]
+        """The frames of a perturbation in order; those with noise start with the clean image.
+
+        Raises:
+            ArgumentError: the suite has no such perturbation.
+        """
+        frames = [Condition(name, level) for level in self._named(name).levels]
         return [Condition(), *frames] if name.endswith("noise") else frames

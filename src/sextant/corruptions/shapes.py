@@ -349,6 +349,6 @@ class CannyEdges(BenchmarkCorruption[tuple[()], None]):
         """Find the edges, on the CPU whatever the device."""
         self.row(level)
         # grey levels as exact as 8-bit images have them: single precision would break ties between neighbours
-        grey = np.round(luma(images)[:, 0].double().cpu().numpy() * 255, 3) / 255
+        grey = np.round(luma(images)[:, 0].detach().double().cpu().numpy() * 255, 3) / 255
         edges = np.stack([canny(one) for one in grey])
         return torch.from_numpy(edges)[:, None].to(images).expand_as(images).contiguous()

@@ -87,14 +87,19 @@ class StoredSuite(CorruptionSuite):
         """The stored versions of the images at positions ``indices`` of the test split, in [0, 1].
 
         Raises:
+            ArgumentError: the suite has no such corruption, or the files no such severity.
             UserError: the files hold images of another shape, or too few; or there is not one index for each image.
         """
         if condition.corruption is None:
             return images
-        positions = require_indices(indices, len(images))
+        self._named(name := condition.corruption)
+        positions, levels = require_indices(indices, len(images)), self._levels[name]
+        if condition.level not in levels:
+            known = ", ".join(f"{level:g}" for level in levels)
+            raise ArgumentError(f"level={condition.level} of {name} is not in its file", f"There are: {known}.")
         if len(images) == 0:
             return images.clone()
-        stored, levels = self.images[condition.corruption], self._levels[condition.corruption]
+        stored = self.images[name]
         count = len(stored) // len(levels)
         if int(positions.max()) >= count:
             raise UserError(

@@ -11,8 +11,9 @@ from numpy import ndarray
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import Mode
-from sextant.corruptions.contract import Images, Indices, Positions
+from sextant.corruptions.contract import Images, Indices, Positions, require_indices
 from sextant.corruptions.corruption import Corruption
+from sextant.errors import ArgumentError
 from sextant.ranges import Seed, checked
 
 
@@ -102,13 +103,26 @@ class CorruptionSuite:
         return [Condition(), *corrupted]
 
     def corrupt(self, images: Images, indices: Indices, condition: Condition) -> Images:
-        """``images``, in [0, 1] and at positions ``indices`` of their dataset, under ``condition``."""
-        if condition.corruption is None or condition.level is None:
+        """``images``, in [0, 1] and at positions ``indices`` of their dataset, under ``condition``.
+
+        Raises:
+            ArgumentError: the suite has no such corruption.
+            ValueError: the corruption has no such level.
+            UserError: as a :class:`.Corruption`.
+        """
+        if condition.corruption is None:
             return images
-        return self.corruptions[condition.corruption](images, condition.level, indices, self.seed)
+        level: Any = condition.level  # None is refused by the corruption
+        return self._named(condition.corruption)(images, level, indices, self.seed)
+
+    def _named(self, name: str) -> Corruption[Any]:
+        if name not in self.corruptions:
+            known = ", ".join(self.corruptions) or "none, only clean images"
+            raise ArgumentError(f"corruption={name} is not in the suite", f"There are: {known}.")
+        return self.corruptions[name]
 
     def corrupt_bytes(
-        self, images: UInt8[ndarray, "n h w c"], indices: Int64[ndarray, "n"], condition: Condition
+        self, images: UInt8[ndarray, "n h w c"], indices: Int64[ndarray, "n"] | Indices, condition: Condition
     ) -> UInt8[ndarray, "n h w c"]:
         """Images of bytes under ``condition``, at their own size, rounded to the nearest byte.
 
@@ -121,13 +135,23 @@ class CorruptionSuite:
             images: with one or three channels.
             indices: positions of the images in their dataset, which seed the draws.
             condition: one of :meth:`conditions`.
+
+        Raises:
+            ArgumentError: the images are of another kind, or the suite has no such corruption.
+            UserError: there is not one index for each image; or as :meth:`corrupt`.
         """
+        if not isinstance(images, ndarray) or images.dtype != np.uint8 or images.ndim != 4:
+            kind, shape = getattr(images, "dtype", type(images).__name__), tuple(getattr(images, "shape", ()))
+            problem = f"images are {kind} of the shape {shape}, not a NumPy array of uint8 (n, h, w, c)"
+            raise ArgumentError(problem, "Give bytes from 0 to 255, and one image as a batch: images[None].")
+        given: Any = indices.copy() if isinstance(indices, ndarray) else indices  # may be read-only or run backwards
+        positions = require_indices(given, len(images))
         found = images.copy()
         if condition.corruption is None:
             return found
         for some in np.split(np.arange(len(images)), range(BATCH, len(images), BATCH)):
             clean = torch.from_numpy(images[some]).permute(0, 3, 1, 2).float() / 255
-            now = self.corrupt(clean, torch.from_numpy(indices[some]), condition).clamp(0, 1)
+            now = self.corrupt(clean, positions[some], condition).clamp(0, 1)
             found[some] = (now * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
         return found
 

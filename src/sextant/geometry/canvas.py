@@ -28,7 +28,7 @@ def picture_size(side: int, aspect: float) -> tuple[int, int]:
     """Columns and rows of a picture in a square of ``side`` pixels, an even number.
 
     Both are even, so that the picture's centre is the square's; the shorter side is rounded down, so that every pixel
-    lies within the picture.
+    lies within the picture. But float32(4 / 3), which is above 4 / 3, gives 112 x 82.
 
     >>> picture_size(112, 4 / 3), picture_size(112, 9 / 16)
     ((112, 84), (62, 112))

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from sextant.errors import UserError
 from sextant.geometry.camera import Camera, check_image_size
+from sextant.shapes import check_shape
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class EquirectangularCamera(Camera):
         height: rows.
 
     Raises:
-        UserError: the image is not twice as wide as high, or is empty.
+        UserError: the image is not twice as wide as high, is empty, or its sides are not whole.
     """
 
     width: int
@@ -43,6 +44,7 @@ class EquirectangularCamera(Camera):
 
     def bearings(self, points: Float[Tensor, "*n 2"]) -> Float[Tensor, "*n 3"]:
         """Unit directions, in the camera frame, of the rays through ``points`` (pixels)."""
+        check_shape("points", points, ..., 2)
         longitude = 2 * math.pi * (points[..., 0] / self.width - 0.5)
         latitude = math.pi * (0.5 - points[..., 1] / self.height)
         horizontal = torch.cos(latitude)
@@ -53,8 +55,9 @@ class EquirectangularCamera(Camera):
         """Pixels at which ``directions`` are seen: all are, but for the direction of length 0.
 
         Columns lie in ``[0, width)``. The poles, seen along a whole row, get the column of the centre, without
-        gradient.
+        gradient; where the square of the distance to the vertical vanishes next to them, gradients are not finite.
         """
+        check_shape("directions", directions, ..., 3)
         x, y, z = directions.unbind(-1)
         pole = (x == 0) & (z == 0)
         ahead = torch.where(pole, 1, z)

@@ -30,6 +30,7 @@ from sextant.errors import ArgumentError, UserError
 from sextant.geometry.distortion import K2Family, k2_of_k1
 from sextant.geometry.horizon import rho_from_tilt, tau_from_tilt, tilt_from_rho, tilt_from_tau
 from sextant.ranges import checked
+from sextant.shapes import check_shape
 
 Name = Literal["direct", "angles", "horizon", "undistorted_horizon"]
 #: upper limits of the focal length and field of view; the lower limits are 0
@@ -163,7 +164,8 @@ class ParameterSpace:
         high: upper ends, ``(4,)``.
 
     Raises:
-        UserError: a range is empty or not finite, or contains an impossible focal length or field of view.
+        UserError: the ends are not 4 numbers each, or a range is empty or not finite, or contains an impossible focal
+            length or field of view.
 
     Example:
         >>> low, high = torch.tensor([-1.0, -1.0, 1.0, -1.0]), torch.tensor([1.0, 1.0, 3.0, 1.0])
@@ -177,6 +179,8 @@ class ParameterSpace:
     high: Float[Tensor, "4"]
 
     def __post_init__(self) -> None:
+        for name, ends in (("low", self.low), ("high", self.high)):
+            check_shape(name, ends, 4, fix=f"Give the ends of {', '.join(self.parameterization.names)}.")
         for name, low, high in zip(self.parameterization.names, self.low.tolist(), self.high.tolist(), strict=True):
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
                 raise UserError(

@@ -15,6 +15,8 @@ from sextant.geometry._series import sinc_of_square
 def wrap_angle(angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
     """The same angle in [-π, π), with gradient 1; angles already in this range are returned bit for bit.
 
+    But one just below π may come out one rounding step below -π.
+
     >>> wrap_angle(torch.tensor([0.5, 3.5]))
     tensor([ 0.5000, -2.7832])
     """

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from sextant.errors import ArgumentError
 from sextant.layers.conv_geometry import PaddingMode, pair
+from sextant.layers.floating import require_floating
 from sextant.layers.surgery import Conversion, Rule, convert
 from sextant.ranges import Count, checked
 
@@ -44,7 +45,7 @@ def blur_pool(
             ``reflect`` repeats the edge pixels of images that are too small to be mirrored.
 
     Raises:
-        ArgumentError: ``taps`` or ``stride`` is below 1.
+        ArgumentError: ``taps`` or ``stride`` is below 1, or the images are not floating-point.
     """
     return BlurPool2d(taps, stride, padding_mode)(x)  # type: ignore[no-any-return]
 
@@ -89,12 +90,13 @@ class BlurPool2d(nn.Module):
 
 
 def _bordered(x: Tensor, border: list[int], mode: str) -> Tensor:
+    require_floating(x)
     if mode == "reflect" and int(min(x.size(-2), x.size(-1))) <= max(border):
         mode = "replicate"
     return F.pad(x, border, mode=mode)
 
 
-torch.fx.wrap("_bordered")  # a symbolic trace cannot compare sizes
+torch.fx.wrap("_bordered")  # a symbolic trace cannot compare sizes or types
 
 
 @checked

@@ -32,7 +32,7 @@ class FoldedPushPull(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Push minus pull."""
         response = F.relu(self.push(x)) - F.relu(self.smooth(self.pull(x)))
-        return response if self.bias is None else response + self.bias
+        return response if self.bias is None else response + self.bias.to(response.dtype)
 
 
 def fold(network: nn.Module) -> nn.Module:

@@ -20,7 +20,7 @@ from sextant.layers.depth_first import depth_first, overwriting, traced
 from sextant.layers.implementation import PullShape, choose_implementation
 from sextant.layers.inhibited_conv import InhibitedConv2d
 from sextant.layers.pull_response import Implementation, pull_response
-from sextant.layers.strength import Strength, pull_kernel_size
+from sextant.layers.strength import Strength, pull_kernel_size, strength_factor
 
 Choice = Literal["auto", "direct", "rows", "factorised"]
 torch.fx.wrap("push_pull")  # one node of a traced network: what it does depends on shapes
@@ -63,21 +63,24 @@ def push_pull(
         other arguments: as in ``torch.nn.functional.conv2d``.
 
     Raises:
-        ValueError: ``scale`` is below 1 or not finite, or it is above 1 and a kernel side is even; or as in
-            ``ConvGeometry.of``.
+        ValueError: ``scale`` is below 1 or not finite, or it is above 1 and a kernel side is even; ``alpha`` is
+            negative, not finite or a tensor of another shape, whose values are not checked; ``impl`` is unknown; or as
+            in ``ConvGeometry.of``.
     """
     kernel = (weight.shape[2], weight.shape[3])
     if not 1 <= scale < math.inf or (scale > 1 and (kernel[0] % 2 == 0 or kernel[1] % 2 == 0)):
         raise ValueError(
             f"push-pull needs scale >= 1 and, above 1, odd kernel sides; got scale={scale}, kernel={kernel}"
         )
+    if impl not in get_args(Choice):
+        raise ValueError(f"impl must be one of {', '.join(get_args(Choice))}, got {impl!r}")
     geometry = ConvGeometry.of(kernel, stride, padding, dilation, groups, padding_mode)
-    strength = alpha.view(-1, 1, 1) if isinstance(alpha, Tensor) else alpha
+    strength = strength_factor(alpha, weight.shape[0])
     if kernel == (pull_kernel_size(kernel[0], scale), pull_kernel_size(kernel[1], scale)):
         # the pull is the negated push, so one convolution serves both
         response = geometry.convolve(x, weight, bias)
         if isinstance(strength, Tensor):
-            return torch.where(response > 0, response, strength * response)
+            return torch.where(response > 0, response, strength * response).to(response.dtype)
         return F.leaky_relu(response, strength)
     if traced():
         impl = "direct"  # the other forms would write the image's size into the graph
@@ -89,7 +92,7 @@ def push_pull(
             return push
         pull = pull_response(x, -weight, None if bias is None else -bias, scale, geometry, chosen).relu_()
         if isinstance(strength, Tensor):
-            return (push.addcmul_ if overwriting() else push.addcmul)(strength, pull, value=-1)
+            return (push.addcmul_ if overwriting() else push.addcmul)(strength, pull, value=-1).to(push.dtype)
         return (push.sub_ if overwriting() else push.sub)(pull, alpha=strength)
 
     return depth_first(respond, x, weight, geometry.stride)

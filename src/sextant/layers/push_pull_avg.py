@@ -31,7 +31,7 @@ from torch import Tensor
 from sextant.layers.conv_geometry import ConvGeometry, Padding, PaddingMode
 from sextant.layers.depth_first import depth_first, overwriting
 from sextant.layers.inhibited_conv import InhibitedConv2d
-from sextant.layers.strength import Strength
+from sextant.layers.strength import Strength, strength_factor
 
 AvgChoice = Literal["box", "direct"]
 torch.fx.wrap("push_pull_avg")  # one node of a traced network
@@ -70,15 +70,16 @@ def push_pull_avg(
         other arguments: as in ``torch.nn.functional.conv2d``, with the padding modes of ``torch.nn.Conv2d``.
 
     Raises:
-        ValueError: ``average`` is even or below 1, or ``impl`` is unknown; or as in ``ConvGeometry.of``.
+        ValueError: ``average`` is even or below 1; ``alpha`` is negative, not finite or a tensor of another shape,
+            whose values are not checked; ``impl`` is unknown; or as in ``ConvGeometry.of``.
     """
-    if average < 1 or average % 2 == 0:
+    if average < 1 or average % 2 != 1:
         raise ValueError(f"average must be odd and at least 1, got {average}")
     if impl not in ("box", "direct"):
         raise ValueError(f"impl must be box or direct, got {impl!r}")
     geometry = ConvGeometry.of((weight.shape[2], weight.shape[3]), stride, padding, dilation, groups, padding_mode)
     offset = contrast_offset(weight)
-    strength = alpha.view(-1, 1, 1) if isinstance(alpha, Tensor) else alpha
+    strength = strength_factor(alpha, weight.shape[0])
 
     def respond(x: Tensor) -> Tensor:
         push = geometry.convolve(x, weight, None)
@@ -98,9 +99,10 @@ def push_pull_avg(
             response = (push.addcmul_ if overwriting() else push.addcmul)(factor, inhibition)
         else:
             response = (push.add_ if overwriting() else push.add)(inhibition, alpha=factor)
+        response = response.to(push.dtype)
         if bias is None:
             return response
-        return (response.add_ if overwriting() else response.add)(bias.view(-1, 1, 1))
+        return (response.add_ if overwriting() else response.add)(bias.view(-1, 1, 1)).to(push.dtype)
 
     return depth_first(respond, x, weight, geometry.stride)
 
@@ -167,7 +169,7 @@ class PushPullAvgConv2d(InhibitedConv2d):
         super().__init__(
             in_channels, out_channels, kernel_size, stride, padding, dilation, groups, bias, padding_mode, device, dtype
         )
-        if average < 1 or average % 2 == 0:
+        if average < 1 or average % 2 != 1:
             raise ValueError(f"average must be odd and at least 1, got {average}")
         if impl not in get_args(AvgChoice):
             raise ValueError(f"impl must be one of {', '.join(get_args(AvgChoice))}, got {impl!r}")

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import cache
+from numbers import Real
 from typing import TypeAlias
 
 import numpy as np
@@ -10,6 +11,9 @@ import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
+
+from sextant.errors import shown
+from sextant.ranges import NonNegative, fits
 
 
 def pull_kernel_size(size: int, scale: float) -> int:
@@ -76,7 +80,7 @@ def upsample_kernel(weight: Float[Tensor, "o c kh kw"], scale: float) -> Float[T
     return F.interpolate(weight, size=size, mode="bilinear", align_corners=True)
 
 
-Strength: TypeAlias = float | Sequence[float]
+Strength: TypeAlias = float | Sequence[float] | np.ndarray | Tensor
 
 
 def check_strength(alpha: Strength, channels: int) -> None:
@@ -85,9 +89,29 @@ def check_strength(alpha: Strength, channels: int) -> None:
     Raises:
         ValueError: it is negative or not finite, or neither one number nor one per channel.
     """
-    values = torch.as_tensor(alpha, dtype=torch.float64)
-    if not bool((values >= 0).all() and values.isfinite().all()) or values.shape not in ((), (channels,)):
-        raise ValueError(f"alpha must be >= 0, one number or one for each of {channels} channels; got {alpha}")
+    several = fits(Sequence[NonNegative], alpha) and len(alpha) == channels  # type: ignore[arg-type]
+    if not several and not fits(NonNegative, alpha):
+        raise _refusal(alpha, channels)
+
+
+def strength_factor(alpha: float | Tensor, channels: int) -> float | Tensor:
+    """α as a factor of responses ``(co, h, w)``. Values of a tensor are not read, which would wait for the GPU.
+
+    Raises:
+        ValueError: it is negative or not finite, or neither one number nor a tensor of one per channel.
+    """
+    if isinstance(alpha, Tensor):
+        if alpha.shape not in ((), (channels,)):
+            raise _refusal(alpha, channels)
+        return alpha.view(-1, 1, 1)
+    if isinstance(alpha, bool) or not isinstance(alpha, Real) or not 0 <= alpha < math.inf:
+        raise _refusal(alpha, channels)
+    return alpha
+
+
+def _refusal(alpha: object, channels: int) -> ValueError:
+    got = shown(alpha)
+    return ValueError(f"alpha must be >= 0 and finite, one number or one for each of {channels} channels; got {got}")
 
 
 def strength_buffer(layer: nn.Conv2d, alpha: Strength) -> None:
@@ -95,6 +119,7 @@ def strength_buffer(layer: nn.Conv2d, alpha: Strength) -> None:
 
     A number is a setting, like the stride; strengths per channel are data, which the state dict has to hold.
     """
+    alpha = alpha.tolist() if isinstance(alpha, np.ndarray) else alpha
     present = layer._parameters.get("alpha")
     if present is not None:
         with torch.no_grad():

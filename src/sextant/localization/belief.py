@@ -7,6 +7,8 @@ import torch
 from jaxtyping import Float64, Int64
 from torch import Tensor
 
+from sextant.shapes import check_shape
+
 
 @dataclass(frozen=True)
 class Belief:
@@ -31,10 +33,11 @@ class Belief:
         """A belief from weights that need not be normalised.
 
         Raises:
+            ArgumentError: there is not one weight for each pose, or poses are not x, y and heading.
             ValueError: there is no particle, or a run has no weight above zero or one that is nan or infinite.
         """
-        if poses.shape[1] == 0:
-            raise ValueError("a belief needs at least one particle")
+        _check_poses(poses)
+        check_shape("log_weights", log_weights, *poses.shape[:2])
         total = log_weights.logsumexp(1, keepdim=True)
         if not bool(total.isfinite().all()):
             raise ValueError(
@@ -47,10 +50,10 @@ class Belief:
         """A belief in which all particles have the same weight.
 
         Raises:
+            ArgumentError: poses are not x, y and heading.
             ValueError: there is no particle.
         """
-        if poses.shape[1] == 0:
-            raise ValueError("a belief needs at least one particle")
+        _check_poses(poses)
         return cls(poses, poses.new_full(poses.shape[:2], -math.log(poses.shape[1])))
 
     @property
@@ -61,6 +64,12 @@ class Belief:
     def ess(self) -> Float64[Tensor, "r"]:
         r"""Effective sample size :math:`1 / \sum_i W_i^2`, from 1 to p (Kong, Liu & Wong, JASA 1994)."""
         return torch.exp(-(2 * self.log_weights).logsumexp(1))
+
+
+def _check_poses(poses: Tensor) -> None:
+    check_shape("poses", poses, "runs", "particles", 3)
+    if poses.shape[1] == 0:
+        raise ValueError("a belief needs at least one particle")
 
 
 def picked(poses: Float64[Tensor, "r p 3"], rows: Int64[Tensor, "r k"]) -> Float64[Tensor, "r k 3"]:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from sextant.errors import UserError
 from sextant.geometry.planar import wrap_angle
+from sextant.shapes import check_shape
 from sextant.tables import counted
 
 #: Descriptor rows processed together, so that a mapped file larger than memory is read in pieces.
@@ -58,15 +59,14 @@ class DescriptorMap:
                 the first of them.
 
         Raises:
-            UserError: there is no image, a pose or descriptor is not finite, the numbers of poses and descriptors
-                differ, or two poses are equal and ``merge_duplicates`` is false.
+            UserError: poses or descriptors are not rows, their numbers differ, there is no image, a pose or descriptor
+                is not finite, or two poses are equal and ``merge_duplicates`` is false.
         """
         poses, descriptors = poses.double(), descriptors.float()  # the types of the files of a map
         check_pairs(poses, descriptors)
         if len(poses) == 0 or descriptors.shape[1] == 0:
             raise UserError("the map is empty: it has no image with a descriptor", "Provide images with known poses.")
-        finite = torch.isfinite(poses).all(dim=1)
-        _refuse(~finite, "pose that is not finite", "poses that are not finite", "Leave these images out.")
+        check_finite(poses)
         broken = torch.cat([~torch.isfinite(rows).all(dim=1) for rows in descriptors.split(BLOCK)])
         _refuse(
             broken,
@@ -89,15 +89,26 @@ class DescriptorMap:
 
 
 def check_pairs(poses: Tensor, descriptors: Tensor) -> None:
-    """Raise a ``UserError`` unless there is one pose for each descriptor.
+    """Raise a ``UserError`` unless there is one pose of x, y and heading for each descriptor.
 
     >>> check_pairs(torch.zeros(2, 3), torch.zeros(2, 64))
     """
+    check_shape("poses", poses, "n", 3)
+    check_shape("descriptors", descriptors, "n", "d")
     if len(poses) != len(descriptors):
         raise UserError(
             f"the map has {counted(len(poses), 'pose')} and {counted(len(descriptors), 'descriptor')}",
             "Give one pose for each image, in the same order.",
         )
+
+
+def check_finite(poses: Tensor) -> None:
+    """Raise a ``UserError`` that names the poses of a map that are not finite.
+
+    >>> check_finite(torch.zeros(2, 3))
+    """
+    finite = torch.isfinite(poses).all(dim=1)
+    _refuse(~finite, "pose that is not finite", "poses that are not finite", "Leave these images out.")
 
 
 def _refuse(wrong: Tensor, one: str, several: str, fix: str) -> None:

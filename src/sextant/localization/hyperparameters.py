@@ -15,6 +15,7 @@ from torch import Generator, Tensor, nn
 
 from sextant.errors import ArgumentError, UserError
 from sextant.localization.pose_kernel import PoseKernel, Spatial
+from sextant.shapes import check_shape
 
 __all__ = [
     "Conditioning",
@@ -163,9 +164,11 @@ class TrainableKernel(nn.Module):
             ard: as for the class.
 
         Raises:
-            UserError: the descriptors are all equal.
+            UserError: poses or descriptors are not rows, or the descriptors are all equal.
             ValueError: there are no poses, or not one descriptor for each.
         """
+        check_shape("poses", poses, "n", 3)
+        check_shape("descriptors", descriptors, "n", "d")
         if not len(poses) or len(poses) != len(descriptors):
             raise ValueError(f"need a descriptor for each pose; got {len(descriptors)} for {len(poses)}")
         variance = mean_variance(descriptors)

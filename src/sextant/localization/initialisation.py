@@ -13,6 +13,7 @@ from sextant.localization.belief import Belief
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.observation.evidence import Evidence
 from sextant.ranges import NonNegative, checked
+from sextant.shapes import check_shape
 
 __all__ = ["AppearanceStart", "GaussianStart", "Initialisation", "UniformStart"]
 
@@ -79,7 +80,7 @@ class GaussianStart(Initialisation):
         sigma: standard deviations of x, y (metres, axes of the map) and heading (rad).
 
     Raises:
-        UserError: a deviation is negative or not finite.
+        UserError: a deviation is negative or not finite, or a pose is not x, y and heading.
         ValueError: a pose is not finite.
 
     Example:
@@ -94,6 +95,7 @@ class GaussianStart(Initialisation):
     sigma: tuple[NonNegative, NonNegative, NonNegative]
 
     def __post_init__(self) -> None:
+        check_shape("mean", torch.atleast_2d(self.mean), "r", 3)
         if not bool(self.mean.isfinite().all()):
             raise ValueError("a pose to start from is not finite")
 
@@ -106,7 +108,13 @@ class GaussianStart(Initialisation):
         seen: Bool[Tensor, "r"] | None,
         generator: torch.Generator,
     ) -> Belief:
-        """Draw from the Gaussians, with equal weights."""
+        """Draw from the Gaussians, with equal weights.
+
+        Raises:
+            ArgumentError: there are several poses, but not one for each run.
+        """
+        if self.mean.ndim == 2 and len(self.mean) != 1:
+            check_shape("mean", self.mean, runs, 3)
         mean = self.mean.expand(runs, 3)[:, None]
         noise = torch.randn(runs, particles, 3, generator=generator, dtype=mean.dtype, device=mean.device)
         poses = mean + noise * mean.new_tensor(self.sigma)
@@ -149,11 +157,17 @@ class AppearanceStart(Initialisation):
         seen: Bool[Tensor, "r"] | None,
         generator: torch.Generator,
     ) -> Belief:
-        """Draw from q with jitter, and from the prior in runs without an image."""
+        """Draw from q with jitter, and from the prior in runs without an image.
+
+        Raises:
+            ArgumentError: the evidence is that of more or fewer runs.
+        """
         anywhere = prior.sample(runs, particles, generator)
         if evidence is None:
             return Belief.uniform(anywhere)
-        proposal = AppearanceProposal.of(evidence.over_map())
+        over_map = evidence.over_map()
+        check_shape("over_map", over_map, runs, "n")
+        proposal = AppearanceProposal.of(over_map)
         rows, _ = proposal.draw(particles, generator)
         there = prior.around(rows, generator)
         usable = proposal.log_total.isfinite()

@@ -27,6 +27,7 @@ from sextant.localization.belief import Belief
 from sextant.localization.estimate import estimate
 from sextant.localization.localize import Track, Watch
 from sextant.localization.observers import Camera
+from sextant.shapes import check_shape
 
 #: weight of an image no more similar than chance, so that some image always has weight
 LEAST_WEIGHT = 1e-6
@@ -49,6 +50,9 @@ def interpolated(
         frames, motion, seen, radius, watch: as for :func:`~sextant.localization.localize.localize`.
         best: K; all images of a smaller map.
 
+    Raises:
+        ArgumentError: there is not one motion, and one value of ``seen``, for each of the frames.
+
     Example:
         >>> from sextant.localization.descriptor_map import DescriptorMap
         >>> from sextant.localization.likelihood import Likelihood
@@ -62,6 +66,8 @@ def interpolated(
         >>> interpolated(drive, frames, still, frames > 0, best=2, radius=1.0).pose[:, 0, 0]
         array([4.5, 9.5])
     """
+    check_shape("motion", motion, *frames.shape, 3)
+    check_shape("seen", seen, *frames.shape)
     known = camera.model.map
     count, mean = min(best, len(known)), known.mean.double()
     among = normalize(known.descriptors.double() - mean, dim=1)

@@ -19,6 +19,7 @@ from sextant.localization.motion import MotionModel
 from sextant.localization.observation.evidence import Evidence, EvidenceOfSome
 from sextant.localization.observers import Camera, Observer
 from sextant.localization.particle_filter import FilterState, FilterStep, ParticleFilter
+from sextant.shapes import check_shape
 
 #: called with the number of a step and the belief after it
 Watch = Callable[[int, Belief], None]
@@ -178,6 +179,9 @@ def localize(
         adaptation: learns along the drive, for a camera; None for a filter that does not adapt.
         watch: called with every step and the belief after it.
 
+    Raises:
+        ArgumentError: there is not one motion, and one value of ``seen``, for each of the frames.
+
     Example:
         >>> from sextant.localization import initialisation, map_prior, motion, recovery, resampling
         >>> from sextant.localization.laser.scan_evidence import ScanEvidence
@@ -192,6 +196,8 @@ def localize(
         >>> track.pose[:, 0, 0].round()
         array([2., 3., 4.])
     """
+    check_shape("motion", motion, *frames.shape, 3)
+    check_shape("seen", seen, *frames.shape)
     steps, seconds = Steps(filter, start, particles, radius, adaptation), np.zeros(len(frames))
     now: Localized | None = None
     columns: dict[str, list[Tensor]] = {}

@@ -15,8 +15,11 @@ from jaxtyping import Float64, Int64
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import UserError, shown
 from sextant.geometry.planar import se2_compose
+from sextant.localization.descriptor_map import check_finite
+from sextant.ranges import NonNegative, fits
+from sextant.shapes import check_shape
 
 #: smallest spacing: positions nearer to each other are taken to be this far apart
 LEAST_SPACING = 1e-6
@@ -32,7 +35,7 @@ class MapPrior:
         heading_sigma_rad: standard deviation of the heading.
 
     Raises:
-        UserError: there is no pose, or a deviation is negative or not finite.
+        UserError: there is no pose, one is not three finite numbers, or a deviation is negative or not finite.
 
     Example:
         >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
@@ -47,11 +50,14 @@ class MapPrior:
     heading_sigma_rad: float
 
     def __post_init__(self) -> None:
+        check_shape("poses", self.poses, "n", 3)
         if len(self.poses) == 0:
             raise UserError("the map has no image", "Provide images with known poses.")
-        if not all(0 <= sigma < float("inf") for sigma in self.sigmas):
+        check_finite(self.poses)
+        position, heading = self.position_sigma, self.heading_sigma_rad
+        if not (fits(NonNegative | tuple[NonNegative, NonNegative], position) and fits(NonNegative, heading)):
             raise UserError(
-                f"position_sigma={self.position_sigma} and heading_sigma_rad={self.heading_sigma_rad} "
+                f"position_sigma={shown(position)}, one number or two, and heading_sigma_rad={shown(heading)} "
                 "must be finite and not negative",
                 "For example half the distance between images of the map.",
             )
@@ -59,8 +65,7 @@ class MapPrior:
     @property
     def sigmas(self) -> tuple[float, float, float]:
         """Standard deviations along and across the heading, and of the heading itself."""
-        sigma = self.position_sigma
-        along, across = (sigma, sigma) if isinstance(sigma, (int, float)) else sigma
+        along, across = np.broadcast_to(self.position_sigma, 2)
         return float(along), float(across), float(self.heading_sigma_rad)
 
     def sample(self, runs: int, particles: int, generator: torch.Generator) -> Float64[Tensor, "r p 3"]:

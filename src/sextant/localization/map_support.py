@@ -32,11 +32,13 @@ from torch import Tensor
 from sextant.errors import ArgumentError
 from sextant.localization.belief import Belief
 from sextant.localization.constants import HEADING_REACH, LENGTHS, PLACE, RARE, UNKNOWN
+from sextant.localization.descriptor_map import check_finite
 from sextant.localization.map_prior import LEAST_SPACING
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.ranges import Positive, Share, checked
+from sextant.shapes import check_shape
 
 #: number of evenly chosen images from which the spacing of a map is estimated, and neighbours of each
 LOOKED_AT, NEIGHBOURS = 4096, 24
@@ -56,7 +58,7 @@ class MapSupport:
         outliers: o in (0, 1), the share of images that are uninformative about their pose.
 
     Raises:
-        ArgumentError: a number is outside its range.
+        UserError: a number is outside its range, or a pose is not three finite numbers.
 
     >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
     >>> support = MapSupport.of(line)
@@ -75,6 +77,8 @@ class MapSupport:
     def __post_init__(self) -> None:
         if not self.reach > 0:  # it may be infinite
             raise ArgumentError(f"reach={self.reach} must be above 0", "For example reach=1")
+        check_shape("poses", self.poses, "n", 3)
+        check_finite(self.poses)
 
     @classmethod
     def of(cls, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> "MapSupport":

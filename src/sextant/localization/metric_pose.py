@@ -24,7 +24,8 @@ from scipy.special import gammaincinv
 from torch import Tensor
 
 from sextant.geometry.planar import wrap_angle
-from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.evidence import Evidence, check_runs
+from sextant.shapes import check_shape
 
 #: located validation images below which the errors are not fitted
 LEAST_FITTED = 20
@@ -213,6 +214,7 @@ class MetricPoses:
 
     def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         """The log-likelihood of the located poses at each run's poses; 0 where it is not located."""
+        check_runs(poses, len(self.poses), "located pose")
         told = self.errors.log_likelihood(self.poses[:, None] - poses, self.covariances)
         return torch.where(self.located[:, None], told, 0.0)
 
@@ -252,6 +254,9 @@ class DrivePoses:
         poses, covariances, located: as of :class:`MetricPoses`, one a frame.
         errors: how they err.
         weighs: whether they weigh, besides proposing.
+
+    Raises:
+        ArgumentError: there is not one pose, covariance and flag for each frame.
     """
 
     poses: Float64[ndarray, "n 3"]
@@ -259,6 +264,11 @@ class DrivePoses:
     located: Bool[ndarray, "n"]
     errors: MetricErrors
     weighs: bool = True
+
+    def __post_init__(self) -> None:
+        check_shape("poses", self.poses, "n", 3)
+        check_shape("covariances", self.covariances, len(self.poses), 3, 3)
+        check_shape("located", self.located, len(self.poses))
 
     def beside(self, evidence: Evidence, frames: ndarray) -> EvidenceWithPose:
         """The evidence of frames, with their located poses."""

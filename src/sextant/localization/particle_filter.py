@@ -30,6 +30,7 @@ from sextant.localization.observation.evidence import Evidence
 from sextant.localization.recovery import Injection, Memory, Recovery
 from sextant.localization.resampling import Resampling, thin
 from sextant.localization.weighted_belief import WeightedBelief
+from sextant.shapes import check_shape
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ class ParticleFilter:
     apart: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if self.apart is not None and not all(0 < each < math.inf for each in self.apart):
+        if self.apart is not None and not (len(self.apart) == 2 and all(0 < each < math.inf for each in self.apart)):
             raise ArgumentError(
                 f"apart={self.apart} must be a distance and a turn, above 0 and finite", "apart=(5.0, 0.5)"
             )
@@ -145,10 +146,12 @@ class ParticleFilter:
             seen: in which runs there is a first image; None for all.
 
         Raises:
-            UserError: the number of particles is below 1.
+            UserError: the number of particles is below 1, or there is not one value of ``seen`` for each run.
         """
         if particles < 1:
             raise ArgumentError(f"particles={particles} must be at least 1", "For example particles=1000")
+        if seen is not None:
+            check_shape("seen", seen, runs)
         belief = initialisation.start(self.prior, runs, particles, evidence, seen, generator)
         way = belief.log_weights.new_full((runs,), math.inf)
         if initialisation.uses_evidence and evidence is not None:
@@ -174,6 +177,8 @@ class ParticleFilter:
 
     def _way(self, state: FilterState, motion: Float64[Tensor, "r 3"] | None) -> Float64[Tensor, "r"]:
         """The distance since the last observation that counted, including a motion."""
+        if motion is not None:
+            check_shape("motion", motion, len(state.way), 3)
         if self.apart is None:
             return torch.full_like(state.way, math.inf)
         if motion is None:
@@ -197,8 +202,13 @@ class ParticleFilter:
             evidence: evidence of the current observations; None if no run has one.
             seen: which runs have an observation; None for all.
             generator: generator of random numbers.
+
+        Raises:
+            ArgumentError: motion, evidence or ``seen`` are those of more or fewer runs than the state.
         """
         belief, way = state.belief, self._way(state, motion)
+        if seen is not None:
+            check_shape("seen", seen, len(way))
         if evidence is not None and self.apart is not None:
             seen = way >= 1 if seen is None else seen & (way >= 1)
             way = way.masked_fill(seen, 0.0)

@@ -23,6 +23,9 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
+from sextant.errors import shown
+from sextant.ranges import Positive, fits
+
 Spatial = Literal["rbf", "matern32", "matern52"]
 SPATIAL: tuple[Spatial, ...] = ("rbf", "matern32", "matern52")
 
@@ -54,8 +57,9 @@ class PoseKernel:
     def __post_init__(self) -> None:
         if self.spatial not in SPATIAL:
             raise ValueError(f"spatial={self.spatial!r} must be one of {', '.join(SPATIAL)}")
-        positive = {"length": min(self.length), "heading_length": self.heading_length}
-        for name, value in (positive | {"signal_variance": self.signal_variance}).items():
+        if not fits(tuple[Positive, Positive], self.length):
+            raise ValueError(f"length={shown(self.length)} must be two numbers, above 0 and finite")
+        for name, value in {"heading_length": self.heading_length, "signal_variance": self.signal_variance}.items():
             if not (value > 0 and math.isfinite(value)):
                 raise ValueError(f"{name}={value} must be above 0 and finite")
         if not (self.noise_variance >= 0 and math.isfinite(self.noise_variance)):

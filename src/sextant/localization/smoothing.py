@@ -19,6 +19,7 @@ from sextant.geometry.planar import se2_between, wrap_angle
 from sextant.localization.belief import Belief
 from sextant.localization.motion import MotionModel
 from sextant.reporter import Advance
+from sextant.shapes import check_shape
 
 #: number of draws of a motion, from which its mean and covariance are estimated
 DRAWS = 4096
@@ -52,6 +53,7 @@ def smoothed(
         The same particles with new weights; the last belief is unchanged.
 
     Raises:
+        ArgumentError: there is not one motion for each run.
         ValueError: the number of motions or models does not fit the number of beliefs.
 
     Example:
@@ -64,6 +66,8 @@ def smoothed(
     """
     if len(motions) != len(beliefs) - 1:
         raise ValueError(f"need one motion fewer than beliefs; got {len(motions)} motions and {len(beliefs)} beliefs")
+    for motion in motions:
+        check_shape("motion", motion, len(beliefs[-1].poses), 3)
     models = [model] * len(motions) if isinstance(model, MotionModel) else list(model)
     found = [beliefs[-1]]
     for belief, motion, moves in zip(reversed(beliefs[:-1]), reversed(motions), reversed(models), strict=True):

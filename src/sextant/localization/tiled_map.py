@@ -37,6 +37,7 @@ from sextant.localization.observation.neighbourhoods import Neighbourhoods, chec
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.saved_map import HEADER, array_path, write_header
 from sextant.reporter import Advance
+from sextant.shapes import check_shape
 from sextant.tables import counted
 
 #: Bits for the cells along the longer side of the map: cells of 1 mm in a map of 2,000 km.
@@ -50,6 +51,7 @@ def spatial_order(poses: Float64[Tensor, "n 3"]) -> Int64[Tensor, " n"]:
     than memory and mapped, because images near each other are stored near each other.
 
     Raises:
+        ArgumentError: poses are not rows of x, y and heading.
         ValueError: a pose is not finite.
 
     Source: G. M. Morton, "A computer oriented geodetic data base and a new technique in file sequencing", IBM 1966.
@@ -59,6 +61,7 @@ def spatial_order(poses: Float64[Tensor, "n 3"]) -> Int64[Tensor, " n"]:
         >>> corners[spatial_order(corners)][:, :2].tolist()  # a Z
         [[0.0, 0.0], [9.0, 0.0], [0.0, 9.0], [9.0, 9.0]]
     """
+    check_shape("poses", poses, "n", 3)
     places = poses.numpy()
     if not np.isfinite(places).all():
         raise ValueError("a pose is not finite")
@@ -194,8 +197,8 @@ class TiledMapBuilder:
             descriptors: descriptors of the images there.
 
         Raises:
-            UserError: the numbers of poses and descriptors differ; a pose or descriptor is not finite, or of a
-                different dimension from earlier ones; or the map is already being finished.
+            UserError: poses or descriptors are not rows, or their numbers differ; a pose or descriptor is not finite,
+                or of a different dimension from earlier ones; or the map is already being finished.
             OSError: the folder cannot be written.
         """
         if self._state["stage"] != "adding":

@@ -9,6 +9,7 @@ from torch import Tensor
 from sextant.localization.belief import Belief
 from sextant.localization.motion_density import Predicted
 from sextant.localization.observation.evidence import Evidence
+from sextant.shapes import check_shape
 
 
 @dataclass(frozen=True)
@@ -38,10 +39,15 @@ class WeightedBelief:
         seen: Bool[Tensor, "r"] | None,
         predicted: Predicted | None = None,
     ) -> "WeightedBelief":
-        """Evaluate the evidence at every particle; ``seen`` None means all runs."""
+        """Evaluate the evidence at every particle; ``seen`` None means all runs.
+
+        Raises:
+            ArgumentError: the evidence is not one value for each particle.
+        """
         runs = len(belief.log_weights)
         seen = torch.ones(runs, dtype=torch.bool, device=belief.poses.device) if seen is None else seen
         told = evidence.log_likelihood(belief.poses)
+        check_shape("log_likelihood", told, *belief.log_weights.shape)
         told = torch.where(told.isfinite(), told, -torch.inf)
         return cls(belief, torch.where(seen[:, None], told, 0.0), seen, evidence, predicted)
 

@@ -14,6 +14,7 @@ from sextant.geometry.field_fit import BelievedField
 from sextant.geometry.perspective_field import PerspectiveField, field_errors
 from sextant.geometry.rotations import rotation_from_tilt_roll, up_in_camera
 from sextant.ranges import Positive, checked
+from sextant.shapes import check_shape
 
 
 class CameraLoss(nn.Module):
@@ -31,7 +32,17 @@ class CameraLoss(nn.Module):
     def forward(
         self, predicted: Float[Tensor, "b 4"], truth: Float[Tensor, "b 4"], aspect: Float[Tensor, "b"]
     ) -> Float[Tensor, "b"]:
-        """Loss of each image; ``aspect`` is width over height."""
+        """Loss of each image; ``aspect`` is width over height.
+
+        Raises:
+            ArgumentError: the shapes are not those of one batch, which would broadcast.
+        """
+
+
+def _check_batch(predicted: Tensor, truth: Tensor, aspect: Tensor) -> None:
+    check_shape("aspect", aspect, "b", fix="Give width over height of each image.")
+    for name, numbers in (("predicted", predicted), ("truth", truth)):
+        check_shape(name, numbers, len(aspect), 4)
 
 
 def at_least_single(*values: Tensor) -> tuple[Tensor, ...]:
@@ -109,6 +120,7 @@ class ParameterLoss(CameraLoss):
         self, predicted: Float[Tensor, "b 4"], truth: Float[Tensor, "b 4"], aspect: Float[Tensor, "b"]
     ) -> Float[Tensor, "b"]:
         """Mean penalty over the four numbers; ``aspect`` is not used."""
+        _check_batch(predicted, truth, aspect)
         predicted, truth = at_least_single(predicted, truth)
         size = ((predicted - truth) * self.scale).abs()
         penalty = size.square()
@@ -191,6 +203,7 @@ class BearingLoss(CameraLoss):
         self, predicted: Float[Tensor, "b 4"], truth: Float[Tensor, "b 4"], aspect: Float[Tensor, "b"]
     ) -> Float[Tensor, "b"]:
         """Mean squared bearing difference of each image."""
+        _check_batch(predicted, truth, aspect)
         predicted, truth, aspect = at_least_single(predicted, truth, aspect)
         points = bearing_grid(self.grid, aspect)
         if self.mode == "joint":
@@ -284,6 +297,7 @@ class PoseLensLoss(CameraLoss):
         self, predicted: Float[Tensor, "b 4"], truth: Float[Tensor, "b 4"], aspect: Float[Tensor, "b"]
     ) -> Float[Tensor, "b"]:
         """Loss of each image."""
+        _check_batch(predicted, truth, aspect)
         predicted, truth, aspect = at_least_single(predicted, truth, aspect)
         parameterization = self.space.parameterization
         found, true = parameterization.decode(predicted), parameterization.decode(truth)

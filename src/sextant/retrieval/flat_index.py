@@ -23,7 +23,7 @@ KIND = FolderFormat("an index", "sextant.flat_index", 1, HEADER)
 
 
 class FlatIndex:
-    """Exact search by cosine similarity or Euclidean distance.
+    """Exact search by cosine similarity, of rows rounded to float32 after scaling, or Euclidean distance.
 
     Finiteness is checked and norms are computed here, once, and not for each query.
 
@@ -97,7 +97,8 @@ class FlatIndex:
             ``values`` (cosine similarities, or Euclidean distances) and ``indices``, both (m, k).
 
         Raises:
-            ValueError: k is out of range, the dimensions differ, or a query is not finite.
+            ValueError: k is out of range, the dimensions differ, or a query is not finite or, for Euclidean distance,
+                too large for float32.
         """
         return search_prepared(self.references, queries, k)
 

@@ -1,5 +1,8 @@
 """Exact nearest neighbours among descriptors, independent of block size, number of threads and BLAS.
 
+Exact is the comparison of what is stored: rows that were scaled to norm one for cosine similarity are rounded to
+float32, which may reorder descriptors that differ by no more, as with a large common mean.
+
 A matrix product in float32 gives all scores of a block of queries, up to rounding: for d terms each differs from the
 true value by at most ``ε = (d + 2) u ||q|| ||r||``, with u the machine epsilon. So the k best are among the references
 whose score is within ``2 ε`` of the k-th best score. Only these few are compared again, in float64 and term by term in
@@ -71,7 +74,8 @@ def prepare_references(
         unit: the rows have norm one already and are taken as they are.
 
     Raises:
-        ValueError: there is no descriptor, one is not finite, they are not float32 or the similarity is unknown.
+        ValueError: there is no descriptor, one is not finite or, for Euclidean distance, too large for float32, they
+            are not float32 or the similarity is unknown.
     """
     if similarity not in ("cosine", "euclidean"):
         raise ValueError(f"similarity={similarity!r} must be cosine or euclidean")
@@ -105,7 +109,8 @@ def nearest_neighbours(
         similarity: ``cosine`` (a row of zeros has similarity 0 to everything) or ``euclidean``.
 
     Raises:
-        ValueError: k is out of range, the dimensions differ, or a descriptor is not finite.
+        ValueError: k is out of range, the dimensions differ, or a descriptor is not finite or, for Euclidean distance,
+            too large for float32.
     """
     return search_prepared(prepare_references(reference, similarity), query, k).indices
 
@@ -116,7 +121,8 @@ def search_prepared(references: PreparedReferences, query: Float32[ndarray, "m d
     Memory besides the result: ``BLOCK`` scores, or one query's scores if there are more references than that.
 
     Raises:
-        ValueError: k is out of range, the dimensions differ, or a query is not finite.
+        ValueError: k is out of range, the dimensions differ, or a query is not finite or, for Euclidean distance, too
+            large for float32.
     """
     rows, euclidean = references.rows, references.similarity == "euclidean"
     count, dimension = rows.shape
@@ -127,9 +133,14 @@ def search_prepared(references: PreparedReferences, query: Float32[ndarray, "m d
     _check(query, "query")
     if not euclidean:
         query = unit_norm(query)
-    lengths = np.linalg.norm(query, axis=1).astype(np.float64)
-    rounding = (dimension + 2) * float(np.finfo(np.float32).eps) * references.longest
-    slack = 2 * rounding * (lengths + references.longest if euclidean else lengths)
+    with np.errstate(over="ignore"):
+        lengths = np.linalg.norm(query, axis=1).astype(np.float64)
+    limits = np.finfo(np.float32)
+    longest = max(references.longest, float(limits.tiny) ** 0.5)  # squares of smaller norms lose digits
+    if euclidean and ((lengths + longest) ** 2 > float(limits.max) / 2).any():
+        raise ValueError("descriptors are too large for float32: squared distances of a query may be infinite")
+    rounding = (dimension + 2) * float(limits.eps) * longest
+    slack = 2 * rounding * (lengths + longest if euclidean else lengths)
     indices, values = np.empty((len(query), k), np.int64), np.empty((len(query), k), np.float32)
     at_a_time = max(1, BLOCK // count)
     for start in range(0, len(query), at_a_time):

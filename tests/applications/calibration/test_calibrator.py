@@ -264,6 +264,12 @@ def test_loading_leaves_torch_as_it_was(checkpoint, tmp_path):
     assert calibrator.calibrate(picture) == expected
 
 
+def test_the_aspect_that_the_network_gets_does_not_depend_on_torchs_default_type(calibrator):
+    with torchs_settings_unchanged(torch.float64):
+        calibrator.calibrate(noise())
+    assert calibrator.network.seen == torch.tensor([4 / 3]).tolist()
+
+
 def test_opencv_straightens_with_what_it_is_given_as_we_do(calibrator, tmp_path):
     import cv2
 

@@ -7,7 +7,7 @@ from torch import nn
 
 from sextant.applications import FailedPhoto, FailedPhotosError, ImageClassifier
 from sextant.data.source import ImageSpec
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.models import ResNetCifar
 
 
@@ -93,6 +93,20 @@ def test_many_images_are_classified_as_each_alone(classifier):
 def test_what_does_not_fit_is_named(classifier, image, told):
     with pytest.raises(UserError, match=told):
         classifier.classify(image)
+
+
+@pytest.mark.parametrize(
+    ("images", "told"),
+    [
+        (torch.rand(2, 3, 16, 16), "images hold torch.float32, not torch.uint8"),
+        (torch.zeros(2, 1, 16, 16, dtype=torch.uint8), r"\(2, 1, 16, 16\), but must have \(b, 3, 16, 16\)"),
+        (torch.zeros(2, 3, 8, 16, dtype=torch.uint8), r"\(2, 3, 8, 16\), but must"),
+        (torch.zeros(3, 16, 16, dtype=torch.uint8), r"\(3, 16, 16\), but must"),
+    ],
+)
+def test_probabilities_are_of_bytes_of_the_networks_shape(classifier, images, told):
+    with pytest.raises(ArgumentError, match=told):
+        classifier.probabilities(images)
 
 
 def test_images_that_fail_among_many_are_named_and_the_others_are_not_lost(classifier, tmp_path):

@@ -13,6 +13,7 @@ from data.photos.pictures import scene
 from data.places.gps_pictures import add_gps
 from data.places.place_pictures import write_pictures
 from data.reconstructions.written import WRITERS, some_poses
+from made_up_bags import Bags
 from PIL import Image
 
 from sextant.chapters.localization.data.pose_formats import write_tum
@@ -264,9 +265,19 @@ def _video(folder, size=(96, 64)):
     video.release()
 
 
+def write_bag(folder, version):
+    bags = Bags(version)
+    return bags.write(folder, [("/odom", 1, bags.odometry(1, 0.0, 0.0))])
+
+
 def _bags(folder):
-    """By their names: what is in them is read by who localizes them."""
-    (folder / "first.bag").touch()
+    """One of each version; and some that are empty, of another kind, cut or a link to nothing."""
+    for version in (1, 2):
+        write_bag(folder, version)
+    (folder / "empty.bag").touch()
+    (folder / "words.mcap").write_text("hello")
+    (folder / "cut.bag").write_bytes(b"#ROSBAG V2.0\n")
+    (folder / "gone.db3").symlink_to("nowhere")
     (folder / "second").mkdir()
     (folder / "second" / "metadata.yaml").touch()
 
@@ -412,7 +423,12 @@ FOLDERS = {
         partial(_video, size=(320, 240)),
         ["walk.avi: 20 frames of 320x240", "sextant predict ", "walk.avi output=calibrated/walk\n"],
     ),
-    "recordings": (_bags, ["recordings: first.bag\nsecond", "second every=10 output=localization/second"]),
+    "recordings": (
+        _bags,
+        ["recordings: drive: 0.0 s", "\ndrive.bag: 0.0 s", "/drive.bag every=10 output=localization/drive.bag",
+         "cannot be read: 5\n", "empty.bag: is empty (0 bytes)", "words.mcap: is not an MCAP file: it begins with",
+         "cut.bag: cannot be read as a ROS bag: ", "gone.db3: is a link", "second: cannot be read as a ROS bag: "],
+    ),
     "too large to decode": (_bomb, ["60000x30000 (1)", "30000x30000 (1)"]),
     "two trajectories": (_trajectories, ["sextant trajectory ", "groundtruth.txt ", "1 pairs of files"]),
     "names with UTM": (_utm, ["2 folders, database as the map; their names state", "places=utm"]),

@@ -2,9 +2,11 @@
 
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from itertools import product
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from applications.inspection.folders import (
     photos,
     some_poses,
     spaced,
+    write_bag,
     write_pictures,
 )  # fmt: skip
 from docs_commands import Command, check
@@ -155,7 +158,7 @@ ODOMETRY = [
     ("log.csv", "Time [ms]|X|Y|Theta", 3, True),
     ("log.txt", "sec\tnsec\tx\ty\ttheta", 3, True),
     ("images/log.csv", "t,x,y,theta", 3, True),
-    ("1700000000.5.csv", "time_ns,x,y,heading_deg,theta", 3, True),
+    ("1700000000.5.csv", "time_ns,x,y,heading_deg", 3, True),
     ("odometry.csv", "x,y,theta", 2, False),
     ("odometry.csv", "x,y,theta", 4, False),
     ("wheels.csv", "t,x,y,theta", 9, False),  # the images have no times
@@ -228,6 +231,40 @@ def test_no_suggestion_is_made_of_nothing(tmp_path):
     assert inspect(tmp_path).suggestions == ()
 
 
+def test_no_suggestion_is_made_of_a_recording_that_cannot_be_read(tmp_path):
+    for name in ("empty.bag", "empty.mcap", "empty.db3"):
+        (tmp_path / name).touch()
+    found = inspect(tmp_path)
+    assert (found.suggestions, found.facts()["recordings"]) == ((), [])
+    assert found.remarks == ("no image, video, recording, poses or odometry that can be read",)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("empty.bag", b"", "is empty (0 bytes)"),
+        ("words.bag", b"hello", "is not a ROS 1 bag: it begins with b'hello', not with b'#ROSBAG V2.0'"),
+        ("empty.mp4", b"", "is empty (0 bytes)"),
+        ("empty.csv", b"", "is empty (0 bytes)"),
+        ("notes.txt", b"hello", "is no image, video, recording, poses or odometry"),
+        ("empty.png", b"", "is empty (0 bytes)"),
+        ("odometry.csv", b"x,y,theta\n1,2,3\n1,2,much\n", "line 3 is not a pose: 1,2,much"),
+        ("words.jpg", b"some words", "cannot be decoded (10 bytes): it is text"),
+    ],
+)
+def test_one_file_of_which_nothing_can_be_read_is_refused(name, content, said, tmp_path):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UserError, match=re.escape(f"input={tmp_path / name} {said}")) as error:
+        inspect(tmp_path / name)
+    assert ("a photo (.jpg, .jpeg, .png, " in error.value.fix) == (name == "notes.txt")
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.jpg")
+    with pytest.raises(UserError, match=r"pipe.jpg is neither a folder nor a file"):
+        inspect(tmp_path / "pipe.jpg")
+
+
 def test_positions_and_times_of_headers(tmp_path):
     gps = {1: "S", 2: (33.0, 30.0, 0.0), 3: "E", 4: (151.0, 0.0, 36.0), 5: b"\x01", 6: 12.0, 16: "M", 17: 370.5}
     photo(tmp_path / "a.jpg", gps=gps, taken=90)
@@ -264,7 +301,7 @@ def alike(folder):
     for name in ("tracks", "one/set", "two/set"):
         (folder / name).mkdir(parents=True)
     make["a drive without poses"](folder)
-    (folder / "again.bag").touch()
+    write_bag(folder, 1).rename(folder / "again.bag")
     write_pictures(folder / "again", names(), first=30)
     make["two trajectories"](folder / "tracks")
     (folder / "tracks" / "estimate_2.txt").write_bytes((folder / "tracks" / "estimate.txt").read_bytes())
@@ -384,7 +421,8 @@ def test_damage_anywhere_is_a_line_and_no_traceback(good, which, edits):
         content = content[:at] + piece + content[at + cut :]
     (folder / name).write_bytes(content)
     try:
-        json.dumps(inspect(folder / name).facts(), allow_nan=False)
+        with suppress(UserError):  # one file of which nothing can be read
+            json.dumps(inspect(folder / name).facts(), allow_nan=False)
     finally:
         (folder / name).unlink()
 
@@ -425,6 +463,8 @@ def test_real_sets_are_recognised(folder, expected, real_data):
 )
 def test_poses_that_cannot_be_used_are_told(file, text, told, tmp_path):
     (tmp_path / file).write_text(text)
-    said = said_of(inspect(tmp_path / file))
+    said = said_of(inspect(tmp_path))
     assert f"{file} {told}" in said
     assert "there is nothing here" not in said
+    with pytest.raises(UserError, match=re.escape(f"input={tmp_path / file} {told}")):
+        inspect(tmp_path / file)

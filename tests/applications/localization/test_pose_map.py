@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,12 +20,13 @@ pytest.importorskip("poselib")
 
 from sextant import PoseMap, cli
 from sextant.applications.pixels import as_pixels
+from sextant.chapters.localization import pose_map_files
 from sextant.chapters.localization.data.own_drive import find_images
 from sextant.chapters.localization.data.posed_photos import PhotoLens, StraightPhotos, posed_photos
 from sextant.chapters.localization.given_cameras import cameras_of
 from sextant.chapters.localization.locating import LocatedFrame, locate_frames, write_located
 from sextant.chapters.localization.pose_map import LocatedPhoto
-from sextant.chapters.localization.pose_map_files import _extractor
+from sextant.chapters.localization.pose_map_files import FORMAT, _extractor
 from sextant.chapters.places.photo_features import extractor_of
 from sextant.correspondence import LocalFeatures, Pinhole, XFeatures, detected
 from sextant.errors import ArgumentError, UserError
@@ -185,6 +187,7 @@ def test_features_of_a_large_photo_are_in_its_pixels():
         (np.tile(np.eye(3), (2, 1, 1)), r"poses have the shape \(2, 3, 3\)"),
         (np.tile(np.diag([1.0, 1.0, -1.0, 1.0]), (2, 1, 1)), "its axes are mirrored"),
         (np.tile(2 * np.eye(4), (2, 1, 1)), "no rigid motion"),
+        (np.eye(4) + np.eye(4, k=3) * [[[0.0]], [[1e10]]], r"pose 1: the position \(1e\+10, 0, 0\) is further away"),
         ("north", "poses have the shape"),
     ],
 )
@@ -327,6 +330,8 @@ def test_blank_walls_make_no_map():
         ),
         ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,0,nan,0,1,0,0,0\n", "line 2: y is nan, not a finite number"),
         ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,,0,0,1,0,0,0\n", "line 2: x is empty, not a finite number"),
+        ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,1e300,0,0,1,0,0,0\n", "line 2: the position (1e+300, 0, 0) is"),
+        ("poses.csv", "file,x,y,z,qw,qx,qy,qz,X\na.png,0,0,0,1,0,0,0,1\n", "poses.csv has 2 columns named x"),
         ("poses.csv", "file,x,y,z,qw,qx,qy,qz\na.png,0,0,0,1,0,0\n", "line 2: 7 values for 8 columns"),
         ("poses.csv", "file,x,y,z,qw,qx,qy,qz,fx\na.png,0,0,0,1,0,0,0,50\n", "fx,fy,cx,cy only fx are there"),
         (
@@ -338,6 +343,11 @@ def test_blank_walls_make_no_map():
             "poses.csv",
             "file,x,y,z,qw,qx,qy,qz,fx,fy,cx,cy\na.png,0,0,0,1,0,0,0,-50,50,30,20\n",
             "1 camera cannot be used a.png: focal lengths of -50 and 50 pixels",
+        ),
+        (
+            "poses.csv",
+            "file,x,y,z,qw,qx,qy,qz,fx,fy,cx,cy\na.png,0,0,0,1,0,0,0,1e300,50,30,20\nb.png,1,0,0,1,0,0,0,50,50,1e9,20\n",
+            "poses.csv: 2 cameras cannot be used a.png: fx,fy,cx,cy=1e+300,50,30,20: focal lengths of an image 40",
         ),
         (
             "transforms.json",
@@ -366,6 +376,70 @@ def test_a_folder_without_usable_poses_is_refused(tmp_path, name, text, said, ca
     told = capsys.readouterr().err
     assert said in " ".join(told.split())
     assert "Traceback" not in told
+
+
+@pytest.mark.parametrize("cameras", [True, False])
+@pytest.mark.parametrize(
+    ("damaged", "said"),
+    [
+        (lambda photo: photo.write_bytes(photo.read_bytes()[:500]), "cannot be decoded (500 bytes)"),
+        (lambda photo: photo.write_bytes(b""), "is empty (0 bytes)"),
+        (lambda photo: Image.new("RGB", (1, 1)).save(photo), "has 1x1 pixels"),
+    ],
+)
+def test_a_photo_of_the_map_that_cannot_be_read_is_named(tmp_path, cameras, damaged, said):
+    lens, row = (",fx,fy,cx,cy", ",50,50,30,20") if cameras else ("", "")
+    lines = [f"file,x,y,z,qw,qx,qy,qz{lens}", *(f"{k}.png,{k},0,0,1,0,0,0{row}" for k in range(2))]
+    (tmp_path / "poses.csv").write_text("\n".join(lines))
+    for k in range(2):
+        noise = np.random.default_rng(k).integers(0, 255, (40, 60, 3), np.uint8)
+        Image.fromarray(noise).save(tmp_path / f"{k}.png")
+    damaged(tmp_path / "1.png")
+    with pytest.raises(UserError, match=re.escape(f"{tmp_path / '1.png'}: {said}")):
+        PoseMap.from_folder(tmp_path)
+
+
+@pytest.mark.parametrize("header", [{}, {"sha256": {}}, {"sha256": []}])
+def test_a_saved_map_whose_header_lacks_something_is_damaged(tmp_path, header):
+    FORMAT.write_header(tmp_path, header)
+    with pytest.raises(UserError, match=r"the map of posed photos in .* is damaged: pose_map\.json cannot be used"):
+        PoseMap.open(tmp_path)
+
+
+def write_small_map(folder, **changed):
+    arrays = {"poses": np.eye(4)[None], "points": np.zeros((1, 3)), "covariances": np.zeros((1, 3, 3))}
+    arrays |= {"pixels": np.zeros((1, 2), np.float32), "local_descriptors": np.zeros((1, 8), np.float16)}
+    arrays |= {"point_of": np.zeros(1, np.int32), "descriptors": np.zeros((1, 4), np.float32)}
+    for name, array in arrays.items():
+        np.save(folder / f"{name}.npy", array)
+    header = {"sha256": dict.fromkeys(arrays), "names": ["a"], "features": {"name": "own"}, "keypoints_of": [1]}
+    camera = {"width": 64, "height": 48, "fx": 50, "fy": 50, "cx": 32, "cy": 24}
+    FORMAT.write_header(folder, header | {"local": None, "pixel": [1.0], "cameras": [camera]} | changed)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"pixel": [0]}, "pixel=0 must be above 0"),
+        ({"cameras": [{}]}, "TypeError"),
+        ({"names": []}, "its images, names and cameras differ in number"),
+    ],
+)
+def test_a_saved_map_that_is_damaged_is_named(tmp_path, changed, said):
+    write_small_map(tmp_path, **changed)
+    with pytest.raises(UserError, match=rf"the map of posed photos in {tmp_path} is damaged: .*{said}"):
+        PoseMap.open(tmp_path)
+
+
+def test_an_error_of_given_local_features_is_no_damage_of_the_map(tmp_path, monkeypatch):
+    def check():
+        raise ValueError("no weights")
+
+    write_small_map(tmp_path)
+    monkeypatch.setattr(pose_map_files, "load_descriptor", lambda folder: SimpleNamespace(describer=None))
+    own = SimpleNamespace(name="own", model="own 1", side=64, detect=None, match=None, check=check)
+    with pytest.raises(ValueError, match=r"^no weights"):
+        PoseMap.open(tmp_path, local=own)
 
 
 def test_photos_without_a_pose_are_told(tmp_path, caplog):

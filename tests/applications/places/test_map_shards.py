@@ -125,3 +125,31 @@ def test_the_command_describes_parts_and_puts_them_together(photos, run, tmp_pat
         with pytest.raises(SystemExit):
             cli.run("data", [*words, *wrong])
         assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("output=<photos>", "results would be mixed with it"),
+        ("output=<photos>/map", "results would be read as part of it"),
+        ("output=<photos>/000.png", "/000.png is not a folder that can be written to"),
+        ("trust=maybe", "trust=maybe must be true or false"),
+    ],
+)
+def test_a_wrong_output_is_refused_before_a_photo_is_described(wrong, said, photos, run, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(map_shards, "describe_shard", lambda *_: pytest.fail("it was described"))
+    given = {"run": run, "map": photos.folder, "output": tmp_path / "map"}
+    given |= [wrong.replace("<photos>", str(photos.folder)).split("=")]
+    with pytest.raises(SystemExit):
+        cli.run("data", ["describe", *(f"{key}={value}" for key, value in given.items())])
+    told = capsys.readouterr().err
+    assert wrong.split("/")[0].split("<")[0] in told
+    assert said in told
+
+
+def test_a_map_that_cannot_be_written_is_one_message(photos, run, tmp_path, capsys):
+    (tmp_path / "map" / "map.json").mkdir(parents=True)
+    with pytest.raises(SystemExit) as ended:
+        cli.run("data", ["describe", f"run={run}", f"map={photos.folder}", f"output={tmp_path / 'map'}"])
+    assert ended.value.code == 2
+    assert f"output={tmp_path / 'map'} cannot be written to" in capsys.readouterr().err

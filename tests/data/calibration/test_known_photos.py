@@ -170,6 +170,7 @@ def test_panoramas_of_one_scene_are_not_independent_and_a_photo_among_them_is_na
 @pytest.mark.parametrize(
     ("name", "content", "says"),
     [
+        ("t.csv", b"file,f_px,f_px\na.png,90,91\n", r"t\.csv has 2 columns named f_px"),
         ("t.csv", b"file,f_px\n,90\n", "line 2 has no file"),
         ("t.csv", b"file,f_px\n\xff\xfe,90\n", "cannot be read: byte 10 is not text in UTF-8"),
         ("t.csv", b"file,f_px\na.png,90,5\n", "line 2: 3 values for 2 columns: decimal commas"),

@@ -170,6 +170,7 @@ def test_roll_and_pitch_turn_about_the_axes_of_an_aircraft(tmp_path):
         ("nclt", f"{stamp(0, 6)},nan,nan,nan,nan,nan,nan", "has no poses"),
         ("nclt", f"{stamp(1, 6)},0,0,0,0,0,0\n{stamp(0, 6)},0,0,0,0,0,0", "line 2: its time is not after"),
         ("robotcar", robotcar(path_at([0]), [0]).replace("-110.0", ""), "line 2 is not a pose"),
+        ("robotcar", robotcar(path_at([0]), [0]).replace("\n", ",yaw\n", 1), "has 2 columns named yaw"),
         (
             "robotcar",
             robotcar(path_at([0]), [0]).replace(stamp(0, 6), "noon"),

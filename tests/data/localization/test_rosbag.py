@@ -236,6 +236,16 @@ def test_a_distortion_model_that_is_not_known_is_named(bags, tmp_path):
         locate_frames(None, bag, None, tmp_path, [], lambda done, total: None)
 
 
+def test_a_camera_that_cannot_be_of_its_images_is_not_told_as_the_users(bags, tmp_path):
+    messages = [
+        ("/left/image_raw", 1, bags.image(1, PICTURE)),
+        ("/left/camera_info", 1, bags.camera(1, 6, 4, MATRIX)),
+    ]
+    bag = open_rosbag(bags.write(tmp_path, messages))
+    with pytest.raises(UserError, match=r"^camera_info of the bag: 1 camera cannot be used\n  .*: fx,fy,cx,cy=500,510"):
+        locate_frames(None, bag, None, tmp_path, [], lambda done, total: None)
+
+
 def test_an_image_of_another_shape_than_its_camera_is_named():
     camera = camera_of(Bags(1).camera(1, 12, 8, MATRIX, BENT), "/left/image_raw")
     with pytest.raises(UserError, match="image 3 has 12x12 pixels, but its camera is of 12x8"):

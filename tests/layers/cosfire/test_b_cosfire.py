@@ -7,7 +7,7 @@ from layers.cosfire.cosfire_cases import random_images
 from PIL import Image
 from scipy.ndimage import correlate
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.layers.cosfire import BCosfire, Blur, Cosfire, DoGBank, GaborBank, preset
 from sextant.layers.cosfire.b_cosfire import scaled
 
@@ -118,3 +118,8 @@ def test_a_response_without_differences_is_scaled_to_nothing():
 def test_a_bank_without_dogs_is_told_what_is_missing():
     with pytest.raises(UserError, match="nothing in the prototype's neighbourhood"):
         Cosfire(GaborBank(), t1=1.0).configure(torch.eye(41, dtype=torch.float64)[None], (0, 40))
+
+
+def test_a_threshold_that_is_no_number_is_refused():
+    with pytest.raises(ArgumentError, match="threshold=nan must be a number"):
+        BCosfire().segment(torch.rand(1, 1, 9, 9), threshold=float("nan"))

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from layers.cosfire.cosfire_cases import BORDERS, random_images
 from layers.cosfire.plain_cosfire import blurred
 
+from sextant.errors import UserError
 from sextant.layers.cosfire import Blur, gaussian_blur, max_blur
 
 
@@ -46,8 +47,23 @@ def test_the_sum_of_what_is_level_stays_level(border):
 
 
 @pytest.mark.parametrize(
-    "options", [{"sigma0": -1.0}, {"alpha": -0.1}, {"kind": "mean"}, {"reach": -1.0}, {"fixed_reach": -1}]
+    "options",
+    [
+        *[{"sigma0": -1.0}, {"alpha": -0.1}, {"kind": "mean"}, {"reach": -1.0}, {"fixed_reach": -1}],
+        *[{name: float("nan")} for name in ("sigma0", "alpha", "reach", "fixed_reach")],
+        *[{"sigma0": float("inf")}, {"fixed_reach": 2.5}],
+    ],
 )
 def test_blurs_that_cannot_be_are_refused(options):
     with pytest.raises(ValueError, match="blur needs"):
         Blur(**options)
+
+
+def test_an_unknown_border_is_refused():
+    with pytest.raises(ValueError, match="border must be one of"):
+        Blur(border="mirror")
+
+
+def test_sums_of_bytes_are_refused_as_they_would_run_over():
+    with pytest.raises(UserError, match=r"floating-point maps, got torch\.uint8"):
+        gaussian_blur(torch.full((1, 9, 9), 200, dtype=torch.uint8), 1.0, 2)

@@ -254,6 +254,8 @@ def test_what_is_no_number_stays_so_and_is_never_taken_for_nothing():
         {"t1": -0.1},
         {"t3": 1.1},
         {"floor": -1.0},
+        {"floor": float("nan")},
+        {"floor": float("inf")},
         {"mean": "mode"},
         {"shift": "nearest"},
         {"border": "wrap"},

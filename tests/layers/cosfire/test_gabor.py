@@ -7,8 +7,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.errors import UserError
-from sextant.layers.cosfire import GaborBank, Move, gabor_kernel
+from sextant.errors import ArgumentError, UserError
+from sextant.layers.cosfire import DoGBank, FeatureBank, GaborBank, Move, VectorBank, gabor_kernel
 
 wavelengths, thetas = st.floats(2.5, 12.0), st.floats(-7.0, 7.0)
 
@@ -92,3 +92,17 @@ def test_a_scale_that_pixels_cannot_show_is_refused():
 def test_colour_images_are_refused_in_one_message():
     with pytest.raises(UserError, match="GaborBank takes grey images"):
         GaborBank().describe(torch.zeros(1, 3, 9, 9))
+
+
+@pytest.mark.parametrize("phase", [float("nan"), float("inf")])
+def test_a_phase_that_is_no_angle_is_refused(phase):
+    with pytest.raises(ArgumentError, match=f"phase_deg={phase} must be a finite number"):
+        GaborBank(phase_deg=phase)
+
+
+@pytest.mark.parametrize(
+    "bank", [GaborBank(), DoGBank(), FeatureBank(torch.nn.Identity(), 1), VectorBank(torch.nn.Identity(), 1)]
+)
+def test_no_bank_takes_bytes_as_they_would_round_its_kernels(bank):
+    with pytest.raises(UserError, match=r"floating-point \w+, got torch\.uint8"):
+        bank.describe(torch.ones(1, 1, 9, 9, dtype=torch.uint8))

@@ -1,7 +1,9 @@
 """Peaks of responses, clustered by complete linkage."""
 
+import pytest
 import torch
 
+from sextant.errors import ArgumentError, UserError
 from sextant.layers.cosfire import Keypoint, keypoints
 
 
@@ -49,3 +51,15 @@ def test_of_very_many_peaks_the_strongest_are_looked_at():
 
 def test_gradients_do_not_matter():
     assert keypoints(response((5, 6, 0.5)).requires_grad_()) == [Keypoint(5, 6, 0.5)]
+
+
+@pytest.mark.parametrize("options", [{"threshold": float("nan")}, {"min_distance": float("nan")}, {}])
+def test_nan_is_no_absence_of_keypoints(options):
+    found = response((5, 6, 0.5)) if options else response((5, 6, float("nan")))
+    with pytest.raises(ArgumentError, match=r"nan"):
+        keypoints(found, **options)
+
+
+def test_bytes_are_refused():
+    with pytest.raises(UserError, match=r"floating-point response, got torch\.uint8"):
+        keypoints(response((5, 6, 200)).byte())

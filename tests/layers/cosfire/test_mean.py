@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from layers.cosfire.cosfire_cases import MEANS, random_images
 from layers.cosfire.plain_cosfire import averaged
 
+from sextant.errors import UserError
 from sextant.layers.cosfire import weighted_mean
 from sextant.layers.cosfire.tuples import safe_log, shares
 
@@ -53,3 +54,10 @@ def test_shares_sum_to_one_in_each_form_and_negative_weights_count_as_hardly_any
     found = shares(torch.tensor([1.0, 3.0, 2.0, 2.0, -5.0]), form, 2)
     torch.testing.assert_close(found, torch.tensor([0.25, 0.75, 0.5, 0.5, 0.0]), rtol=0, atol=1e-8)
     assert (found > 0).all()
+
+
+def test_unknown_means_and_whole_numbers_are_refused():
+    with pytest.raises(ValueError, match="mean must be one of geometric"):
+        weighted_mean(torch.ones(3), torch.ones(3) / 3, "mode")
+    with pytest.raises(UserError, match=r"floating-point parts, got torch\.int64"):
+        weighted_mean(torch.ones(3, dtype=torch.int64), torch.ones(3) / 3, "arithmetic")

@@ -28,7 +28,13 @@ def test_all_combinations_are_moves_and_nothing_comes_first(rotations, span, sca
     assert moves[0].nothing == (1.0 in scales)
 
 
-@pytest.mark.parametrize("options", [{"rotations": 0}, {"scales": ()}, {"scales": (0.0,)}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        *[{"rotations": 0}, {"rotations": 2.5}, {"rotations": True}, {"span_deg": float("nan")}],
+        *[{"scales": scales} for scales in ((), (0.0,), (1.0, float("nan")), (float("inf"),))],
+    ],
+)
 def test_tolerances_that_cannot_be_are_refused(options):
     with pytest.raises(ValueError, match="tolerance needs"):
         Tolerance(**options)

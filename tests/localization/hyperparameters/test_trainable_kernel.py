@@ -4,6 +4,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from jaxtyping import TypeCheckError
 from localization.observation.smooth_map import descriptors_at, poses_in_room
 
 from sextant.errors import UserError
@@ -124,6 +125,8 @@ def test_descriptors_that_are_all_alike_are_refused():
 def test_a_pose_without_descriptor_is_refused():
     with pytest.raises(ValueError, match="need a descriptor for each pose"):
         TrainableKernel.from_map(poses_in_room(5), torch.randn(4, 3))
+    with pytest.raises((UserError, TypeCheckError), match=r"must have \(n, 3\)|Type-check error"):
+        TrainableKernel.from_map(poses_in_room(5)[:, :2], torch.randn(5, 3))
 
 
 def test_its_state_is_all_there_is_of_it():

@@ -2,6 +2,7 @@ import math
 
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 from small_worlds import Told, generator, peaks
 
 from sextant.errors import UserError
@@ -63,3 +64,7 @@ def test_arguments_out_of_range_are_refused():
         GaussianStart(torch.zeros(1, 3).double(), (0.1, -0.1, 0.0))
     with pytest.raises(ValueError, match="not finite"):
         GaussianStart(torch.full((1, 3), math.nan).double(), (0.1, 0.1, 0.0))
+    with pytest.raises((UserError, TypeCheckError), match=r"must have \(r, 3\)|Type-check error"):
+        GaussianStart(torch.zeros(1, 2).double(), (0.1, 0.1, 0.0))
+    with pytest.raises(UserError, match=r"must have \(3, 3\)"):
+        GaussianStart(torch.zeros(2, 3).double(), (0.1, 0.1, 0.0)).start(PRIOR, 3, 4, None, None, generator())

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 from scipy import integrate, stats
 from worlds.casters import Boxes
 
+from sextant.errors import UserError
 from sextant.localization.laser import BeamModel, LikelihoodField
-from sextant.localization.laser.scan_evidence import chosen_beams, chosen_ranges
+from sextant.localization.laser.scan_evidence import ScanEvidence, chosen_beams, chosen_ranges
 from sextant.worlds.laser import LaserScanner, scan
 from sextant.worlds.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, occupancy_from_scene
 
@@ -213,6 +215,22 @@ class TestBoth:
             model.observe(torch.ones(1, 7, dtype=torch.float64), NOWHERE)
         with pytest.raises(ValueError, match="range is negative"):
             model.observe(torch.full((1, 181), -1.0, dtype=torch.float64), NOWHERE)
+
+    @pytest.mark.parametrize(("runs", "scans"), [(3, 1), (1, 3), (2, 3)])
+    def test_poses_of_more_or_fewer_runs_are_refused(self, model, runs, scans):
+        evidence = model.observe(scans_at(*[self.TRUTH] * scans), NOWHERE)
+        with pytest.raises(UserError, match=rf"poses of {runs} runs? for {scans} scans?"):
+            evidence.log_likelihood(NOWHERE.expand(runs, 1, 3))
+
+    def test_scans_and_poses_of_the_map_are_rows(self, model):
+        for scans, poses in ((scans_at(self.TRUTH)[0], NOWHERE), (scans_at(self.TRUTH), NOWHERE[:, :2])):
+            with pytest.raises((UserError, TypeCheckError), match=r"must have|Type-check error"):
+                model.observe(scans, poses)
+
+
+def test_evidence_of_a_function_alone_takes_any_poses():
+    evidence = ScanEvidence(lambda poses: poses[..., 0], NOWHERE)
+    assert evidence.log_likelihood(torch.ones(2, 4, 3).double()).tolist() == [[1.0] * 4] * 2
 
 
 def test_a_reach_that_single_precision_rounds_down_is_still_no_return():

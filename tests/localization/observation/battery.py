@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
 from sextant.errors import UserError
@@ -125,6 +126,16 @@ class ObservationModelBattery:
     def test_a_descriptor_of_another_dimension_is_refused(self, fitted):
         with pytest.raises(UserError, match=r"5 values.*6"):
             fitted.observe(torch.zeros(1, 5), Likelihood())
+
+    def test_descriptors_are_rows(self, fitted):
+        with pytest.raises((UserError, TypeCheckError), match=r"descriptors has .* must have|Type-check error"):
+            fitted.observe(torch.zeros(6), Likelihood())
+
+    @pytest.mark.parametrize(("runs", "images"), [(3, 1), (1, 3), (2, 3)])
+    def test_poses_of_more_or_fewer_runs_are_refused(self, fitted, runs, images):
+        evidence = fitted.observe(torch.zeros(images, 6), Likelihood())
+        with pytest.raises(UserError, match=rf"poses of {runs} runs? for {images} descriptors?"):
+            evidence.log_likelihood(poses_in_room(4).expand(runs, -1, -1))
 
     def test_a_descriptor_that_is_not_a_number_tells_nothing_in_its_own_run_only(self, fitted):
         images = descriptors_at(poses_in_room(2, seed=16), 6)

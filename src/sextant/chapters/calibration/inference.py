@@ -155,7 +155,7 @@ def _predicted(
     if not views:
         return
     images = torch.from_numpy(np.stack([view.image for view in views]).transpose(0, 3, 1, 2).copy())
-    said = network.predict(images, torch.tensor([view.aspect for view in views]))
+    said = network.predict(images, torch.tensor([view.aspect for view in views], dtype=torch.float32))
     strange = torch.zeros(len(views)) if said.strangeness is None else said.strangeness.cpu()
     cameras = torch.stack(list(said.parameters), -1).cpu().double()
     half = {name: (said.scale * said.quantile(level)).cpu().double().numpy() for name, (level, _) in LEVELS.items()}

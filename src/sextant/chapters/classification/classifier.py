@@ -18,11 +18,12 @@ from sextant.applications.pixels import AnyImage, checked_pixels
 from sextant.data.image_folder import covering_bytes, decode_covering
 from sextant.data.pixel_values import WhiteLevels
 from sextant.data.source import ImageSpec
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.kit.trained import image_spec, own_config, read_trained, trained_network
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
+from sextant.shapes import check_shape
 
 #: images that are classified at a time
 BATCH = 256
@@ -150,8 +151,12 @@ class ImageClassifier:
         """Class probabilities for images of bytes.
 
         Raises:
-            UserError: the network returns NaN.
+            UserError: the images are not bytes or have another shape, or the network returns NaN.
         """
+        if images.dtype != torch.uint8:
+            fix = "Of numbers in [0, 1], for example (images * 255).round().to(torch.uint8)."
+            raise ArgumentError(f"images hold {images.dtype}, not torch.uint8", fix)
+        check_shape("images", images, "b", self.spec.channels, self.spec.height, self.spec.width)
         device = next(self.network.parameters()).device
         return _numbers(self.network(images.to(device).float() / 255).softmax(1).cpu(), self.name)
 

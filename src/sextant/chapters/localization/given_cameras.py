@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -11,7 +12,8 @@ from numpy import ndarray
 from sextant.applications.pixels import detached
 from sextant.baselines.calibration import FOCAL_HEIGHTS
 from sextant.correspondence import LocalFeatureExtractor, LocalFeatures, Pinhole, focal_length_of
-from sextant.errors import ArgumentError, UserError, shown
+from sextant.data.positions import too_far
+from sextant.errors import ArgumentError, UserError, problem_list, shown
 from sextant.tables import counted
 
 #: points of a map: fewer inliers than this do not reach the limit of false alarms, so that nothing would be located
@@ -42,7 +44,8 @@ def checked_poses(poses: Any, images: int, least: int = 2) -> Float64[ndarray, "
     """Rigid motions, one for each image.
 
     Raises:
-        ArgumentError: their number or shape is another, there are fewer images than ``least``, or one is not rigid.
+        ArgumentError: their number or shape is another, there are fewer images than ``least``, or one is not rigid or
+            implausibly far away.
     """
     try:
         matrices = np.asarray(detached(poses), np.float64)
@@ -69,6 +72,9 @@ def checked_poses(poses: Any, images: int, least: int = 2) -> Float64[ndarray, "
             + (": its axes are mirrored (determinant -1)" if mirrored else ""),
             "The upper left 3 x 3 must be a rotation: x right, y down, z forward.",
         )
+    for number, position in enumerate(matrices[:, :3, 3].tolist()):
+        if far := too_far(position):
+            raise ArgumentError(f"pose {number}: {far}", "Correct this pose, or leave out its image.")
     return matrices
 
 
@@ -95,22 +101,42 @@ def pinhole_of(camera: Any, features: LocalFeatures) -> Pinhole:
                 "focal_sigma"
             ) from None
         found = Pinhole(features.width, features.height, fx, fy, cx, cy)
-    low, high = (features.height * end for end in FOCAL_HEIGHTS)
-    told = f"camera={found.fx:g},{found.fy:g},{found.cx:g},{found.cy:g}"
-    if not (low <= found.fx <= high and low <= found.fy <= high):
-        raise ArgumentError(
-            f"{told}: focal lengths of an image {features.height} pixels high must be from {low:.0f} to {high:.0f} "
-            "pixels (of the image, not millimetres)",
+    if why := _impossible(found):
+        raise ArgumentError(f"camera={why[0]}", why[1])
+    return found
+
+
+def check_cameras(cameras: Sequence[Pinhole], names: Sequence[str], source: Path | str) -> None:
+    """Check the cameras that ``source`` has of these images.
+
+    Raises:
+        UserError: one is no camera of its image, as for :func:`pinhole_of`; the message names the image.
+    """
+    both = zip(names, map(_impossible, cameras), strict=True)
+    if wrong := [(f"{name}: fx,fy,cx,cy={why[0]}", why[1]) for name, why in both if why]:
+        listed = problem_list([problem for problem, _ in wrong])
+        raise UserError(f"{source}: {counted(len(wrong), 'camera')} cannot be used\n{listed}", wrong[0][1])
+
+
+def _impossible(camera: Pinhole) -> tuple[str, str] | None:
+    """Why a camera cannot be that of an image of its size, and what to do."""
+    width, height = camera.width, camera.height
+    low, high = (height * end for end in FOCAL_HEIGHTS)
+    told = f"{camera.fx:g},{camera.fy:g},{camera.cx:g},{camera.cy:g}"
+    if not (low <= camera.fx <= high and low <= camera.fy <= high):
+        return (
+            f"{told}: focal lengths of an image {height} pixels high must be from {low:.0f} to {high:.0f} pixels (of "
+            "the image, not millimetres)",
             "Give fx, fy, cx, cy in pixels of this image, or no camera.",
         )
-    aside = math.hypot((features.width / 2 - found.cx) / found.fx, (features.height / 2 - found.cy) / found.fy)
+    aside = math.hypot((width / 2 - camera.cx) / camera.fx, (height / 2 - camera.cy) / camera.fy)
     if not aside <= ASIDE:
-        raise ArgumentError(
-            f"{told}: the principal point is {aside:.1f} focal lengths from the centre of an image of "
-            f"{features.width}x{features.height} pixels",
+        return (
+            f"{told}: the principal point is {aside:.1f} focal lengths from the centre of an image of {width}x{height} "
+            "pixels",
             "Give fx, fy, cx, cy in pixels of this image: scale them if it was resized.",
         )
-    return found
+    return None
 
 
 def cameras_of(

@@ -14,6 +14,7 @@ from sextant.chapters.localization.data.own_drive import OwnDrive
 from sextant.chapters.localization.data.pose_formats import write_tum
 from sextant.chapters.localization.localizer import Localizer
 from sextant.chapters.localization.written_poses import (
+    PICTURE,
     SMOOTHED,
     TABLE,
     TRAJECTORY,
@@ -113,7 +114,7 @@ def localize_drive(
         written = [output / TABLE, output / TRAJECTORY]
         try:
             draw_trajectory(rows, positions, output, localizer.unit)
-            written.append(output / "trajectory.png")
+            written.append(output / PICTURE)
             if smooth:
                 with progress("smoothing", "images") as advance:
                     past = np.stack([told.pose for told in localizer.past(advance)])

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from sextant.atomic_files import write_atomically, write_csv
 from sextant.chapters.localization.data.frames import Photos
 from sextant.chapters.localization.data.rosbag import Bag
+from sextant.chapters.localization.given_cameras import check_cameras
 from sextant.chapters.localization.pose_map import LocatedPhoto, PoseMap
 from sextant.chapters.localization.pose_map_files import FORMAT
 from sextant.chapters.places.describing import upright_size
@@ -123,7 +124,9 @@ def locate_frames(
             continue
         image = np.repeat(frame.image, 3, 2) if frame.image.shape[2] == 1 else frame.image
         if recorded is not None:
-            camera = recorded.pinhole(image.shape[1], image.shape[0], frame.name)
+            lens = recorded.pinhole(image.shape[1], image.shape[0], frame.name)
+            check_cameras([lens], [frame.name], "camera_info of the bag")
+            camera = lens
             image = recorded.straight(image, frame.name)
         found = poses.locate(image, camera)
         results.append(LocatedFrame(frame.name, found, image.shape[1], image.shape[0]))

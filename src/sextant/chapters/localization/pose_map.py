@@ -20,6 +20,7 @@ from sextant.chapters.localization.data.posed_photos import StraightPhotos, pose
 from sextant.chapters.localization.given_cameras import (
     LEAST_POINTS,
     cameras_of,
+    check_cameras,
     checked_poses,
     prior_of,
     scaled,
@@ -163,8 +164,9 @@ class PoseMap:
             progress: is given the images done and their number.
 
         Raises:
-            UserError: there are fewer than two images, numbers differ, a pose is no rigid motion, an image cannot be
-                read, no points agree with the poses, or a package of the extra ``local`` is missing.
+            UserError: there are fewer than two images, numbers differ, a pose is no rigid motion or implausibly far
+                away, an image cannot be read, no points agree with the poses, or a package of the extra ``local`` is
+                missing.
         """
         images = _several(images)
         matrices, known = checked_poses(poses, len(images)), _checked_names(names, images)
@@ -187,14 +189,15 @@ class PoseMap:
             options: ``keypoints``, ``side``, ``descriptor``, ``local`` and ``progress`` of :meth:`from_images`.
 
         Raises:
-            UserError: as there; or the file is missing, or of other photos.
+            UserError: as there; or the file is missing, of other photos, or has a camera that cannot be of its photo.
         """
         photos = posed_photos(folder)
         names = [path.relative_to(Path(folder).expanduser()).as_posix() for path in photos.paths]
         if photos.cameras is None:
             return cls.from_images(photos.paths, photos.poses, names=names, **options)
         images = StraightPhotos(photos)
-        return cls.from_images(images, photos.poses, images.cameras, names=names, **options)
+        check_cameras(cameras := images.cameras, names, photos.source)
+        return cls.from_images(images, photos.poses, cameras, names=names, **options)
 
     def add(
         self, images: Sequence[AnyImage], poses: Any, cameras: Any = None, names: Sequence[str] | None = None

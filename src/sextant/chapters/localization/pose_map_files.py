@@ -1,7 +1,7 @@
 """Saved maps of posed photos: a folder of arrays with a sealed header, and the descriptor that chooses candidates."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -106,6 +106,19 @@ def open_pose_map(folder: Path, local: Any = None) -> SavedPoseMap:
         UserError: it is not one, is damaged, or has other local features.
     """
     header = FORMAT.read_header(folder)
+    try:
+        posed, descriptors = _posed(folder, header)
+    except (ArgumentError, AttributeError, LookupError, TypeError, ValueError) as error:
+        why = error.problem if isinstance(error, ArgumentError) else repr(error)
+        raise FORMAT.damaged(folder, f"{FORMAT.header} cannot be used: {why}") from error
+    described_by = load_descriptor(folder / DESCRIPTOR)
+    local, extractor = _extractor(folder, header, local, described_by)
+    posed = replace(posed, match=extractor.match)
+    return SavedPoseMap(posed, header["names"], described_by, descriptors, extractor, local)
+
+
+def _posed(folder: Path, header: dict[str, Any]) -> tuple[PosedMap, Float32[ndarray, "n d"]]:
+    """The features, poses and points of a saved map, and the descriptors of its images."""
     arrays = {
         name: np.asarray(FORMAT.open_array(folder, folder / f"{name}.npy", MAPPED.get(name), sha256=sha256))
         for name, sha256 in header["sha256"].items()
@@ -124,11 +137,8 @@ def open_pose_map(folder: Path, local: Any = None) -> SavedPoseMap:
     errors = PoseErrors(**header.get("errors", {"scale": factor, "focal": factor}))
     variance = float(header.get("pixel_variance", 1.0))
     covariances = arrays["covariances"].astype(np.float64)
-    described_by = load_descriptor(folder / DESCRIPTOR)
-    local, extractor = _extractor(folder, header, local, described_by)
     world = (arrays["poses"], cameras, arrays["points"], covariances, point_of)
-    posed = PosedMap(features, *world, variance, errors, extractor.match)
-    return SavedPoseMap(posed, header["names"], described_by, arrays["descriptors"], extractor, local)
+    return PosedMap(features, *world, variance, errors), arrays["descriptors"]
 
 
 def _extractor(

@@ -45,7 +45,9 @@ def predict_poses(
             images, or the disk is full.
     """
     read = options.model_dump(include={"every", "image_topic", "odometry_topic"})
-    refuse_to_replace_poses(output, smooth=options.smooth, odometry=options.odometry, input=given)
+    refuse_to_replace_poses(
+        output, smooth=options.smooth, replay=options.replay, odometry=options.odometry, input=given
+    )
     drive = open_drive(given, options.odometry, output, **read)
     if options.smooth and drive.endless:
         raise ArgumentError(f"smooth=true needs the last image, and input={given} has none", "Leave out smooth=.")

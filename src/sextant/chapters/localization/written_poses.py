@@ -25,8 +25,7 @@ COLUMNS = (
     "off_map", "foreseen", "recognised",
 )  # fmt: skip
 TABLE, TRAJECTORY, SMOOTHED = "poses.csv", "trajectory.tum", "smoothed.tum"
-#: files that localizing may write and a user may have, the table first
-WRITTEN = (TABLE, TRAJECTORY, SMOOTHED, "replay.mp4", "replay.gif")
+PICTURE = "trajectory.png"
 #: most frames of an animation; for a longer run every second frame is shown, or every fourth, ...
 MOST_FRAMES = 600
 LOST = "#a02020"
@@ -117,21 +116,26 @@ class Replay:
         particle_replay(positions, (moment.drawn() for moment in self.kept), path, unit=unit, seen=seen)
 
 
-def refuse_to_replace_poses(output: Path, *, smooth: bool = False, **read: Path | str | None) -> None:
+def refuse_to_replace_poses(
+    output: Path, *, smooth: bool = False, replay: str = "mp4", **read: Path | str | None
+) -> None:
     """Check that no file of the user's is in the place of one that localizing writes.
 
-    A table of ground-truth poses is called ``poses.csv`` too, and a trajectory without our table beside it is not ours.
+    A table of ground-truth poses is called ``poses.csv`` too, and files without our table beside them are not ours.
 
     Args:
         output: folder of the results, which need not exist.
         smooth: ``smoothed.tum`` is written too.
+        replay: the animation that is written: ``mp4`` (``gif`` where OpenCV cannot), ``gif`` or ``none``.
         read: files that are read, by their key; anything but a file is ignored.
 
     Raises:
         ArgumentError: a file would be replaced.
     """
     fix = f"Choose a separate folder: output={output / 'localized'}"
-    table, *others = written = [output / name for name in WRITTEN if smooth or name != SMOOTHED]
+    replays = [f"replay.{kind}" for kind in ("mp4", "gif") if replay in ("mp4", kind)]
+    names = (TABLE, TRAJECTORY, PICTURE, *[SMOOTHED] * smooth, *replays)
+    table, *others = written = [output / name for name in names]
     for key, given in read.items():
         path = Path(given or "").expanduser()
         if path.is_file() and any(each.exists() and each.samefile(path) for each in written):
@@ -139,7 +143,7 @@ def refuse_to_replace_poses(output: Path, *, smooth: bool = False, **read: Path 
     try:
         head = table.read_text(encoding="utf-8", errors="replace").partition("\n")[0]
     except OSError:
-        foreign = next((each for each in others if each.suffix == ".tum" and each.exists()), None)
+        foreign = next((each for each in others if each.exists()), None)
     else:
         foreign = None if head.startswith(",".join(COLUMNS[:5])) else table
     if foreign is not None:

@@ -7,10 +7,13 @@ Source: G. Azzopardi, N. Strisciuglio, M. Vento, N. Petkov, "Trainable COSFIRE f
 application to retinal images", Medical Image Analysis 19, 2015.
 """
 
+import math
+
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from sextant.errors import ArgumentError
 from sextant.layers.cosfire.cosfire import Cosfire
 from sextant.layers.cosfire.presets import preset
 
@@ -53,7 +56,12 @@ class BCosfire(nn.Module):
 
         Args:
             mask: the field of view; outside it the response counts as 0.
+
+        Raises:
+            ArgumentError: ``threshold`` is nan.
         """
+        if math.isnan(threshold):
+            raise ArgumentError(f"threshold={threshold} must be a number", "For example threshold=37.0")
         response = self(images)
         return scaled(response if mask is None else response * mask) > threshold
 

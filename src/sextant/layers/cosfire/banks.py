@@ -10,10 +10,11 @@ from annotated_types import Ge, Gt, Le, MinLen
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.layers.cosfire.blur import Border, gaussian_line, padded, twice_convolved
 from sextant.layers.cosfire.tolerance import Move
-from sextant.ranges import Count, Positive, checked
+from sextant.layers.floating import require_floating
+from sextant.ranges import Count, Positive, checked, fits
 
 
 class Bank(nn.Module, ABC):
@@ -66,7 +67,8 @@ class SteerableBank(Bank):
 
 
 def check_grey(images: Tensor, name: str) -> None:
-    """Raise a ``UserError`` unless the images have one channel."""
+    """Raise a ``UserError`` unless the images are floating-point and have one channel."""
+    require_floating(images)
     if images.shape[1] != 1:
         raise UserError(
             f"{name} takes grey images (b, 1, h, w), got {images.shape[1]} channels",
@@ -139,7 +141,7 @@ class GaborBank(SteerableBank):
 
     Raises:
         ArgumentError: no wavelength, one that pixels cannot resolve (2 or less), no orientation, or a bandwidth or
-            aspect that is not positive.
+            aspect that is not positive; or a phase that is not finite.
     """
 
     @checked
@@ -154,6 +156,8 @@ class GaborBank(SteerableBank):
         border: Border = "replicate",
     ):
         super().__init__()
+        if not fits(float, phase_deg):
+            raise ArgumentError(f"phase_deg={phase_deg} must be a finite number", "For example phase_deg=180", of=self)
         self.wavelengths = tuple(float(length) for length in wavelengths)
         self.orientations, self.phase_deg = orientations, phase_deg
         self.symmetric = phase_deg % 180 == 0
@@ -366,7 +370,7 @@ def _rectified(features: nn.Module, images: Tensor, size: int) -> Tensor:
     """The network's feature map with negative values set to 0.
 
     Raises:
-        UserError: the network cannot take the images.
+        UserError: the network cannot take the images, or its features are not floating-point.
         ValueError: its number of channels is not ``size``.
     """
     try:
@@ -381,7 +385,7 @@ def _rectified(features: nn.Module, images: Tensor, size: int) -> Tensor:
         ) from error
     if maps.ndim != 4 or maps.shape[1] != size:
         raise ValueError(f"the features are {tuple(maps.shape)}, the bank expects (b, {size}, y, x)")
-    return maps.clamp(min=0)
+    return require_floating(maps, "features").clamp(min=0)
 
 
 def _shared_out(maps: Tensor, whole: Tensor) -> Tensor:

@@ -9,12 +9,16 @@ Source: Azzopardi and Petkov 2013, section 2.4; published programs differ in how
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal, get_args
 
 import torch
 import torch.nn.functional as F
+from annotated_types import Ge
 from jaxtyping import Float
 from torch import Tensor
+
+from sextant.layers.floating import require_floating
+from sextant.ranges import NonNegative, fits
 
 #: black; the border's value; mirrored without repeating the border's pixel; the opposite side
 Border = Literal["zeros", "replicate", "reflect", "circular"]
@@ -61,7 +65,8 @@ class Blur:
         border: how maps continue beyond their border; for ``max`` nothing lies there.
 
     Raises:
-        ValueError: a negative sigma0, alpha or reach, or an unknown kind.
+        ValueError: sigma0, alpha or reach is negative or not finite, fixed_reach not a whole number, or kind or border
+            unknown.
     """
 
     sigma0: float = 0.67
@@ -72,8 +77,14 @@ class Blur:
     border: Border = "zeros"
 
     def __post_init__(self) -> None:
-        if min(self.sigma0, self.alpha, self.reach, self.fixed_reach or 0) < 0 or self.kind not in ("max", "sum"):
-            raise ValueError(f"blur needs sigma0, alpha and reach >= 0 and kind max or sum; got {self}")
+        numbers = all(fits(NonNegative, value) for value in (self.sigma0, self.alpha, self.reach))
+        if not numbers or not fits(Annotated[int, Ge(0)] | None, self.fixed_reach) or self.kind not in ("max", "sum"):
+            raise ValueError(
+                f"blur needs sigma0, alpha and reach >= 0 and finite, fixed_reach a whole number >= 0 or None, "
+                f"and kind max or sum; got {self}"
+            )
+        if self.border not in get_args(Border):
+            raise ValueError(f"border must be one of {', '.join(get_args(Border))}; got {self.border!r}")
 
     def __call__(self, maps: Float[Tensor, "*b h w"], sigma: float) -> Float[Tensor, "*b h w"]:
         """Maps blurred by one σ; 0 leaves them as they are."""
@@ -120,7 +131,7 @@ def gaussian_blur(
     >>> gaussian_blur(torch.ones(1, 8, 8), sigma=1.0, reach=2, border="replicate").shape
     torch.Size([1, 8, 8])
     """
-    return twice_convolved(padded(maps, reach, border), gaussian_line(sigma, reach))
+    return twice_convolved(padded(require_floating(maps, "maps"), reach, border), gaussian_line(sigma, reach))
 
 
 def twice_convolved(maps: Float[Tensor, "*b h w"], line: Float[Tensor, "s"]) -> Float[Tensor, "*b H W"]:

@@ -31,6 +31,7 @@ from sextant.layers.cosfire.saved_filters import load_filters, save_filters
 from sextant.layers.cosfire.strategies import ConcentricCircles, Strategy
 from sextant.layers.cosfire.tolerance import Move, Tolerance, moved_image
 from sextant.layers.cosfire.tuples import Mean, Tuples, part_weights, safe_log
+from sextant.layers.floating import require_floating
 
 Shift = Literal["whole", "bilinear"]
 
@@ -82,10 +83,10 @@ class Cosfire(FilterParts):
         border: Border = "zeros",
     ):
         super().__init__(bank.grid().shape[1])
-        if not 0 < least_weight <= 1 or not 0 <= t1 <= 1 or not 0 <= t3 <= 1 or floor < 0:
+        if not 0 < least_weight <= 1 or not 0 <= t1 <= 1 or not 0 <= t3 <= 1 or not 0 <= floor < math.inf:
             raise ValueError(
-                f"least_weight must be in (0, 1], t1 and t3 in [0, 1] and floor >= 0; got "
-                f"{least_weight}, {t1}, {t3}, {floor}"
+                f"least_weight must be in (0, 1], t1 and t3 in [0, 1], floor >= 0 and finite; got "
+                f"least_weight={least_weight}, t1={t1}, t3={t3}, floor={floor}"
             )
         for name, value, known in (("mean", mean, Mean), ("shift", shift, Shift), ("border", border, Border)):
             if value not in get_args(known):
@@ -109,7 +110,7 @@ class Cosfire(FilterParts):
         """
         if example.shape[:-3].numel() != 1:
             raise UserError(f"a prototype is one image, got {tuple(example.shape)}", "Call configure once per image.")
-        image = _checked(example.reshape(1, -1, *example.shape[-2:]))
+        image = require_floating(example.reshape(1, -1, *example.shape[-2:]))
         height, width = image.shape[-2:]
         x, y = (width // 2, height // 2) if point is None else point
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
@@ -136,7 +137,7 @@ class Cosfire(FilterParts):
             UserError: no filter is configured, or the bank cannot take such images.
         """
         plan = self._plan()
-        response = _strongest(self._forms_of(_checked(images), plan), plan)
+        response = _strongest(self._forms_of(require_floating(images), plan), plan)
         if self._logarithmic:
             response = response.exp() if response.requires_grad else response.exp_()
         return _from_share(response, response.amax((2, 3)), self.t3) if self.t3 > 0 else response
@@ -307,12 +308,6 @@ class Cosfire(FilterParts):
     @property
     def _logarithmic(self) -> bool:
         return self.mean == "geometric" and self.shift == "whole"
-
-
-def _checked(images: Tensor) -> Tensor:
-    if not images.is_floating_point():
-        raise UserError(f"COSFIRE filters take floating-point images, got {images.dtype}", "Give images.float() / 255.")
-    return images
 
 
 def _from_share(maps: Tensor, strongest: Tensor, share: float) -> Tensor:

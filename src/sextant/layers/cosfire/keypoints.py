@@ -1,5 +1,6 @@
 """Keypoints of a filter: peaks of its response, one per detection."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +9,9 @@ from jaxtyping import Float
 from scipy.cluster.hierarchy import fcluster, linkage
 from torch import Tensor
 
+from sextant.errors import ArgumentError
 from sextant.layers.cosfire.strategies import peaks
+from sextant.layers.floating import require_floating
 
 
 @dataclass(frozen=True)
@@ -36,8 +39,16 @@ def keypoints(
     Args:
         most: number of strongest peaks considered: memory for clustering grows with its square.
 
+    Raises:
+        UserError: the response is not floating-point.
+        ArgumentError: the response, ``threshold`` or ``min_distance`` is nan.
+
     Source: Azzopardi and Petkov 2013, section 3.
     """
+    if math.isnan(threshold) or math.isnan(min_distance):
+        raise ArgumentError(f"threshold={threshold} and min_distance={min_distance} must be numbers")
+    if bool(require_floating(response, "response").isnan().any()):
+        raise ArgumentError("response has values that are nan", "Give a response to images without nan.")
     found = (peaks(response.detach()[None])[0] & (response >= threshold)).nonzero()
     scores = response.detach()[found[:, 0], found[:, 1]]
     order = torch.argsort(scores, descending=True, stable=True)[:most]

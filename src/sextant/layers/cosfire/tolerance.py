@@ -3,12 +3,15 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import torch
 import torch.nn.functional as F
+from annotated_types import MinLen
 from jaxtyping import Float
 from torch import Tensor
+
+from sextant.ranges import Count, Positive, fits
 
 
 class Move(NamedTuple):
@@ -38,7 +41,8 @@ class Tolerance:
         reflection: whether the mirror image counts as well.
 
     Raises:
-        ValueError: no rotation, no scale, or a scale that is not positive.
+        ValueError: no rotation or a fraction of one, no scale, a scale that is not positive, or a number that is not
+            finite.
     """
 
     rotations: int = 1
@@ -47,9 +51,11 @@ class Tolerance:
     reflection: bool = False
 
     def __post_init__(self) -> None:
-        if self.rotations < 1 or not self.scales or min(self.scales) <= 0:
+        scales = fits(Annotated[tuple[Positive, ...], MinLen(1)], self.scales)
+        if not scales or not fits(Count, self.rotations) or not fits(float, self.span_deg):
             raise ValueError(
-                f"tolerance needs at least one rotation and positive scales; got {self.rotations} and {self.scales}"
+                "tolerance needs a whole number of rotations, at least one, a finite span_deg and positive scales; got "
+                f"rotations={self.rotations}, span_deg={self.span_deg}, scales={self.scales}"
             )
 
     def moves(self) -> Iterator[Move]:

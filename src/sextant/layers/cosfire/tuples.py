@@ -1,11 +1,13 @@
 """The parts of a filter: channels with their distance and direction from the centre."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import torch
 from jaxtyping import Float, Int64, Shaped
 from torch import Tensor
+
+from sextant.layers.floating import require_floating
 
 #: geometric is the paper's; trimmed leaves out a fifth at either end
 Mean = Literal["geometric", "arithmetic", "harmonic", "trimmed", "median"]
@@ -18,9 +20,16 @@ def weighted_mean(parts: Float[Tensor, "n *b"], weights: Float[Tensor, "n"], mea
     trimmed and median ignore the weights. A response of zero makes the geometric and the harmonic mean zero, with
     gradients of zero.
 
+    Raises:
+        UserError: the responses are not floating-point.
+        ValueError: there is no such mean.
+
     >>> weighted_mean(torch.tensor([0.25, 1.0]), torch.tensor([0.5, 0.5]), "geometric")
     tensor(0.5000)
     """
+    if mean not in get_args(Mean):
+        raise ValueError(f"mean must be one of {', '.join(get_args(Mean))}; got {mean!r}")
+    require_floating(parts, "parts")
     if mean == "arithmetic":
         return torch.einsum("n...,n->...", parts, weights.to(parts))
     if mean in ("geometric", "harmonic"):

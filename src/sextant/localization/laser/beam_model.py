@@ -172,6 +172,7 @@ class BeamModel:
             map_poses: poses of a map's images, at which restarts are drawn.
 
         Raises:
+            ArgumentError: scans or poses are not rows.
             ValueError: the number of beams is not the scanner's, or a range is negative.
         """
         chosen = chosen_beams(self.scanner, self.beams)
@@ -191,7 +192,7 @@ class BeamModel:
                     out[run, some] = self.tempering * np.log(self.density(measured, seen)).sum(axis=1)
             return out
 
-        return ScanEvidence(at, map_poses)
+        return ScanEvidence(at, map_poses, len(ranges))
 
     @property
     def reach(self) -> float:

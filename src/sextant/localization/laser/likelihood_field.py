@@ -89,6 +89,7 @@ class LikelihoodField:
             map_poses: poses of a map's images, at which restarts are drawn.
 
         Raises:
+            ArgumentError: scans or poses are not rows.
             ValueError: the number of beams is not the scanner's, or a range is negative.
         """
         chosen = chosen_beams(self.scanner, self.beams)
@@ -107,7 +108,7 @@ class LikelihoodField:
             _field_sums(poses, ends, counts, self.table, *self.grid.origin, self.grid.resolution_m, out)
             return np.asarray(self.tempering * (out + random[:, None]))
 
-        return ScanEvidence(at, map_poses)
+        return ScanEvidence(at, map_poses, len(counts))
 
 
 @compiled

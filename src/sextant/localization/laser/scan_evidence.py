@@ -8,7 +8,8 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.evidence import Evidence, check_runs
+from sextant.shapes import check_shape
 from sextant.worlds.laser import LaserScanner
 
 #: Log-likelihoods ``(r, p)`` of the scans of r runs at poses ``(r, p, 3)``, or ``(1, p, 3)`` that all runs share.
@@ -21,13 +22,20 @@ class ScanEvidence(Evidence):
     Args:
         at: function that gives the scans' log-likelihoods at poses.
         map_poses: poses of the images of a visual map, at which `over_map` computes log-likelihoods.
+        runs: r; None: the poses are not checked.
+
+    Raises:
+        ArgumentError: ``map_poses`` are not rows of x, y and heading.
     """
 
-    def __init__(self, at: AtPoses, map_poses: Float64[Tensor, "n 3"]):
-        self._at, self._map_poses = at, map_poses
+    def __init__(self, at: AtPoses, map_poses: Float64[Tensor, "n 3"], runs: int | None = None):
+        check_shape("map_poses", map_poses, "n", 3)
+        self._at, self._map_poses, self._runs = at, map_poses, runs
 
     def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         """The log-likelihood of each run's scan at poses of its own."""
+        if self._runs is not None:  # machine code would read past the last run
+            check_runs(poses, self._runs, "scan")
         return torch.from_numpy(self._at(np.ascontiguousarray(poses.detach().numpy())))
 
     def over_map(self) -> Float64[Tensor, "r n"]:
@@ -59,8 +67,10 @@ def chosen_ranges(
     """Ranges of the chosen beams in metres; inf without a return: at least the maximum range, or nan.
 
     Raises:
+        ArgumentError: scans are not one row for each run.
         ValueError: scans have a different number of beams than the scanner, or a range is negative.
     """
+    check_shape("scans", scans, "runs", "beams")
     if scans.shape[-1] != scanner.beams:
         raise ValueError(f"scans have {scans.shape[-1]} beams, the scanner has {scanner.beams}")
     ranges = scans.detach().numpy()[:, chosen]

@@ -31,7 +31,7 @@ from sextant.localization.observation import _cache_kernels as machine
 from sextant.localization.observation._caches import Caches
 from sextant.localization.observation._factor import noisy_variance
 from sextant.localization.observation._rounded_rows import RoundedRows
-from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.evidence import Evidence, check_runs
 from sextant.localization.observation.model import ObservationModel, Prediction, Residuals
 from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
 from sextant.ranges import Count, checked
@@ -249,6 +249,7 @@ class CachedEvidence(Evidence):
 
     def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         """See :class:`Evidence`."""
+        check_runs(poses, len(self.norms))  # machine code would read past the last descriptor
         model, (runs, particles, _) = self.model, poses.shape
         flat = poses.reshape(-1, 3)
         images, shares = model._near(flat)

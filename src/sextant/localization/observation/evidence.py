@@ -6,6 +6,10 @@ from collections.abc import Callable
 from jaxtyping import Bool, Float64
 from torch import Tensor
 
+from sextant.errors import ArgumentError
+from sextant.shapes import check_shape
+from sextant.tables import counted
+
 
 class Evidence(ABC):
     """Log-likelihoods of one observation in each of r runs, such as an image or a laser scan.
@@ -16,7 +20,11 @@ class Evidence(ABC):
 
     @abstractmethod
     def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
-        """The log-likelihood of each run's observation at that run's poses."""
+        """The log-likelihood of each run's observation at that run's poses.
+
+        Raises:
+            ArgumentError: the poses are those of more or fewer runs than there are observations.
+        """
 
     @abstractmethod
     def over_map(self) -> Float64[Tensor, "r n"]:
@@ -25,6 +33,20 @@ class Evidence(ABC):
     def restricted(self, to: "Callable[[Evidence], Evidence]") -> "Evidence":
         """This evidence as ``to`` changes it, or that part of it which depends on the map's images."""
         return to(self)
+
+
+def check_runs(poses: Tensor, runs: int, observation: str = "descriptor") -> None:
+    """Raise an ``ArgumentError`` unless poses are those of as many runs as there are observations.
+
+    >>> import torch
+    >>> check_runs(torch.zeros(2, 100, 3), runs=2)
+    """
+    check_shape("poses", poses, "runs", "particles", 3)
+    if len(poses) != runs:
+        raise ArgumentError(
+            f"poses of {counted(len(poses), 'run')} for {counted(runs, observation)}",
+            "Give the poses of each run, and one observation for each.",
+        )
 
 
 class EvidenceOfSome(Evidence):
@@ -49,6 +71,7 @@ class EvidenceOfSome(Evidence):
 
     def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         """See :class:`Evidence`."""
+        check_runs(poses, len(self.looked), "run")
         return self._of_all(self.evidence.log_likelihood(poses[self.looked]))
 
     def over_map(self) -> Float64[Tensor, "r n"]:

@@ -26,7 +26,7 @@ from torch import Tensor
 from sextant.errors import ArgumentError
 from sextant.geometry.planar import wrap_angle
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.evidence import Evidence, check_runs
 from sextant.localization.observation.model import ObservationModel, Prediction, stored
 from sextant.ranges import Count, Positive, checked
 
@@ -170,6 +170,7 @@ class KernelSumEvidence(Evidence):
 
     def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         """See :class:`Evidence`."""
+        check_runs(poses, len(self.similarity))
         runs, particles, _ = poses.shape
         images, distance = self.model.nearest(poses.reshape(-1, 3))
         similar = self.similarity.gather(1, images.view(runs, -1)).view(runs, particles, -1)

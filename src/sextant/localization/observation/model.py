@@ -12,8 +12,9 @@ from torch import Tensor
 from sextant.errors import ArgumentError, UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.evidence import Evidence, check_runs
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.shapes import check_shape
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,12 @@ class ObservationModel(ABC):
         return {name: getattr(self, name) for name in inspect.signature(type(self)).parameters}
 
     def residuals(self, descriptors: Float32[Tensor, "r d"], poses: Float64[Tensor, "r p 3"]) -> Residuals:
-        """How far each run's descriptor is from the mean at its poses, without holding all means at once."""
+        """How far each run's descriptor is from the mean at its poses, without holding all means at once.
+
+        Raises:
+            ArgumentError: the poses are those of more or fewer runs than there are descriptors.
+        """
+        check_runs(poses, len(descriptors))
         runs, particles, _ = poses.shape
         owner = torch.arange(runs, device=poses.device).repeat_interleave(particles)
         squared, variance = [], []
@@ -127,13 +133,14 @@ class ObservationModel(ABC):
         """The evidence of the descriptors, one per run, about each run's pose. A descriptor with nan gives nan.
 
         Raises:
-            UserError: the descriptors have a different dimension from the map's.
+            UserError: the descriptors are not one row for each run, or have a different dimension from the map's.
         """
         self.check_dimension(descriptors)
         return GaussianEvidence(self, descriptors, likelihood)
 
     def check_dimension(self, descriptors: Tensor) -> None:
-        """Raise a UserError unless the descriptors have as many values as the map's."""
+        """Raise a UserError unless the descriptors are rows of as many values as the map's."""
+        check_shape("descriptors", descriptors, "runs", "values")
         if descriptors.shape[1] != self.map.dimension:
             raise UserError(
                 f"descriptors of {descriptors.shape[1]} values cannot be compared with the map's, which have "

@@ -42,7 +42,7 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
     walks = list(_walks(seen))
     yield from walks
     yield from _of_poses(seen)
-    streams = [Path(each.name) for each in seen.videos] + list(seen.files.recordings)
+    streams = [Path(each.name) for each in seen.videos] + list(seen.recordings)
     given: dict[Path, dict[str, object]] = {
         each: {"every": 10, **(_odometry(seen, each) if each in seen.files.videos else {})} for each in streams
     }

@@ -5,7 +5,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from sextant.chapters.localization.data.rosbag import MAGIC
 from sextant.chapters.places.data.gps_poses import doubtful
+from sextant.data.image_files import SUFFIXES
+from sextant.data.videos import VIDEOS
 from sextant.errors import ArgumentError
 from sextant.reporter import SILENT, Progress
 from sextant.tables import counted
@@ -19,11 +22,18 @@ from sextant.tools.inspection.photos import (
     read_headers,
 )
 from sextant.tools.inspection.poses import FoundPoses, found_poses, odometry_tables, separate_models
-from sextant.tools.inspection.seen import FoundVideo, Seen, found_files, found_video
+from sextant.tools.inspection.seen import TABLES, FoundVideo, Seen, found_files, found_video, read_recordings
 from sextant.tools.inspection.suggestion import Suggestion
 from sextant.tools.inspection.suggestions import suggestions
 from sextant.tools.inspection.times import folders_of_photos
 from sextant.user_files import absent
+
+#: what a file is that is none of those that can be inspected, and which these are
+NO_KIND = "is no image, video, recording, poses or odometry"
+KINDS = (
+    f"Give a folder, a photo ({', '.join(SUFFIXES)}), a video ({', '.join(VIDEOS)}), a ROS bag ({', '.join(MAGIC)}) or "
+    f"a file of poses or odometry ({', '.join(TABLES)})."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +74,7 @@ class Inspection:
                 for each in seen.folders
             ],
             "videos": [asdict(each) for each in seen.videos],
-            "recordings": [path.as_posix() for path in seen.files.recordings],
+            "recordings": [path.as_posix() for path in seen.recordings],
             "poses": [
                 {"file": each.file.as_posix(), "format": each.format, "poses": each.count, "images": each.posed,
                  "images_without_pose": each.unposed, "poses_without_image": each.without_image,
@@ -93,7 +103,7 @@ def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspecti
         progress: shows the progress of the work.
 
     Raises:
-        ArgumentError: there is no such file or folder.
+        ArgumentError: there is no such file or folder, or it is one file of which nothing can be read.
 
     Example:
         >>> found = inspect("photos")  # doctest: +SKIP
@@ -103,6 +113,8 @@ def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspecti
     given = Path(input).expanduser()
     if not given.exists():
         raise ArgumentError(f"input={absent(given)}", "Give a folder of photos, or a video.")
+    if not given.is_dir() and not given.is_file():  # reading a pipe might never end
+        raise ArgumentError(f"input={given} is neither a folder nor a file", KINDS)
     folder = given if given.is_dir() else given.parent
     files = found_files(given)
     with progress("reading headers", "images") as advance:
@@ -118,21 +130,35 @@ def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspecti
             unreadable[file.as_posix()] = video
         else:
             videos.append(video)
+    recordings, damaged = read_recordings(folder, files.recordings)
     poses = [each for file in files.tables if (each := found_poses(folder, file, list(headers))) is not None]
-    odometry = odometry_tables(folder, files.tables)
+    odometry, unusable = odometry_tables(folder, files.tables)
     photos = folders_of_photos(headers)
     seen = Seen(
         given, folder, files, headers, camera_groups(list(headers.values())), photos, around, same,
-        videos, [*poses, *poses_by_gps(headers, photos)], odometry, {**files.unreadable, **unreadable},
+        videos, recordings, [*poses, *poses_by_gps(headers, photos)], odometry,
+        {**files.unreadable, **unreadable, **damaged, **unusable},
     )  # fmt: skip
-    return Inspection(seen, tuple(suggestions(seen)), tuple(_remarks(seen)))
+    found = Inspection(seen, tuple(suggestions(seen)), tuple(_remarks(seen)))
+    if given.is_file() and not found.suggestions and (problem := _nothing_read(seen)):
+        raise ArgumentError(f"input={given} {problem}", KINDS if problem == NO_KIND else "Correct or replace the file.")
+    return found
+
+
+def _nothing_read(seen: Seen) -> str:
+    """Why nothing of a single file can be read; "" if something can."""
+    if seen.headers or seen.videos or seen.recordings or seen.odometry or any(not each.problem for each in seen.poses):
+        return ""
+    reasons = [*seen.unreadable.values(), *(f"({each.format}): {each.problem}" for each in seen.poses)]
+    empty = seen.given.stat().st_size == 0
+    return "is empty (0 bytes)" if empty else (*reasons, NO_KIND)[0]
 
 
 def _remarks(seen: Seen) -> list[str]:
     """Irregularities and their consequences."""
     said: list[str] = []
     photos = len(seen.headers) - len(seen.panoramas)
-    if not seen.headers and not seen.videos and not (seen.poses or seen.odometry or seen.files.recordings):
+    if not seen.headers and not seen.videos and not (seen.poses or seen.odometry or seen.recordings):
         others = ", ".join(f"{count:,} {suffix}" for suffix, count in list(seen.files.others.items())[:5])
         said.append(
             "no image, video, recording, poses or odometry"

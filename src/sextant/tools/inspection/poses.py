@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -114,19 +113,23 @@ def found_poses(folder: Path, file: Path, images: Sequence[Path]) -> FoundPoses 
             return FoundPoses(file, kind, images=around, problem=reason_alone(str(folder / file), error.problem))
 
 
-def odometry_tables(folder: Path, files: Sequence[Path]) -> dict[Path, int]:
-    """The tables of odometry among some files, with their numbers of rows.
+def odometry_tables(folder: Path, files: Sequence[Path]) -> tuple[dict[Path, int], dict[str, str]]:
+    """Tables of odometry with their numbers of rows; and for those with its columns that cannot be used, the reason.
 
     A table is one by its name, or if it has no columns but those of poses and times, so that no image is named.
     """
-    found = {}
+    found: dict[Path, int] = {}
+    unusable: dict[str, str] = {}
     for file in files:
         columns = set(table_header(folder / file))
         bare = all(TIME.fullmatch(each) or each in (*POSE, *FRACTION) for each in columns)
         if file.name.lower().startswith(ODOMETRY) or (bare and len(columns & set(POSE)) >= 3):
-            with suppress(UserError):
+            try:
                 found[file] = len(read_odometry(folder / file).poses)
-    return found
+            except UserError as error:
+                if len(columns & set(POSE)) >= 3:
+                    unusable[file.as_posix()] = reason_alone(f"odometry={folder / file}", error.problem)
+    return found, unusable
 
 
 def _format(path: Path) -> PosesFormat | None:

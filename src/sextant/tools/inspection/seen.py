@@ -1,15 +1,18 @@
 """Everything that is found in a folder, before tasks are suggested."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
-from sextant.chapters.localization.data.rosbag import MAGIC, METADATA
+from sextant.chapters.localization.data.rosbag import MAGIC, METADATA, bag_summary
 from sextant.data.file_kinds import RAW, not_decoded
 from sextant.data.image_files import natural_key
-from sextant.data.photo_files import FOUND_IN_FOLDERS, FolderWalk, walk_folder
+from sextant.data.photo_files import FOUND_IN_FOLDERS, FolderWalk, reason_alone, walk_folder
 from sextant.data.photos.header import PhotoHeader
 from sextant.data.videos import VIDEOS, open_video
+from sextant.errors import UserError
 from sextant.tools.inspection.photos import CameraGroup
 from sextant.tools.inspection.poses import FoundPoses
 from sextant.tools.inspection.times import FolderOfPhotos
@@ -97,6 +100,37 @@ def found_video(path: Path, name: str) -> FoundVideo | str:
     return FoundVideo(name, frames, max(per_second, 0.0), width, height)
 
 
+def read_recordings(folder: Path, files: Sequence[Path]) -> tuple[dict[Path, str], dict[str, str]]:
+    """Summaries by recording, empty without ``rosbags``; and for recordings that cannot be read, the reason by name."""
+    found: dict[Path, str] = {}
+    unreadable: dict[str, str] = {}
+    for file in files:
+        path = folder / file
+        if not path.is_dir() and (problem := _not_a_bag(path)):
+            unreadable[file.as_posix()] = problem
+            continue
+        try:
+            found[file] = bag_summary(path) if find_spec("rosbags") else ""
+        except UserError as error:
+            unreadable[file.as_posix()] = reason_alone(str(path), str(error))
+    return found, unreadable
+
+
+def _not_a_bag(path: Path) -> str:
+    """Why a file cannot be a bag, by its first bytes; "" if it can."""
+    if not path.exists():
+        return "is a link to nothing"
+    magic, what = MAGIC[path.suffix.lower()]
+    try:
+        with path.open("rb") as opened:
+            head = opened.read(len(magic))
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    if not head:
+        return "is empty (0 bytes)"
+    return "" if head == magic else f"is not {what}: it begins with {head!r}, not with {magic!r}"
+
+
 @dataclass(frozen=True, eq=False)
 class Seen:
     """The contents of a folder. All paths are relative to it.
@@ -111,6 +145,7 @@ class Seen:
         panoramas: 360-degree images.
         duplicates: images with equal content.
         videos: videos that can be decoded.
+        recordings: summaries of the ROS bags that can be read.
         poses: files of poses.
         odometry: tables of odometry, with their numbers of rows.
         unreadable: reasons by name.
@@ -125,6 +160,7 @@ class Seen:
     panoramas: list[Path]
     duplicates: list[tuple[str, ...]]
     videos: list[FoundVideo]
+    recordings: dict[Path, str]
     poses: list[FoundPoses]
     odometry: dict[Path, int]
     unreadable: dict[str, str]

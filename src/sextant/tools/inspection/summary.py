@@ -3,11 +3,8 @@
 from collections import Counter
 from collections.abc import Iterable
 from datetime import timedelta
-from pathlib import Path
 
-from sextant.chapters.localization.data.rosbag import bag_summary
 from sextant.data.photos.gps import GpsPosition
-from sextant.errors import UserError
 from sextant.tables import counted
 from sextant.tools.inspection.gps import extent_m, positions
 from sextant.tools.inspection.photos import CameraGroup
@@ -34,7 +31,9 @@ def summary(seen: Seen) -> dict[str, str]:
         "duplicates": f"{sum(len(group) - 1 for group in seen.duplicates):,}" if seen.duplicates else "",
         "order in time": _listed(_span(each) for each in seen.folders if each.times_s and len(each.files) > 1),
         "videos": _listed(map(_video, seen.videos)),
-        "recordings": _listed(_recording(seen, path) for path in seen.files.recordings),
+        "recordings": _listed(
+            f"{path.as_posix()}{f': {text}' if text else ''}" for path, text in seen.recordings.items()
+        ),
         "poses": _listed(map(_poses, seen.poses)),
         "odometry": _listed(f"{file.as_posix()}: {counted(rows, 'row')}" for file, rows in seen.odometry.items()),
         "cannot be read": f"{len(seen.unreadable):,}" if seen.unreadable else "",
@@ -76,13 +75,6 @@ def _span(each: FolderOfPhotos) -> str:
 def _video(each: FoundVideo) -> str:
     rate = f", {each.frames / each.per_second:,.1f} s, {each.per_second:.3g} Hz" if each.per_second else ""
     return f"{each.name}: {counted(each.frames, 'frame')} of {each.width}x{each.height}{rate}"
-
-
-def _recording(seen: Seen, path: Path) -> str:
-    try:
-        return f"{path.as_posix()}: {bag_summary(seen.folder / path)}"
-    except UserError:  # reported in full when it is opened
-        return path.as_posix()
 
 
 def _poses(each: FoundPoses) -> str:

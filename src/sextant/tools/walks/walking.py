@@ -106,7 +106,7 @@ def localize_walk(
     check_view(120 if rows is None else rows, vfov_deg)
     output = Path(output).expanduser()
     check_apart(output, input=input, map=map)
-    refuse_to_replace_poses(output, smooth=smooth, odometry=odometry, input=input)
+    refuse_to_replace_poses(output, smooth=smooth, replay=replay, odometry=odometry, input=input)
     calibrator = calibrator or PhotoCalibrator.load()
     saved = find_map(map, default_outputs())
     mapped = posed_images(map, skip_bad=skip_bad) if saved is None else None

@@ -36,7 +36,7 @@ from sextant.data.photo_files import FOUND_IN_FOLDERS, find_photos, nothing_usab
 from sextant.data.photos import read_photo
 from sextant.data.picture_files import open_picture
 from sextant.errors import UserError, problem_list
-from sextant.user_files import absent, read_table, read_text
+from sextant.user_files import absent, check_columns, read_table, read_text
 
 UNKNOWN = math.nan
 #: shorter side of photos cut from panoramas, pixels
@@ -218,6 +218,7 @@ def _table(path: Path) -> _Table:
     table = read_table(path, "Save it as CSV in UTF-8, or remove it.")
     if "file" not in table.header:
         return _Table(path, {}, table.header)
+    check_columns(str(path), table.header, ("file", *COLUMNS))
     if problems := list(table.long_rows()):
         raise UserError(f"{path} cannot be used as it is\n{problem_list(problems)}", "Correct these lines.")
     rows = {

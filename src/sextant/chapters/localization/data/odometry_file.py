@@ -23,7 +23,7 @@ from sextant.chapters.localization.data.recorded_poses import read_recorded, rec
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
 from sextant.tables import counted
-from sextant.user_files import TextTable, read_table, table_header
+from sextant.user_files import TextTable, check_columns, read_table, table_header
 
 T = TypeVar("T")
 
@@ -213,6 +213,12 @@ def _of_table(table: TextTable) -> OdometryFile:
     angle = next((name for name in ("theta", "heading_deg") if name in header), None)
     if "x" not in header or "y" not in header or angle is None:
         raise UserError(f"odometry={path} has the columns {', '.join(header)}", FIX)
+    if {"theta", "heading_deg"} <= set(header):
+        raise UserError(
+            f"odometry={path} has both theta and heading_deg", "Keep one of them: theta in rad, heading_deg in degrees."
+        )
+    timed = [name for name in header if TIME.fullmatch(name)]
+    check_columns(f"odometry={path}", header, ("x", "y", angle, "file", *timed, *FRACTION))
     if problems := list(table.long_rows()):
         raise UserError(f"odometry={path}: {problems[0]} ({len(problems):,} such rows)", FIX)
     cells = {name: [row[k] if k < len(row) else "" for _, row in rows] for k, name in enumerate(header)}

@@ -10,22 +10,25 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from sextant.applications.pixels import as_pixels
 from sextant.chapters.localization.data.pose_formats import (
     LENGTH_TOLERANCE,
     pose_matrices,
     read_kitti,
     read_tum_matrices,
 )
-from sextant.chapters.places.describing import upright_size
 from sextant.correspondence import Pinhole
-from sextant.data.image_files import decode_image, natural_key
+from sextant.data.image_files import natural_key, require_sides
 from sextant.data.name_matching import match_names
 from sextant.data.photo_files import images_below
+from sextant.data.picture_files import open_picture, why_unreadable
 from sextant.data.pixel_values import warn_once
+from sextant.data.positions import too_far
 from sextant.data.reconstructions.reading import named_format, read_reconstruction
+from sextant.data.upright import upright_size
 from sextant.errors import UserError, problem_list
 from sextant.tables import counted
-from sextant.user_files import absent, read_table
+from sextant.user_files import absent, check_columns, read_table
 
 #: files of named images, the first that exists is read; then files whose rows are in the order of the photos
 NAMED = (
@@ -101,13 +104,14 @@ class StraightPhotos(Sequence[ndarray]):
         photos: with cameras.
 
     Raises:
-        UserError: a photo is not of the size, or at least the shape, of its camera's images.
+        UserError: a photo is not of the size, or at least the shape, of its camera's images; or, also when it is
+            decoded, cannot be read.
     """
 
     def __init__(self, photos: PosedPhotos):
         self._paths = photos.paths
         both = zip(photos.cameras or (), photos.paths, strict=True)
-        self._lenses = [lens.of_size(*upright_size(path), str(path)) for lens, path in both]
+        self._lenses = [lens.of_size(*_size(path), str(path)) for lens, path in both]
 
     @property
     def cameras(self) -> list[Pinhole]:
@@ -119,7 +123,7 @@ class StraightPhotos(Sequence[ndarray]):
 
     def __getitem__(self, index: Any) -> Any:
         lens = self._lenses[index]
-        pixels = decode_image(self._paths[index], lens.height, lens.width, 3)
+        pixels = as_pixels(self._paths[index], (lens.height, lens.width, 3))
         fx, fy, cx, cy, *bent = lens.opencv
         if not any(bent):
             return pixels
@@ -127,6 +131,16 @@ class StraightPhotos(Sequence[ndarray]):
 
         matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
         return np.asarray(cv2.undistort(pixels, matrix, np.array(bent)))
+
+
+def _size(photo: Path) -> tuple[int, int]:
+    """Width and height, upright, by its header alone."""
+    try:
+        with open_picture(photo) as image:
+            require_sides(image)
+            return upright_size(image)
+    except Exception as error:  # Pillow raises errors of any kind for a file that is no picture
+        raise UserError(f"{photo}: {why_unreadable(photo, error)}", "Replace the file, or leave it out.") from None
 
 
 def posed_photos(folder: Path | str) -> PosedPhotos:
@@ -219,9 +233,10 @@ def read_posed_table(source: Path, *, unlocated: bool = False) -> tuple[list[str
             and over cameras.
 
     Raises:
-        UserError: a column is missing, or a row cannot be used.
+        UserError: a column is missing or there twice, or a row cannot be used.
     """
     table = read_table(source, FIX)
+    check_columns(str(source), table.header, COLUMNS if unlocated else (*COLUMNS, *CAMERA_COLUMNS))
     missing = [name for name in COLUMNS if name not in table.header]
     if missing:
         raise UserError(f"{source} has no column {', '.join(missing)}", FIX)
@@ -256,6 +271,8 @@ def read_posed_table(source: Path, *, unlocated: bool = False) -> tuple[list[str
             problems.append(f"line {line}: {wanted[at]} is {cells[columns[at]] or 'empty'}, not a finite number")
         elif abs((length := math.hypot(*row[3:7])) - 1) > LENGTH_TOLERANCE:  # type: ignore[arg-type]
             problems.append(f"line {line}: the quaternion qw,qx,qy,qz has length {length:.3g}, not 1")
+        elif far := too_far(row[:3]):  # type: ignore[arg-type]
+            problems.append(f"line {line}: {far}")
         else:
             names.append(cells[place])
             rows.append(row)

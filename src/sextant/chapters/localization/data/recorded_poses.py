@@ -31,7 +31,7 @@ from sextant.chapters.localization.data.pose_times import SECOND, epoch_ns
 from sextant.data.positions import FURTHEST
 from sextant.errors import UserError, problem_list
 from sextant.tables import counted
-from sextant.user_files import TextTable, read_table
+from sextant.user_files import TextTable, check_columns, read_table
 
 Recorded = Literal["euroc", "robotcar", "nclt"]
 RECORDED: tuple[Recorded, ...] = ("euroc", "robotcar", "nclt")
@@ -84,8 +84,8 @@ def read_recorded(
         form: its format; None if any is expected.
 
     Raises:
-        UserError: it has another layout, a number is missing, a quaternion is not a rotation, or times do not increase;
-            the message names the line.
+        UserError: it has another layout, a column is there twice, a number is missing, a quaternion is not a rotation,
+            or times do not increase; the message names the line.
     """
     path = Path(path)
     table = read_table(path)
@@ -100,8 +100,9 @@ def read_recorded(
         header, rows = ["utime", *MOVED], [(1, list(table.header)), *rows]
     chained = "source_timestamp" in header
     wanted = POSED if found == "euroc" else NAVIGATED if "northing" in header else MOVED
-    values = _numbers(table, rows, [header.index(name) for name in wanted], found)
     names, unit = TIMES[found]
+    check_columns(str(path), header, (*wanted, *names))
+    values = _numbers(table, rows, [header.index(name) for name in wanted], found)
     stamps = [_stamps(path, rows, header.index(name), name) for name in names if name in header]
     if found == "nclt":
         known = np.isfinite(values).all(axis=1)
