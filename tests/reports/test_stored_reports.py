@@ -34,6 +34,7 @@ SWEEPS = {
     "features": "localization_features",
     "few_lines": "calibration_few_lines",
     "recovery_worlds": "recovery",
+    "restarts_worlds": "recovery",
     "gp_approximation_support": "gp_approximation",
     "gp_approximation_fresh": "gp_approximation_fresh",
     "lenet_19": "pushpull_lenet_19",
