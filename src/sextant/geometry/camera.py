@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from sextant.errors import UserError
-from sextant.shapes import check_shape
 
 
 class Camera(ABC):
@@ -30,9 +29,7 @@ class Camera(ABC):
 
     @abstractmethod
     def project(self, directions: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*m 2"], Bool[Tensor, "*m"]]:
-        """Pixels at which ``directions`` (camera frame) are seen, and whether they are.
-
-        Directions have any length whose square neither vanishes nor overflows: from 1e-18 to 1e18 in single precision.
+        """Pixels at which ``directions`` (of any length but 0, camera frame) are seen, and whether they are.
 
         The second result is false where the camera has no pixel for the direction, even on an unlimited image; there
         the pixel means nothing. See :meth:`contains` for the borders of the image.
@@ -94,8 +91,7 @@ def heights_from_pixels(points: Float[Tensor, "*n 2"], width: int, height: int) 
     tensor([[-0.6667, -0.5000],
             [ 0.0000,  0.0000]])
     """
-    check_shape("points", points, ..., 2)
-    return (points - image_centre(points, width, height)) / height
+    return (points - points.new_tensor([width / 2, height / 2])) / height
 
 
 def pixels_from_heights(points: Float[Tensor, "*n 2"], width: int, height: int) -> Float[Tensor, "*n 2"]:
@@ -104,20 +100,13 @@ def pixels_from_heights(points: Float[Tensor, "*n 2"], width: int, height: int) 
     >>> pixels_from_heights(torch.tensor([0.0, 0.5]), 640, 480)
     tensor([320., 480.])
     """
-    check_shape("points", points, ..., 2)
-    return points * height + image_centre(points, width, height)
-
-
-def image_centre(like: Tensor, width: int, height: int) -> Float[Tensor, "2"]:
-    """``(W/2, H/2)`` in the type and on the device of ``like``; in torch's default type if that has no halves."""
-    dtype = like.dtype if like.is_floating_point() else torch.get_default_dtype()
-    return like.new_tensor([width / 2, height / 2], dtype=dtype)
+    return points * height + points.new_tensor([width / 2, height / 2])
 
 
 def check_image_size(width: int, height: int) -> None:
-    """Raise a ``UserError`` unless both sides of an image are whole numbers of at least one pixel."""
-    if not (width >= 1 and height >= 1 and width % 1 == 0 and height % 1 == 0):
+    """Raise a ``UserError`` unless both sides of an image are at least one pixel."""
+    if width < 1 or height < 1:
         raise UserError(
-            f"the width and height of an image are whole numbers, at least 1 pixel, got width={width}, height={height}",
+            f"the width and height of an image are at least 1 pixel, got width={width}, height={height}",
             "For example width=320, height=240.",
         )

@@ -9,7 +9,6 @@ from torch import Tensor
 
 from sextant.errors import UserError
 from sextant.geometry.camera import Camera, check_image_size
-from sextant.shapes import check_shape
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class EquirectangularCamera(Camera):
         height: rows.
 
     Raises:
-        UserError: the image is not twice as wide as high, is empty, or its sides are not whole.
+        UserError: the image is not twice as wide as high, or is empty.
     """
 
     width: int
@@ -44,7 +43,6 @@ class EquirectangularCamera(Camera):
 
     def bearings(self, points: Float[Tensor, "*n 2"]) -> Float[Tensor, "*n 3"]:
         """Unit directions, in the camera frame, of the rays through ``points`` (pixels)."""
-        check_shape("points", points, ..., 2)
         longitude = 2 * math.pi * (points[..., 0] / self.width - 0.5)
         latitude = math.pi * (0.5 - points[..., 1] / self.height)
         horizontal = torch.cos(latitude)
@@ -55,9 +53,8 @@ class EquirectangularCamera(Camera):
         """Pixels at which ``directions`` are seen: all are, but for the direction of length 0.
 
         Columns lie in ``[0, width)``. The poles, seen along a whole row, get the column of the centre, without
-        gradient; where the square of the distance to the vertical vanishes next to them, gradients are not finite.
+        gradient.
         """
-        check_shape("directions", directions, ..., 3)
         x, y, z = directions.unbind(-1)
         pole = (x == 0) & (z == 0)
         ahead = torch.where(pole, 1, z)

@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from sextant.errors import UserError
-from sextant.geometry._floating import floating
 from sextant.geometry.camera import Camera, check_image_size, heights_from_pixels, pixels_from_heights
 from sextant.geometry.distortion import (
     K2Family,
@@ -22,7 +21,6 @@ from sextant.geometry.distortion import (
     max_radius,
     undistort_radius,
 )
-from sextant.shapes import check_shape
 
 
 def perspective_bearings(
@@ -31,15 +29,14 @@ def perspective_bearings(
     r"""Unit directions of the rays through image points in image heights from the centre.
 
     :math:`c = (u/(f d), v/(f d), 1)` normalised, with d at the undistorted radius. The parameters broadcast against
-    the points without their last dimension. No values are checked, so that it serves a network in training;
-    differentiable in everything, the centre included. Points beyond the fold keep the d of the fold.
+    the points without their last dimension. Nothing is checked, so that it serves a network in training; differentiable
+    in everything, the centre included. Points beyond the fold keep the d of the fold.
 
     >>> focal, k1, k2 = torch.tensor(1.0), torch.tensor(0.0), torch.tensor(0.0)
     >>> perspective_bearings(torch.tensor([[0.0, 0.0], [1.0, 0.0]]), focal, k1, k2)
     tensor([[0.0000, 0.0000, 1.0000],
             [0.7071, 0.0000, 0.7071]])
     """
-    check_shape("points", points, ..., 2)
     normalised = points / focal[..., None]
     square = normalised.square().sum(dim=-1)
     centre = square == 0  # the root has no derivative there, but its square, which is all that is used, has
@@ -55,23 +52,19 @@ def perspective_project(
 ) -> tuple[Float[Tensor, "*#n 2"], Bool[Tensor, "*#n"]]:
     """Image points, in image heights from the centre, at which directions are seen; the inverse of the bearings.
 
-    The second result is false behind the camera (``Z <= 0``), beyond the fold radius, and so near to 90 degrees that
-    the point would overflow, or X/Z or Y/Z reaches 1e18; the point means nothing there, but it is finite and so are its
-    gradients.
+    The second result is false behind the camera (``Z <= 0``) and beyond the fold radius; the point means nothing there,
+    but it is finite and so are its gradients.
 
     >>> focal, k1, k2 = torch.tensor(1.0), torch.tensor(-0.2), torch.tensor(0.0)
     >>> perspective_project(torch.tensor([[1.0, 0.0, 2.0], [0.0, 0.0, -1.0]]), focal, k1, k2)
     (tensor([[0.4750, 0.0000],
             [0.0000, 0.0000]]), tensor([ True, False]))
     """
-    check_shape("directions", directions, ..., 3)
-    across, down, ahead = directions.unbind(-1)
-    in_front = ahead > 1e-18 * (across.abs() + down.abs())  # else squares would overflow
-    depth = torch.where(in_front, ahead, 1)
+    in_front = directions[..., 2] > 0
+    depth = torch.where(in_front, directions[..., 2], 1)
     ideal = directions[..., :2] / depth[..., None]
     square = ideal.square().sum(dim=-1)
-    finite = square * focal * distortion_factor(square, k1, k2) < torch.inf
-    visible = in_front & finite & (square <= max_radius(k1, k2).square())
+    visible = in_front & (square <= max_radius(k1, k2).square())
     factor = distortion_factor(torch.where(visible, square, 0), k1, k2)
     return ideal * (focal * factor)[..., None], visible
 
@@ -138,12 +131,15 @@ class PerspectiveCamera(Camera):
     ) -> "PerspectiveCamera":
         """A camera of ``focal`` image heights.
 
-        ``k2`` is that of the lens family (``lopez`` unless given), or free if it is given. All take the type of the
-        first floating tensor among ``focal``, ``k1`` and ``k2``, or torch's default, and the first tensor's device.
+        ``k2`` is that of the lens family (``lopez`` unless given), or free if it is given. Numbers take the type and
+        device of the first tensor among ``focal``, ``k1`` and ``k2``, or torch's default.
         """
-        focal, k1, free = floating(focal, k1, 0.0 if k2 is None else k2)
+        given = (value for value in (focal, k1, k2) if isinstance(value, Tensor))
+        like = next(given, torch.empty(()))
+        focal, k1 = (torch.as_tensor(value, dtype=like.dtype, device=like.device) for value in (focal, k1))
+        k2 = None if k2 is None else torch.as_tensor(k2, dtype=like.dtype, device=like.device)
         family = family or ("lopez" if k2 is None else "free")
-        return cls(focal, k1, k2_of_k1(k1, family, None if k2 is None else free), width, height)
+        return cls(focal, k1, k2_of_k1(k1, family, k2), width, height)
 
     @classmethod
     def from_focal_pixels(

@@ -8,7 +8,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from sextant.geometry._floating import floating
 from sextant.geometry._series import sinc_deficit_of_square, sinc_of_square
 from sextant.geometry.rotations import rotation_from_tilt_roll, so3_exp, so3_hat, so3_log
 
@@ -113,14 +112,16 @@ def level_camera_pose(
 
     ``R = [right, down, forward] Rx(tilt) Rz(roll)`` with right ``(sin h, -cos h, 0)``, down ``(0, 0, -1)`` and forward
     ``(cos h, sin h, 0)``: ``heading`` runs counter-clockwise from the world's x axis, and ``tilt > 0`` looks up.
-    All take the type of the first floating tensor among the arguments, or torch's default, and the device of the first
-    tensor.
+    Numbers take the type and device of the first tensor among the arguments, or torch's default.
 
     >>> pose = level_camera_pose(1.0, 2.0, 1.6, heading=0.0)
     >>> pose[:3, 3], pose[:3, 2]  # where it is, and where it looks
     (tensor([1.0000, 2.0000, 1.6000]), tensor([1., 0., 0.]))
     """
-    *position, angle, up, turn = torch.broadcast_tensors(*floating(x, y, z, heading, tilt, roll))
+    arguments = (x, y, z, heading, tilt, roll)
+    like = next((value for value in arguments if isinstance(value, Tensor)), torch.empty(()))
+    tensors = [torch.as_tensor(value, dtype=like.dtype, device=like.device) for value in arguments]
+    *position, angle, up, turn = torch.broadcast_tensors(*tensors)
     cosine, sine, zero = torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)
     rows = [sine, zero, cosine, -cosine, zero, sine, zero, zero - 1, zero]
     world_from_gravity = torch.stack(rows, dim=-1).reshape(*angle.shape, 3, 3)

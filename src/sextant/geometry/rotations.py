@@ -41,11 +41,10 @@ def up_in_camera(tilt: Float[Tensor, "*#batch"], roll: Float[Tensor, "*#batch"])
 
 
 def tilt_roll_from_up(up: Float[Tensor, "*batch 3"]) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch"]]:
-    """Tilt in [-π/2, π/2] and roll in [-π, π] from up in the camera frame: the inverse of the above.
+    """Tilt in [-π/2, π/2] and roll in [-π, π] from up in the camera frame, of any length: the inverse of the above.
 
     ``roll = atan2(-x, -y)``, ``tilt = atan2(z, |(x, y)|)``; a camera that looks straight up or down has no roll, and 0
-    is returned, without gradient. Up has any length whose square neither vanishes nor overflows: from 1e-18 to 1e18 in
-    single precision. Where only the square of (x, y) vanishes, gradients are not finite.
+    is returned, without gradient.
 
     >>> tilt_roll_from_up(torch.tensor([0.0, -1.0, 1.0]))
     (tensor(0.7854), tensor(-0.))
