@@ -48,6 +48,7 @@ BAD = {
     "in the map, relative": ("../map/found", "lies in map="),
     "in the queries": ("{}/queries/found", "lies in queries="),
     "a file": ("{}/file", "it is a file"),
+    "below a file": ("{}/file/found", "file is a file"),
     "a link to nothing": ("{}/dangling", "it is a file"),
 }
 GOOD = ["{}", "{}/found", "{}/map_found", "{}/maps", "{}/other", ".", "found", "{}/input/found", "{}/new/deep/er"]

@@ -69,9 +69,11 @@ def check_apart(output: Path, photos: Sequence[Path] = (), /, *, key: str = "out
     Example:
         >>> check_apart(Path("found"), map="rides/day", queries="rides/night")
     """
-    if os.path.lexists(output) and not output.is_dir():
+    there = next((each for each in (output, *output.parents) if os.path.lexists(each)), output.parent)
+    if not there.is_dir():
         raise ArgumentError(
-            f"{key}={output} is not a folder that can be written to: it is a file", f"Name a folder: {key}=found"
+            f"{key}={output} is not a folder that can be written to: {'it' if there == output else there} is a file",
+            f"Name a folder: {key}=found",
         )
     whole = output.absolute().resolve()
     beside = f"Name a folder of its own: {key}={whole.parent / f'{whole.name}_found'}"

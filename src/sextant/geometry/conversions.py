@@ -141,7 +141,7 @@ def perspective_from_opensfm(parameters: Float[Tensor, "*b 3"], width: int, heig
         UserError: there is no such camera.
     """
     focal, k1, k2 = parameters.unbind(-1)
-    return PerspectiveCamera(focal * (max(width, height) / height), k1, k2, width, height)
+    return PerspectiveCamera(focal * max(width, height) / height, k1, k2, width, height)
 
 
 def geocalib_from_perspective(

@@ -423,6 +423,8 @@ def write_small_map(folder, **changed):
         ({"pixel": [0]}, "pixel=0 must be above 0"),
         ({"cameras": [{}]}, "TypeError"),
         ({"names": []}, "its images, names and cameras differ in number"),
+        ({"names": None}, "TypeError"),
+        ({"features": None}, "TypeError"),
     ],
 )
 def test_a_saved_map_that_is_damaged_is_named(tmp_path, changed, said):

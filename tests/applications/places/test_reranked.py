@@ -16,7 +16,7 @@ from sextant.chapters.places import written_matches
 from sextant.chapters.places.looked_up import LookedUp
 from sextant.chapters.places.match_confidence import UNSEEN, MatchConfidence, deviations
 from sextant.chapters.places.options import read_inputs
-from sextant.chapters.places.photo_features import PhotoFeatures
+from sextant.chapters.places.photo_features import KIND, PhotoFeatures
 from sextant.chapters.places.predict import predict_places
 from sextant.chapters.places.saved_map import Temperature
 from sextant.correspondence import LocalFeatures, XFeatures, mutual_matches, reranking
@@ -152,6 +152,18 @@ def test_saved_features_that_are_damaged_are_told(rides, places, inliers):
     file.write_bytes(file.read_bytes()[:-1] + b"x")
     with pytest.raises(UserError, match=r"points\.npy is not the file that local_features\.json was written for"):
         PlaceMap.open(saved, descriptor=Pixels()).look_up(rides[1] / "000.png", rerank=PLACES)
+
+
+def test_saved_features_that_cannot_be_used_are_told_with_their_folder(rides, places, inliers):
+    places.look_up(rides[1] / "000.png", rerank=PLACES)
+    saved = rides[0].parent / "map"
+    places.save(saved)
+    (folder,) = (saved / "local_features").iterdir()
+    header = KIND.read_header(folder)
+    for changed, said in (({"photos": header["photos"][:-1]}, "differ in number"), ({"photos": [{}]}, "KeyError")):
+        KIND.write_header(folder, header | changed)
+        with pytest.raises(UserError, match=rf"the set of local features in {folder} is damaged: .*{said}"):
+            PlaceMap.open(saved, descriptor=Pixels()).look_up(rides[1] / "000.png", rerank=PLACES)
 
 
 def test_features_of_another_map_are_neither_read_nor_kept(rides, places, features, inliers, tmp_path):

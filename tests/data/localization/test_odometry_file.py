@@ -83,6 +83,8 @@ def test_times_since_1970_are_in_the_unit_that_their_digits_show(tmp_path, digit
 def test_seconds_and_nanoseconds_in_two_columns(tmp_path):
     rows = "\n".join(f"{EPOCH + k},{500_000_000 * (k % 2)},{k},0,0" for k in range(5))
     assert motions(tmp_path, f"sec,nsec,x,y,theta\n{rows}", [EPOCH, EPOCH + 1.5])[0] == [None, 1.0]
+    whole = "\n".join(f"{EPOCH + k + k % 2 / 2},{row}" for k, row in enumerate(rows.splitlines()))
+    assert motions(tmp_path, f"time,sec,nsec,x,y,theta\n{whole}", [EPOCH, EPOCH + 1.5])[0] == [None, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -110,6 +112,7 @@ def test_rows_go_by_time_where_clocks_are_one(tmp_path, stamps, times, expected,
         (timed("time", [0, 1, 2]), [100, 101, 103, 107], r"from 0.000 s to 2.000 s; the images .* none at a time"),
         (timed("time", [0, 1, 1, 2]), [0, 1, 2], r"lines 3 and 4 have different poses at the same time, time=1"),
         (timed("time", [0, "one", 2]), [0, 1, 2], r"line 3: time='one' is not a time"),
+        ("time,nsec,x,y,theta\n0.5,500000000,0,0,0\n", [0], r"line 2: time=0.5 has a fraction of a second, and nsec=5"),
         (timed("time", [0, "nan", 2]), [0, 1, 2], r"line 3: time='nan' is not a time"),
         (timed("time", [0, 1, 2]), None, r"3 rows for 4 images, .*; its times cannot be used: 4 of 4 names contain no"),
         ("x,y,theta\n0,0,0\n1,two,0\n", [0, 1], r"line 3 is not a pose: 1,two,0"),

@@ -118,6 +118,14 @@ def test_a_line_of_the_journal_that_is_nonsense_costs_its_chunk_alone(full, tmp_
     assert repaired(full, tmp_path) == [4, 12]
 
 
+def test_a_folder_in_place_of_the_journal_is_told(full):
+    journal = full.directory / "journal.jsonl"
+    journal.unlink()
+    journal.mkdir()
+    with pytest.raises(UserError, match=r"journal\.jsonl is a folder"):
+        verify_store(full.directory)
+
+
 def test_a_folder_that_is_no_store(tmp_path):
     with pytest.raises(UserError, match="not a rendered dataset"):
         verify_store(tmp_path)

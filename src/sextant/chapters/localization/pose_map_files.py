@@ -108,6 +108,7 @@ def open_pose_map(folder: Path, local: Any = None) -> SavedPoseMap:
     header = FORMAT.read_header(folder)
     try:
         posed, descriptors = _posed(folder, header)
+        header = {**header, "names": list(header["names"]), "features": dict(header["features"])}
     except (ArgumentError, AttributeError, LookupError, TypeError, ValueError) as error:
         why = error.problem if isinstance(error, ArgumentError) else repr(error)
         raise FORMAT.damaged(folder, f"{FORMAT.header} cannot be used: {why}") from error

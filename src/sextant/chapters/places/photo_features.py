@@ -297,13 +297,21 @@ def stored_kinds(folder: Path, files: Mapping[str, Path], index: str) -> list[Ki
 
 
 def _read(folder: Path, files: Mapping[str, Path], index: str) -> Kind | None:
-    from sextant.correspondence import LocalFeatures
-
     if not (folder / KIND.header).is_file():
         return None
     header = KIND.read_header(folder)
     if header.get("index_sha256") != index:
         return None
+    try:
+        return _features(folder, header, files)
+    except (ArgumentError, LookupError, TypeError, ValueError) as error:
+        why = error.problem if isinstance(error, ArgumentError) else repr(error)
+        raise KIND.damaged(folder, f"{KIND.header} or its arrays cannot be used: {why}") from error
+
+
+def _features(folder: Path, header: Mapping[str, Any], files: Mapping[str, Path]) -> Kind:
+    from sextant.correspondence import LocalFeatures
+
     points, descriptors = (
         KIND.open_array(folder, folder / f"{name}.npy", "r", sha256=header["sha256"][name]) for name in ARRAYS
     )

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from stat import S_ISDIR
 from threading import Lock
 
 import numpy as np
 from numpy import ndarray
 
 from sextant.atomic_files import write_atomically
+from sextant.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,8 @@ class Journal:
         if status.st_ino != self._inode or status.st_size < self._read:
             self._forget()
             self._inode = status.st_ino
+        if S_ISDIR(status.st_mode):
+            raise UserError(f"{self.path} is a folder, where a file lists what is rendered", "Move it elsewhere.")
         if status.st_size == self._read:
             return
         with self.path.open("rb") as file:

@@ -248,8 +248,11 @@ def _timed(
     columns = {name: matched[1] for name in cells if (matched := TIME.fullmatch(name))}
     if not columns:
         return OdometryFile(poses)
-    name, unit = next(iter(columns.items()))
     fraction = next((each for each in FRACTION if each in cells), None)
+    names = list(cells)
+    before = names[names.index(fraction) - 1] if fraction else None  # time, secs, nsecs: the fraction is of the seconds
+    name = before if before in columns else next(iter(columns))
+    unit = columns[name]
     found: list[int] = []
     for word, more, line in zip(cells[name], cells[fraction] if fraction else cells[name], lines, strict=True):
         time = _nanoseconds(word, table.separator != ",", unit)
@@ -258,6 +261,12 @@ def _timed(
             given = f"{name}={word!r}" if time is None else f"{fraction}={more!r}"
             raise UserError(
                 f"odometry={table.path}: line {line}: {given} is not a time", "A number, of seconds or as in time_ms."
+            )
+        if fraction and time % SECOND:
+            raise UserError(
+                f"odometry={table.path}: line {line}: {name}={word} has a fraction of a second, and {fraction}={more} "
+                "is another",
+                f"Remove the column {fraction}.",
             )
         found.append(time + rest)
     order = sorted(range(len(found)), key=found.__getitem__)
