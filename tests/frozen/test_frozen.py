@@ -14,6 +14,8 @@ import sextant
 from sextant.atomic_files import read_json
 from sextant.config import digest, validate
 from sextant.config.building import named
+from sextant.data.rendered.splits import SAME_BYTES, modules_sha256
+from sextant.data.worlds.shots import OPTICS
 from sextant.runs.directory import all_runs
 from sextant.runs.sweep_directory import read_plans
 
@@ -38,6 +40,11 @@ def test_every_stored_config_has_the_digest_that_it_had_and_no_part_of_an_unknow
         changed += [name] * (digest(config.model_dump(by_alias=True)) != frozen["digest"])
         custom += [name] * bool(config.custom_parts())
     assert (changed, custom) == ([], [])
+
+
+def test_rendered_datasets_are_found_by_the_hash_that_they_were_stored_with():
+    """If the source that renders was meant to change: ``python tests/frozen/renders_as.py <commit before>``."""
+    assert modules_sha256("sextant.worlds", "sextant.data.worlds", *OPTICS) == SAME_BYTES[1]
 
 
 def test_every_option_is_there_still():

@@ -5,7 +5,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sextant.geometry import EquirectangularCamera, PerspectiveCamera
+from sextant.errors import UserError
+from sextant.geometry import EquirectangularCamera, PerspectiveCamera, level_camera_pose
 
 
 @given(st.integers(1, 6), st.integers(1, 6), st.integers(1, 4))
@@ -38,3 +39,31 @@ def test_less_than_one_sample_is_refused():
 def test_the_image_holds_its_top_left_border_but_not_its_bottom_right():
     points = torch.tensor([[0.0, 0.0], [3.99, 1.99], [4.0, 1.0], [1.0, 2.0], [-0.01, 1.0], [1.0, -0.01]])
     assert EquirectangularCamera(4, 2).contains(points).tolist() == [True, True, False, False, False, False]
+
+
+@pytest.mark.parametrize("camera", [PerspectiveCamera.from_focal(1.0, 7, 5), EquirectangularCamera(10, 5)])
+def test_whole_numbers_are_the_same_pixels_and_directions(camera):
+    points, directions = torch.tensor([[0, 0], [3, 2], [6, 4]]), torch.tensor([[1, 0, 2], [0, -1, 1]])
+    torch.testing.assert_close(camera.bearings(points), camera.bearings(points.float()))
+    torch.testing.assert_close(camera.project(directions), camera.project(directions.float()))
+
+
+def test_whole_numbers_truncate_no_others():
+    assert PerspectiveCamera.from_focal(torch.tensor(1), 7, 5, k1=-0.2).k1.item() == pytest.approx(-0.2)
+    assert level_camera_pose(torch.tensor(1), 2.5, 1.5, 0.0)[:3, 3].tolist() == [1.0, 2.5, 1.5]
+
+
+@pytest.mark.parametrize("camera", [PerspectiveCamera.from_focal(1.0, 6, 5), EquirectangularCamera(10, 5)])
+def test_points_and_directions_of_another_shape_are_refused(camera):
+    for shape in ((4, 1), (2, 3), ()):
+        with pytest.raises(UserError, match=r"points has the shape .* but must have \(\.\.\., 2\)"):
+            camera.bearings(torch.ones(shape))
+    for shape in ((4, 1), (3, 2), ()):
+        with pytest.raises(UserError, match=r"directions has the shape .* but must have \(\.\.\., 3\)"):
+            camera.project(torch.ones(shape))
+
+
+@pytest.mark.parametrize("size", [(6.4, 5), (6, 5.0), (True, 5), ("6", 5)])
+def test_sides_are_whole_numbers_of_pixels(size):
+    with pytest.raises(UserError, match="whole numbers of at least 1 pixel"):
+        PerspectiveCamera.from_focal(1.0, *size)

@@ -163,6 +163,19 @@ def test_impossible_fields_of_view_are_refused(vfov):
         PerspectiveCamera.from_vfov(vfov, 64, 48)
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("k1", [-0.2, 0.0, 0.3])
+def test_directions_beside_the_camera_are_not_seen_and_finite(dtype, k1):
+    depth = torch.tensor([1e-3, 1e-6, 1e-12, 1e-30, 0.0, -1e-30], dtype=dtype)
+    directions = torch.stack([torch.ones_like(depth), -torch.ones_like(depth), depth], -1).requires_grad_()
+    points, visible = perspective_project(directions, *torch.tensor([1.0, k1, 0.805 * k1 * k1], dtype=dtype))
+    assert visible[0]
+    assert not visible[3:].any()
+    assert points.isfinite().all()
+    (gradient,) = torch.autograd.grad(points.sum(), directions)
+    assert gradient.isfinite().all()
+
+
 def test_the_focal_length_that_the_error_names_is_accepted_and_no_less():
     PerspectiveCamera.from_focal(1.3694, 64, 48, k1=-0.4, family="zero")
     with pytest.raises(UserError):

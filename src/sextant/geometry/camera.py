@@ -5,6 +5,7 @@ Pixels are ``(column, row)`` from the top left corner of the image, so that pixe
 """
 
 from abc import ABC, abstractmethod
+from numbers import Integral
 
 import torch
 from jaxtyping import Bool, Float
@@ -91,6 +92,7 @@ def heights_from_pixels(points: Float[Tensor, "*n 2"], width: int, height: int) 
     tensor([[-0.6667, -0.5000],
             [ 0.0000,  0.0000]])
     """
+    points = floating(points)
     return (points - points.new_tensor([width / 2, height / 2])) / height
 
 
@@ -100,13 +102,20 @@ def pixels_from_heights(points: Float[Tensor, "*n 2"], width: int, height: int) 
     >>> pixels_from_heights(torch.tensor([0.0, 0.5]), 640, 480)
     tensor([320., 480.])
     """
+    points = floating(points)
     return points * height + points.new_tensor([width / 2, height / 2])
 
 
+def floating(values: Tensor) -> Tensor:
+    """Whole numbers as floating-point ones of torch's default type, since half of a pixel would be cut off."""
+    return values if values.is_floating_point() else values.to(torch.get_default_dtype())
+
+
 def check_image_size(width: int, height: int) -> None:
-    """Raise a ``UserError`` unless both sides of an image are at least one pixel."""
-    if width < 1 or height < 1:
+    """Raise a ``UserError`` unless both sides of an image are whole numbers of at least one pixel."""
+    if any(isinstance(side, bool) or not isinstance(side, Integral) or side < 1 for side in (width, height)):
         raise UserError(
-            f"the width and height of an image are at least 1 pixel, got width={width}, height={height}",
+            f"the width and height of an image are whole numbers of at least 1 pixel, got width={width}, "
+            f"height={height}",
             "For example width=320, height=240.",
         )

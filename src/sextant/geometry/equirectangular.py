@@ -8,7 +8,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from sextant.errors import UserError
-from sextant.geometry.camera import Camera, check_image_size
+from sextant.geometry.camera import Camera, check_image_size, floating
+from sextant.shapes import check_shape
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class EquirectangularCamera(Camera):
 
     def bearings(self, points: Float[Tensor, "*n 2"]) -> Float[Tensor, "*n 3"]:
         """Unit directions, in the camera frame, of the rays through ``points`` (pixels)."""
+        check_shape("points", points, ..., 2)
         longitude = 2 * math.pi * (points[..., 0] / self.width - 0.5)
         latitude = math.pi * (0.5 - points[..., 1] / self.height)
         horizontal = torch.cos(latitude)
@@ -55,7 +57,8 @@ class EquirectangularCamera(Camera):
         Columns lie in ``[0, width)``. The poles, seen along a whole row, get the column of the centre, without
         gradient.
         """
-        x, y, z = directions.unbind(-1)
+        check_shape("directions", directions, ..., 3)
+        x, y, z = floating(directions).unbind(-1)
         pole = (x == 0) & (z == 0)
         ahead = torch.where(pole, 1, z)
         longitude = torch.atan2(torch.where(pole, 0, x), ahead)

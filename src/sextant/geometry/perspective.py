@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from sextant.errors import UserError
-from sextant.geometry.camera import Camera, check_image_size, heights_from_pixels, pixels_from_heights
+from sextant.geometry.camera import Camera, check_image_size, floating, heights_from_pixels, pixels_from_heights
 from sextant.geometry.distortion import (
     K2Family,
     distortion_factor,
@@ -21,6 +21,7 @@ from sextant.geometry.distortion import (
     max_radius,
     undistort_radius,
 )
+from sextant.shapes import check_shape
 
 
 def perspective_bearings(
@@ -52,15 +53,17 @@ def perspective_project(
 ) -> tuple[Float[Tensor, "*#n 2"], Bool[Tensor, "*#n"]]:
     """Image points, in image heights from the centre, at which directions are seen; the inverse of the bearings.
 
-    The second result is false behind the camera (``Z <= 0``) and beyond the fold radius; the point means nothing there,
-    but it is finite and so are its gradients.
+    The second result is false behind the camera (``Z <= 0``, to rounding) and beyond the fold radius; the point means
+    nothing there, but it is finite and so are its gradients.
 
     >>> focal, k1, k2 = torch.tensor(1.0), torch.tensor(-0.2), torch.tensor(0.0)
     >>> perspective_project(torch.tensor([[1.0, 0.0, 2.0], [0.0, 0.0, -1.0]]), focal, k1, k2)
     (tensor([[0.4750, 0.0000],
             [0.0000, 0.0000]]), tensor([ True, False]))
     """
-    in_front = directions[..., 2] > 0
+    directions = floating(directions)
+    across = directions[..., :2].detach().abs().amax(dim=-1)
+    in_front = directions[..., 2] > torch.finfo(directions.dtype).eps * across
     depth = torch.where(in_front, directions[..., 2], 1)
     ideal = directions[..., :2] / depth[..., None]
     square = ideal.square().sum(dim=-1)
@@ -135,7 +138,7 @@ class PerspectiveCamera(Camera):
         device of the first tensor among ``focal``, ``k1`` and ``k2``, or torch's default.
         """
         given = (value for value in (focal, k1, k2) if isinstance(value, Tensor))
-        like = next(given, torch.empty(()))
+        like = floating(next(given, torch.empty(())))
         focal, k1 = (torch.as_tensor(value, dtype=like.dtype, device=like.device) for value in (focal, k1))
         k2 = None if k2 is None else torch.as_tensor(k2, dtype=like.dtype, device=like.device)
         family = family or ("lopez" if k2 is None else "free")
@@ -211,11 +214,13 @@ class PerspectiveCamera(Camera):
 
     def bearings(self, points: Float[Tensor, "*n 2"]) -> Float[Tensor, "*m 3"]:
         """Unit directions, in the camera frame, of the rays through ``points`` (pixels); see `perspective_bearings`."""
+        check_shape("points", points, ..., 2)
         heights = heights_from_pixels(points, self.width, self.height)
         return perspective_bearings(heights, *self._parameters_for(points))
 
     def project(self, directions: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*m 2"], Bool[Tensor, "*m"]]:
         """Pixels at which ``directions`` are seen, and whether they are; see `perspective_project`."""
+        check_shape("directions", directions, ..., 3)
         heights, visible = perspective_project(directions, *self._parameters_for(directions))
         return pixels_from_heights(heights, self.width, self.height), visible
 

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from sextant.geometry._series import sinc_deficit_of_square, sinc_of_square
+from sextant.geometry.camera import floating
 from sextant.geometry.rotations import rotation_from_tilt_roll, so3_exp, so3_hat, so3_log
 
 
@@ -119,7 +120,7 @@ def level_camera_pose(
     (tensor([1.0000, 2.0000, 1.6000]), tensor([1., 0., 0.]))
     """
     arguments = (x, y, z, heading, tilt, roll)
-    like = next((value for value in arguments if isinstance(value, Tensor)), torch.empty(()))
+    like = floating(next((value for value in arguments if isinstance(value, Tensor)), torch.empty(())))
     tensors = [torch.as_tensor(value, dtype=like.dtype, device=like.device) for value in arguments]
     *position, angle, up, turn = torch.broadcast_tensors(*tensors)
     cosine, sine, zero = torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)
