@@ -71,10 +71,8 @@ def check_apart(output: Path, photos: Sequence[Path] = (), /, *, key: str = "out
     """
     there = next((each for each in (output, *output.parents) if os.path.lexists(each)), output.parent)
     if not there.is_dir():
-        raise ArgumentError(
-            f"{key}={output} is not a folder that can be written to: {'it' if there == output else there} is a file",
-            f"Name a folder: {key}=found",
-        )
+        how = "is not a folder that can be written to: it" if there == output else f"cannot be written to: {there}"
+        raise ArgumentError(f"{key}={output} {how} is a file", f"Name a folder: {key}=found")
     whole = output.absolute().resolve()
     beside = f"Name a folder of its own: {key}={whole.parent / f'{whole.name}_found'}"
     around = {_identity(each) for each in whole.parents}
