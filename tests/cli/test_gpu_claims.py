@@ -14,6 +14,7 @@ from sextant.errors import UserError
 from sextant.lifecycle.sweep_plan import read_design, sweep_words
 
 
+@pytest.mark.slow
 def test_blocks_take_at_most_eight_minutes_and_cover_their_designs_once():
     found = gpu_claims.blocks()
     assert {block.name for block in found} >= {"push_pull_clean, push_pull_robustness", "pushpull_placement"}
@@ -55,6 +56,7 @@ def test_a_block_is_interrupted_when_its_time_is_up(capsys, monkeypatch):
     assert "the same command resumes it" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_what_an_interrupted_block_started_ends_with_it(tmp_path, monkeypatch):
     monkeypatch.setattr(machine, "GRACE_S", 1)
     child = "import os, signal, threading; signal.signal(signal.SIGINT, signal.SIG_IGN); "

@@ -65,6 +65,7 @@ def cache():
     return office_cache()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ON_CPU)
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: task.__name__)
 def test_a_run_ends_with_its_report(tmp_path, cache, task, precision, monkeypatch):

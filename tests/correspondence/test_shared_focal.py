@@ -72,6 +72,7 @@ def test_cameras_that_do_not_determine_it_are_told():
         assert found.interval_px[0] < 520 < found.interval_px[1]
 
 
+@pytest.mark.slow
 def test_a_camera_that_only_turns_tells_it_by_the_turns():
     held = []
     for seed in range(6):
@@ -109,6 +110,7 @@ def test_what_is_no_list_of_features_is_refused(wrong):
         shared_focal_length(wrong)
 
 
+@pytest.mark.slow
 def test_small_turns_tell_it_without_a_bias():
     """Errors shrink with a photo whose distortion is negative, which must not favour one."""
     ratios = []

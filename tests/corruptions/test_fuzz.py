@@ -88,6 +88,7 @@ def too_small(corruption, images):
     return corruption.name == "elastic_transform" and min(images.shape[-2:]) < 3
 
 
+@pytest.mark.slow
 @fuzz
 @given(batches())
 def test_a_valid_batch_becomes_a_valid_batch(case):

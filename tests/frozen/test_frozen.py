@@ -32,6 +32,7 @@ DRAWN = tuple(
 CONFIGS = freeze.read("configs.json.gz")
 
 
+@pytest.mark.slow
 def test_every_stored_config_has_the_digest_that_it_had_and_no_part_of_an_unknown_class():
     """Of every option; those of sweeps are composed of the same, see below."""
     changed, custom = [], []

@@ -85,6 +85,7 @@ def stored_pairs(folder, *differences, seeds=8):
     return folder
 
 
+@pytest.mark.slow
 def test_the_board_is_written_again_byte_for_byte(tmp_path, capsys):
     cli.run("claims", [f"output={tmp_path}"])
     written = {path.relative_to(tmp_path) for path in tmp_path.rglob("*.*")}

@@ -108,6 +108,7 @@ def weights(outcome):
     return load_checkpoint(RunDirectory(outcome.directory).last_checkpoint)["state_dict"]
 
 
+@pytest.mark.slow
 def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(tmp_path, monkeypatch):
     overrides = ["trainer.max_epochs=4", "inhibition=push_pull", "trainer.log_every=20"]
     overrides += ["tracking=none", "tracking.also=[csv]"]

@@ -150,6 +150,7 @@ def test_a_process_that_is_killed_ends_its_own_run_alone(tmp_path, monkeypatch):
     assert [Path(tmp_path, name).read_text() for name in names] == ["x", "xx", "xx", "x"]
 
 
+@pytest.mark.slow
 def test_the_run_of_a_worker_may_load_its_data_in_processes(tmp_path, monkeypatch):
     def work(words, runs):
         import torch

@@ -24,6 +24,7 @@ from sextant.runs.sweep_directory import Cell, SweepPlan
 RECOVERY = ["sweep=recovery", "dataset.fit_world=0"]
 
 
+@pytest.mark.slow
 def test_several_worlds_are_replicates_and_no_factor(tmp_path):
     design = read_design([*RECOVERY, "dataset.world=1,2,3", "seed=0,1"])
     assert (design.worlds, design.seeds) == ([f"dataset.world={n}" for n in (1, 2, 3)], [0, 1])

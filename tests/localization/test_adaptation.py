@@ -250,6 +250,7 @@ def stood_still(motion, count=20, every=1):
     return torch.stack(poses), now
 
 
+@pytest.mark.slow
 def test_where_motion_is_unknown_an_image_that_repeats_holds_the_robot():
     poses, now = stood_still(torch.full((1, 3), math.nan, dtype=torch.float64), count=500)
     assert (poses[9] - 18.0).abs().max() < 2.0  # at the tenth image

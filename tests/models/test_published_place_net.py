@@ -28,6 +28,7 @@ def built(found):
 LARGE = [pytest.param(name, marks=pytest.mark.slow) for name in FILES if "megaloc" in name or "boq" in name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*(name for name in FILES if "megaloc" not in name and "boq" not in name), *LARGE])
 def test_each_layout_opens_and_gives_the_published_dimension(name):
     make, title, dimension, size = FILES[name]

@@ -24,6 +24,7 @@ def reported(results: SweepResults) -> str:
     return write_report(results)[0].read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_sweep_of_which_no_run_learnt_says_why_and_shows_what_was_reached(tmp_path):
     results = made_up_sweep(tmp_path, {"none": [BAD] * 2, "push_pull": [BAD] * 2})
     text = reported(results)

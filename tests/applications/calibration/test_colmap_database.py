@@ -55,6 +55,7 @@ def content(database):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tilt", "roll"), [(0.1, -0.05), (-0.7, 0.3), (1.2, 2.5)])
 def test_focal_length_distortion_and_gravity_come_back(tmp_path, opened, tilt, roll):
     cameras = calibrated([photo(tmp_path / "in" / f"{g}.png", grey=g) for g in (60, 90)], Fake(tilt=tilt, roll=roll))

@@ -83,6 +83,7 @@ def test_a_photo_that_looks_like_nothing_trained_on_is_told(tmp_path, strange, v
     assert ("does not resemble" in " ".join(row["confidence"]["reasons"])) == (verdict == "weak")
 
 
+@pytest.mark.slow
 def test_a_photo_smaller_than_the_input_is_weak(tmp_path):
     model = Fake()
     model.spec = replace(model.spec, width=40, height=36)

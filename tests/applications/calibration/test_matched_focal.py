@@ -72,6 +72,7 @@ def test_matches_tell_the_focal_length_that_pictures_do_not(by, method):
     assert found.row()["matches"] == found.matches
 
 
+@pytest.mark.slow
 def test_a_zoom_between_the_photos_is_told_and_its_focal_length_not_used(by):
     found = by(scene(6, cameras=(FOCAL, 1.4 * FOCAL)))
     assert found.matches.startswith("the camera zoomed, or a scene misleads: matches give")

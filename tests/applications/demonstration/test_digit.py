@@ -63,6 +63,7 @@ def test_both_networks_read_a_drawn_digit_clean_and_under_every_corruption(trial
     assert len(set(probabilities)) > 100  # the corruptions are different ones
 
 
+@pytest.mark.slow
 def test_each_cell_of_the_sheet_is_the_picture_that_was_read(trial, tmp_path):
     found = trial.of(digit_of(drawn_seven()))
     sheet = np.asarray(Image.open(io.BytesIO(base64.b64decode(found["pictures"].partition(",")[2]))))

@@ -68,6 +68,7 @@ def test_it_finds_its_way_in_another_season_whatever_the_spacing_of_the_map(stre
     assert not any(one.lost for one in found[20:])
 
 
+@pytest.mark.slow
 def test_an_image_counts_by_the_way_since_the_last_that_did(street, localizer):
     localizer.reset(0)
     localizer.step(None, street.at(street.summer, 10))
@@ -217,6 +218,7 @@ def test_odometry_in_another_unit_than_the_map_is_remarked_on(scale, told):
     assert all("step of odometry, 1,000, is longer than the whole map, 59 m: x and y must" in said for said in found)
 
 
+@pytest.mark.slow
 def test_odometry_that_says_a_moving_camera_stands_is_not_believed(street, localizer):
     found, away = street.drive(localizer, scale=0.0, noise=0.0)
     assert not any(one.disbelieved for one in found[:4])

@@ -169,11 +169,15 @@ def test_what_a_saved_map_has_of_its_own_is_not_given_again(walked, world, tmp_p
         ({"held": "upside_down"}, "held=upside_down must be one of"),
     ],
 )
-def test_mistakes_are_told_before_any_camera_is_looked_for(world, tmp_path, wrong, says):
+def test_mistakes_are_told_before_any_camera_is_looked_for(tmp_path, wrong, says):
+    for name in ("autumn", "summer"):
+        (tmp_path / name).mkdir()
+        for k in range(3):
+            Image.new("RGB", (64, 48), (40 * k, 90, 20)).save(tmp_path / name / f"{k:03d}.png")
+        (tmp_path / name / "poses.csv").write_text("file,x,y,heading\n000.png,0,0,0\n001.png,1,0,0\n002.png,2,0,0\n")
+    (tmp_path / "autumn" / "poses.csv").unlink()
     with pytest.raises(UserError, match=says):
-        localize_walk(
-            world.folder / "autumn", world.folder / "summer", tmp_path / "out", calibrator=NeverAsked(), **wrong
-        )
+        localize_walk(tmp_path / "autumn", tmp_path / "summer", tmp_path / "out", calibrator=NeverAsked(), **wrong)
 
 
 def test_the_home_folder_of_the_output_is_meant(tmp_path, monkeypatch):

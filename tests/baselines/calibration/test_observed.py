@@ -65,6 +65,7 @@ def test_exact_rays_give_their_lens_and_no_pose(camera):
     assert max(belief.sigma[2:]) < 1e-3  # no scatter, no doubt
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_told():
     """With as many independent points as a field is worth, the standard errors are the spread of the estimates."""
     camera, rng = (0.15, -0.05, 0.8, -0.05), np.random.default_rng(0)

@@ -152,6 +152,7 @@ def test_clipping_the_expected_errors_leaves_the_network_alone():
     assert norm == pytest.approx(1, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_report_has_every_method_and_its_pictures(trained):
     calibration, crops, _ = trained
     report = compare(calibration, crops, geometric=True, progress=lambda *_: None)

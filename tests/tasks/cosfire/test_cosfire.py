@@ -203,6 +203,7 @@ def test_filters_that_look_at_images_need_no_network(outputs):
     assert found.results()["metrics"]["val/accuracy"] > 0.5  # of the filters, on images that neither was made of
 
 
+@pytest.mark.slow
 def test_corrupted_images_are_those_of_the_suite_and_the_same_when_tested_again(outputs, tmp_path):
     under = ("corruption=cifar10_c", "corruption.names=[contrast,gaussian_noise]", "corruption.severities=[1,5]")
     found = digits_run(outputs, *PLAIN, "task.prices=[10]", "task.methods=[strongest_filter,cosfire_svm]", *under)

@@ -118,6 +118,7 @@ def test_what_a_run_keeps(usual):
     }
 
 
+@pytest.mark.slow
 def test_by_day_it_knows_where_it_is(run):
     found = run(*USUAL, "task.starts=24")  # of three, two are found by some seeds and one by others
     assert arrays(found)["success/summer_noon"].mean() >= 0.85
@@ -227,6 +228,7 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(usual, run, tm
         np.testing.assert_array_equal(values, arrays(resumed)[name])
 
 
+@pytest.mark.slow
 def test_wider_regions_change_nothing_but_what_is_told_of_them(usual, run):
     """Success, errors and the evidence are as without."""
     narrow = run(*USUAL, "filter.regions=null")
