@@ -30,7 +30,7 @@ def hallway(tower, size, video):
 
 
 @torch.no_grad()
-def share_lost(localizer, described, runs=600):
+def share_lost(localizer, described, runs=300):
     """Of the images of many walks at once: by night 3.7 % are lost, of which chance hands one walk none or several."""
     rows, unknown = torch.from_numpy(np.stack(described)), torch.full((runs, 3), torch.nan, dtype=torch.float64)
     if localizer.descriptor.whitener is not None:

@@ -29,7 +29,7 @@ def test_a_walk_is_localized_in_its_building_and_lost_in_others(real_data, tmp_p
     calibrator, mapped, localized = PhotoCalibrator.load(), tmp_path / "map", {}
     for name, files in walks.items():
         out = tmp_path / f"found in {name}"
-        walk = localize_walk(tmp_path / name, mapped, out, calibrator=calibrator, photos=10, replay="none")
+        walk = localize_walk(tmp_path / name, mapped, out, calibrator=calibrator, photos=4, replay="none")
         mapped = tmp_path / "found in corridors" / "map"  # once made, it serves for the others
         localized[name] = np.array([not row.told.lost for row in walk.rows])
         if name == "corridors":
