@@ -215,6 +215,13 @@ def test_the_tolerance_takes_the_nearest_camera():
     assert perspective_from_colmap(torch.tensor([480.0, 318, 240, 0, 0]), 640, 480, tolerance_px=2).focal == 1
 
 
+def test_centres_of_integers_are_not_rounded():
+    with pytest.raises(UserError, match=r"\(-0.5, -0.5\) pixels from the image centre"):
+        perspective_from_opencv(near_opencv()[0].long(), torch.zeros(4), 640, 480)
+    with pytest.raises(UserError, match=r"\(-0.5, -0.5\) pixels from the image centre"):
+        perspective_from_colmap(torch.tensor([500, 320, 240, 0, 0]), 641, 481)
+
+
 @pytest.mark.parametrize(("count", "right"), [(4, True), (8, True), (14, True), (2, False), (6, False)])
 def test_opencvs_numbers_of_coefficients(count, right):
     matrix, _ = near_opencv()

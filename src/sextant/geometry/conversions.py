@@ -31,6 +31,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from sextant.errors import UserError
+from sextant.geometry.camera import floating
 from sextant.geometry.parameterization import focal_from_vfov
 from sextant.geometry.perspective import PerspectiveCamera
 
@@ -102,6 +103,7 @@ def perspective_from_opencv(
     _check_zero("skew", matrix[..., 0, 1], tolerance_px, "A camera here has none; raise tolerance_px to drop it.")
     below = torch.cat([matrix[..., 1, :1], matrix[..., 2, :] - matrix.new_tensor([0, 0, 1])], -1)
     _check_zero("lower triangle", below, 0.0, "The matrix is (fx, 0, cx; 0, fy, cy; 0, 0, 1).")
+    matrix = floating(matrix)
     centre = matrix.new_tensor([width / 2 - 0.5, height / 2 - 0.5])
     _check_centre(matrix[..., :2, 2] - centre, tolerance_px)
     return PerspectiveCamera((fx + fy) / 2 / height, distortion[..., 0], distortion[..., 1], width, height)
@@ -123,6 +125,7 @@ def perspective_from_colmap(
         UserError: the principal point is farther than ``tolerance_px`` from the image centre, or there is no such
             camera.
     """
+    parameters = floating(parameters)
     _check_centre(parameters[..., 1:3] - parameters.new_tensor([width / 2, height / 2]), tolerance_px)
     focal, k1, k2 = parameters[..., 0], parameters[..., 3], parameters[..., 4]
     return PerspectiveCamera(focal / height, k1, k2, width, height)
